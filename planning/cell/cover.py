@@ -23,6 +23,9 @@ _ROUNDING = 1e-9
 
 _MOST_BOX_TILES = 40
 
+_MANY = 10_000
+"""Segments between corners on both sides of a cut, of which more are not looked at one by one."""
+
 _Segment = tuple[Array, Array, float]
 
 
@@ -149,7 +152,7 @@ def directions(count: int = 300) -> Array:
 def _tightest_axes(points: Array) -> Array:
     """Return orthonormal axes (columns): coordinate or principal, the tighter box wins."""
     centred = points - points.mean(axis=0)
-    principal = np.linalg.svd(centred, full_matrices=True)[2].T
+    principal = np.linalg.svd(centred, full_matrices=len(points) < 3)[2].T
     frames = (np.eye(3), principal)
     volumes = [np.prod(np.ptp(points @ axes, axis=0) + 1e-6) for axes in frames]
     return frames[1] if volumes[1] < 0.98 * volumes[0] else frames[0]
@@ -173,7 +176,8 @@ def _cut(points: Array, axis: int, level: float) -> tuple[Array, Array]:
     """Cut a hull in two; the corners of either half are its points and those on the cut.
 
     Every corner of the cut polygon lies on an edge of the hull, so on a segment between a
-    point below and one above: taking all such segments misses none and adds none outside.
+    point below and one above: taking all such segments misses none and adds none outside. Where
+    there are very many, those of the hull's edges are found first.
     """
     height = points[:, axis] - level
     below, above = points[height <= 0.0], points[height >= 0.0]
@@ -181,15 +185,29 @@ def _cut(points: Array, axis: int, level: float) -> tuple[Array, Array]:
     if not len(low) or not len(high):
         empty = np.empty((0, 3))
         return (points, empty) if len(low) else (empty, points)
-    a = (level - low[:, axis])[:, None]
-    b = (high[:, axis] - level)[None, :]
-    share = (a / (a + b))[..., None]
-    crossing = (low[:, None] * (1.0 - share) + high[None, :] * share).reshape(-1, 3)
+    starts, ends = np.repeat(low, len(high), 0), np.tile(high, (len(low), 1))
+    if len(starts) > _MANY:
+        with suppress(QhullError):
+            starts, ends = _edges_across(points, height)
+    a, b = level - starts[:, axis], ends[:, axis] - level
+    share = (a / (a + b))[:, None]
+    crossing = starts * (1.0 - share) + ends * share
     crossing[:, axis] = level
     return (
         hull_vertices(np.vstack([below, crossing])),
         hull_vertices(np.vstack([above, crossing])),
     )
+
+
+def _edges_across(points: Array, height: Array) -> tuple[Array, Array]:
+    """Return the ends of edges of a hull with one end below and one above, the lower ends first."""
+    corners = ConvexHull(points).simplices
+    pairs = np.vstack([corners[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))])
+    pairs = np.vstack([pairs, pairs[:, ::-1]])
+    pairs = np.unique(
+        pairs[(height[pairs[:, 0]] < 0.0) & (height[pairs[:, 1]] > 0.0)], axis=0
+    )
+    return points[pairs[:, 0]], points[pairs[:, 1]]
 
 
 def _capsule(points: Array, normals: Array, support: Array) -> _Segment:

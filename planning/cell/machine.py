@@ -1,7 +1,8 @@
-"""Machines: what brings parts and takes products away, as far as a plan has to know of it.
+"""Machines: what brings parts, works at them or takes them away, as far as a plan has to know.
 
 A machine is something whose tasks take time and wait for others, as those of a robot do. It has
-no body: what it brings or takes are objects at rest, and the user's fixtures stand for its frame.
+no body: what it brings, works at or takes are objects at rest, and the user's fixtures stand for
+its frame. So is its door, for as long as it works.
 """
 
 from __future__ import annotations

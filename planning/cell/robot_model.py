@@ -73,12 +73,19 @@ class DriveLimits:
         jerk: of each joint, shape (n,) [rad/s^3 or m/s^3].
         effort: of each joint, shape (n,) [N m or N].
         payload: the most that the robot may carry, its tool included [kg].
+        tool_mass: of its tool, as far as the description tells it [kg].
     """
 
     acceleration: Array
     jerk: Array
     effort: Array
     payload: float = math.inf
+    tool_mass: float = 0.0
+
+    @property
+    def spare(self) -> float:
+        """What the robot may carry beside its tool [kg]."""
+        return max(0.0, self.payload - self.tool_mass)
 
 
 @dataclass(frozen=True, eq=False)

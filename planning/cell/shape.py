@@ -43,10 +43,12 @@ class Shape:
         elements: what it is made of, exactly.
         pieces: convex bodies that contain the elements together, in the frame of the shape; of a
             box and of a convex mesh it is one.
+        own_centre: centre of mass of a body that is not equally dense throughout, shape (3,) [m].
     """
 
     elements: tuple[Element, ...]
     pieces: tuple[ConvexBody, ...]
+    own_centre: Array | None = None
 
     @property
     def is_box(self) -> bool:
@@ -85,7 +87,9 @@ class Shape:
 
     @cached_property
     def centre_of_mass(self) -> Array:
-        """Centre of the mass of all elements, each equally dense, shape (3,) [m]."""
+        """Centre of the mass of all elements, each equally dense, or as given, shape (3,) [m]."""
+        if self.own_centre is not None:
+            return self.own_centre
         weights = np.array([element.form.volume for element in self.elements])
         centres = np.array([_centre(element) for element in self.elements])
         return readonly(weights @ centres / weights.sum())

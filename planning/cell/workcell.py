@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.transforms import Array, Transform
@@ -16,10 +17,13 @@ class PlacedRobot:
 
     Attributes:
         name: unique in the cell.
-        model: the robot type.
+        model: the robot type; of a robot that changes its tools, the arm alone.
         base: pose of its base in the world.
         home: its HOME configuration, shape (n,).
-        tool: name of its tool, None where none is named.
+        tool: name of its tool, None where none is named; of a robot that changes its tools, the
+            one that it carries at the start.
+        tools: those that it changes; none for a robot that keeps its own.
+        limits: what it keeps to wherever it moves; None where it is at full speed at once.
     """
 
     name: str
@@ -27,6 +31,8 @@ class PlacedRobot:
     base: Transform
     home: Array
     tool: str | None = None
+    tools: tuple[RackTool, ...] = ()
+    limits: MotionLimits | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +44,14 @@ class Fixture:
         shape: what it is.
         pose: of the frame of its shape in the world; of a box, that is its centre.
         frames: places on it where processes are done, by name, each in the frame of its shape.
+        colour: (r, g, b), 0 to 255, for pictures; None for a grey.
     """
 
     name: str
     shape: Shape
     pose: Transform
     frames: Mapping[str, Transform] = field(default_factory=dict)
+    colour: tuple[int, int, int] | None = None
 
     @property
     def size(self) -> Array:
@@ -83,6 +91,32 @@ class CellObject:
         return self.shape.size
 
 
+@dataclass(frozen=True, eq=False)
+class RackTool:
+    """A tool that a robot takes from its rack and leaves there: an object that is handled.
+
+    Attributes:
+        item: the tool as an object of the cell, in the frame of its root link.
+        mount: pose of it in the flange frame of the robot that carries it.
+        rack: pose of it in the world where it lies in its rack.
+        approach: straight way of the robot into the rack and out of it [m].
+        seconds: that it takes to lock it on a flange, or to let go of it [s].
+        model: the robot with this tool on it as a part of its body.
+    """
+
+    item: CellObject
+    mount: Transform
+    rack: Transform
+    approach: float
+    seconds: float
+    model: RobotModel
+
+    @property
+    def name(self) -> str:
+        """Its name in the cell."""
+        return self.item.name
+
+
 @dataclass(frozen=True)
 class Clearances:
     """Least distances that are kept.
@@ -109,8 +143,8 @@ class Workcell:
         fixtures: what never moves.
         objects: what is handled, and what lies there until the end.
         clearances: least distances that are kept.
-        machines: bring parts and take products away; they have chains in graphs as robots do,
-            and no bodies.
+        machines: bring parts, work at them where they lie, and take products away; they have
+            chains in graphs as robots do, and no bodies.
     """
 
     robots: tuple[PlacedRobot, ...]
@@ -125,6 +159,10 @@ class Workcell:
             if robot.name == name:
                 return robot
         raise KeyError(f"no robot {name!r}; robots: {[r.name for r in self.robots]}")
+
+    def is_machine(self, name: str) -> bool:
+        """Tell whether it is a machine that has a name, and no robot."""
+        return any(item.name == name for item in self.machines)
 
     def object(self, name: str) -> CellObject:
         """Return the object called ``name``."""

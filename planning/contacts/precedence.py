@@ -30,6 +30,28 @@ _STEP = 0.005
 
 
 @dataclass(frozen=True)
+class Overlaps:
+    """Depths to which things may be in each other where they belong.
+
+    Attributes:
+        joined: pairs of names that are joined, such as bars that meet in a node.
+        depth: of those; of all others it is ``MOST_OVERLAP`` [m].
+    """
+
+    joined: frozenset[frozenset[str]] = frozenset()
+    depth: float = MOST_OVERLAP
+
+    def most(self, first: str, second: str) -> float:
+        """Return how deep two things may be in each other [m]."""
+        if {first, second} in self.joined:
+            return max(self.depth, MOST_OVERLAP)
+        return MOST_OVERLAP
+
+
+_ROUNDING = Overlaps()
+
+
+@dataclass(frozen=True)
 class PartGraph:
     """Contacts of the finished structure.
 
@@ -105,6 +127,7 @@ def build_part_graph(
     *,
     touch: float = TOUCH,
     covers: Mapping[str, frozenset[str]] | None = None,
+    overlaps: Overlaps = _ROUNDING,
 ) -> PartGraph:
     """Find what touches what where every part is in its place.
 
@@ -115,6 +138,7 @@ def build_part_graph(
         fixtures: what stands fast.
         touch: parts nearer to each other than this touch [m].
         covers: see PartGraph and ``stacked``.
+        overlaps: how deep things may be in each other.
 
     Raises:
         ConstructionError: two parts, or a part and a fixture, would overlap.
@@ -125,7 +149,7 @@ def build_part_graph(
         others = {key: value for key, value in parts.items() if key != name}
         near = near_to((item, pose), others | grounds, touch)
         for other, gap in near.items():
-            if gap < -MOST_OVERLAP:
+            if gap < -overlaps.most(name, other):
                 raise ConstructionError(
                     f"{name} and {other} would overlap by {-gap * 1e3:.0f} mm where they belong"
                 )
@@ -167,15 +191,17 @@ def with_insertions(
 
 
 def leads_through(
-    lying: Lying, other: Lying, insertion: Array, approach: float
+    lying: Lying,
+    other: Lying,
+    insertion: Array,
+    approach: float,
+    most: float = MOST_OVERLAP,
 ) -> bool:
-    """Tell whether a part that comes to its place on a straight way meets another one."""
+    """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
     item, pose = lying
     for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
         before = (item, translation(*(-away * insertion)) @ pose)
-        if any(
-            gap < -MOST_OVERLAP for gap in near_to(before, {"": other}, 0.0).values()
-        ):
+        if any(gap < -most for gap in near_to(before, {"": other}, 0.0).values()):
             return True
     return False
 

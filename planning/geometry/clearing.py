@@ -27,8 +27,9 @@ from planning.transforms import Array, Indices
 BOX, SOLID, SELF = 0, 1, 2
 """Kinds of what a body may come close to."""
 
-_RESOLUTION = 0.02
-"""Stretches of a motion that move no link further than this go to the exact decision [m]."""
+_RESOLUTION = 0.1
+"""On stretches of a motion that move no link further than this hulls decide [m]. Hulls in motion
+cost more than capsules, and on longer stretches they settle more than capsules on many short ones."""
 
 _ROOM = ZERO + 512
 
@@ -252,7 +253,13 @@ def _search(
 
 @kernel
 def find_undecided(
-    scene: Scene, q_a: Array, q_b: Array, probes: Array, begin: int, stop: bool
+    scene: Scene,
+    q_a: Array,
+    q_b: Array,
+    probes: Array,
+    begin: int,
+    end: int,
+    stop: bool,
 ) -> tuple[int, Array, Indices]:
     """Look at some configurations of a motion, then at all of it, until something is undecided.
 
@@ -261,11 +268,12 @@ def find_undecided(
         q_a, q_b: ends of the motion, shape (n,).
         probes: parameters in [0, 1] of the configurations to look at first, shape (p,).
         begin: the first of them to look at; p for the motion as a whole.
+        end: the one after the last to look at; p + 1 to look at the motion as a whole at last.
         stop: whether one pair that is proved too close is enough to know.
 
     Returns:
-        The number of the probe (p for the whole motion, p + 1 when all is clear, HIT for a pair
-        that is too close), and of what is undecided there the stretches as shares of the
+        The number of the probe (p for the whole motion, ``end`` when all is clear, HIT for a
+        pair that is too close), and of what is undecided there the stretches as shares of the
         motion, shape (k, 2), and rows (kind, own body, other), shape (k, 3).
     """
     count, when, what = 0, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)
@@ -273,11 +281,11 @@ def find_undecided(
     for o in range(scene.box_limit.shape[0]):
         for b in range(scene.box_limit.shape[1]):
             room = max(room, scene.box_limit[o, b])
-    for k in range(begin, len(probes) + 1):
+    for k in range(begin, end):
         lo, hi = 0.0, 1.0
         if k < len(probes):
             lo = hi = probes[k]
         count, when, what = _search(scene, groups, room, q_a, q_b, lo, hi, stop)
         if count != 0:
             return HIT if count == HIT else k, when.copy(), what.copy()
-    return len(probes) + 1, when.copy(), what.copy()
+    return end, when.copy(), what.copy()

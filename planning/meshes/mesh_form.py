@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -29,6 +31,22 @@ def cache_folder() -> Path:
     """Return the folder in which convex pieces are remembered: in the user's cache."""
     named = os.environ.get("XDG_CACHE_HOME")
     return Path(named or Path.home() / ".cache") / "assembly-twin" / "convex"
+
+
+_MANY = 2000
+"""Triangles of a mesh that takes some seconds to cut."""
+
+_TOLD: ContextVar[Callable[[Path], None] | None] = ContextVar("told", default=None)
+
+
+@contextmanager
+def watch_cutting(begin: Callable[[Path], None]) -> Iterator[None]:
+    """Call back with the file of each mesh that takes a while to cut; those remembered do not."""
+    token = _TOLD.set(begin)
+    try:
+        yield
+    finally:
+        _TOLD.reset(token)
 
 
 def mesh_form(
@@ -73,6 +91,9 @@ def _form(
     file = cache_folder() / f"{sha256(_VERSION + settings).hexdigest()}.npz"
     cut = _remembered(file)
     if cut is None:
+        told = _TOLD.get()
+        if told is not None and len(triangles.faces) > _MANY:
+            told(path)
         try:
             cut = _cut(triangles, within)
         except ShapeError as error:

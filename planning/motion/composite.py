@@ -34,12 +34,17 @@ class CompositeSpeed:
     speeds: tuple[SpeedModel, ...]
     joints: tuple[slice, ...]
 
+    def durations(self, travel: Array) -> Array:
+        """Return the times of motions in lock step, composite shape (..., n) [s]."""
+        each = [
+            speed.durations(travel[..., own])
+            for speed, own in zip(self.speeds, self.joints, strict=True)
+        ]
+        return np.asarray(np.max(each, axis=0))
+
     def duration(self, q_a: Array, q_b: Array) -> float:
         """Return the time of the motion in lock step, composite shape (n,) [s]."""
-        return max(
-            speed.duration(q_a[own], q_b[own])
-            for speed, own in zip(self.speeds, self.joints, strict=True)
-        )
+        return float(self.durations(q_b - q_a))
 
 
 class CompositeChecker:
@@ -122,6 +127,19 @@ class CompositeChecker:
     def motion_free(self, q_a: Array, q_b: Array) -> bool:
         """Tell whether the composite line from ``q_a`` to ``q_b`` is free, shape (n,)."""
         return self.configuration_free(q_b) and self.split(q_a, q_b) is not None
+
+    def seems_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether some configurations of the line are free, shape (n,) each."""
+        joints = self.joints
+        middle = 0.5 * (q_a + q_b)
+        return all(
+            pair.clear(q[joints[i]], q[joints[k]])
+            for q in (q_b, middle)
+            for i, k, pair in self._together
+        ) and all(
+            alone.seems_free(q_a[own], q_b[own])
+            for alone, own in zip(self._alone, joints, strict=True)
+        )
 
     def split(self, q_a: Array, q_b: Array) -> Array | None:
         """Cut a composite line into parts that can become nodes.

@@ -17,7 +17,6 @@ import pulp
 
 from planning.cell.workcell import Workcell
 from planning.motion.sequential import MotionSettings
-from planning.motion.speed import path_duration
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import TRANSIT, StepTasks, Task, cell_with_steps
@@ -65,7 +64,9 @@ def load_bound_s(
     loads = []
     for choice in choices:
         tasks = work.expand(plan.with_choice(choice), choice.step, 0)
-        seconds = busy_seconds(cell, tasks, settings)
+        # Others may let go of what they kept hold of, whoever they are.
+        own = [task for task in tasks.tasks if task.robot in choice.robots]
+        seconds = busy_seconds(cell, replace(tasks, tasks=tuple(own)), settings)
         loads.append(WayLoad(choice.step, choice.object, seconds))
     return least_load(loads, work.problem.unlimited)
 
@@ -84,7 +85,7 @@ def _choices(problem: AssignmentProblem) -> Iterator[StepChoice]:
 def busy_seconds(
     cell: Workcell, step: StepTasks, settings: MotionSettings
 ) -> dict[str, float]:
-    """Return how long each robot is busy with a step at least [s].
+    """Return how long each robot, and each machine that works, is busy with a step at least [s].
 
     Args:
         cell: without what comes up in the step.
@@ -93,10 +94,12 @@ def busy_seconds(
     """
     here = cell_with_steps(cell, [step])
     own: dict[str, list[Task]] = defaultdict(list)
+    found: dict[str, float] = defaultdict(float)
     for task in step.tasks:
-        if task.kind not in SUPPLY_KINDS:
+        if not cell.is_machine(task.robot):
             own[task.robot].append(task)
-    found = {}
+        elif task.kind not in SUPPLY_KINDS:
+            found[task.robot] += settings.seconds_of(here, task) or 0.0
     for robot, tasks in own.items():
         speed = settings.speeds[robot]
         turning = ~cell.robot(robot).model.chain.prismatic
@@ -111,7 +114,7 @@ def busy_seconds(
                 total += speed.duration(np.zeros_like(apart), apart)
             seconds = settings.seconds_of(here, _of_known(here, task))
             path = task.path if start is None else np.vstack([start, task.path])
-            total += path_duration(path, speed) if seconds is None else seconds
+            total += speed.times_along(path)[-1] if seconds is None else seconds
             ended, at = task.path[-1], None
         found[robot] = total
     return found

@@ -14,10 +14,9 @@ from planning.motion.full_turns import take_near_turns
 from planning.motion.known_motions import FoundWay, KnownMotions, Way
 from planning.motion.known_scenes import Pairs
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.motion.speed import SpeedModel, path_times, sample_path
+from planning.motion.speed import RobotSpeed, sample_path
 from planning.motion.transit import TransitPlanner
 from planning.tasks.exceptions import ExceptionKey, strongest_exception
-from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import (
     TRANSIT,
     AllowedContact,
@@ -50,7 +49,7 @@ class MotionSettings:
     """
 
     planners: Mapping[str, TransitPlanner]
-    speeds: Mapping[str, SpeedModel]
+    speeds: Mapping[str, RobotSpeed]
     step: float
     skill_seconds: Mapping[str, float]
     attempts: int = 5
@@ -156,7 +155,7 @@ def _way_of(
     known: KnownMotions | None,
 ) -> Way:
     """Return the way of a task, from what is known if it is."""
-    if task.kind in SUPPLY_KINDS:
+    if cell.is_machine(task.robot):
         still = np.repeat(cell.robot(task.robot).home[None], 2, axis=0)
         return still, np.array([0.0, settings.seconds_of(cell, task) or 0.0])
     seed = (settings.seed * 1_000_003 + task.index) * 64
@@ -242,7 +241,7 @@ def _skill_way(
     waypoints = _check_skill(cell, task, phases)
     seconds = settings.seconds_of(cell, task)
     if seconds is None:
-        return waypoints, path_times(waypoints, settings.speeds[task.robot])
+        return waypoints, settings.speeds[task.robot].times_along(waypoints)
     return waypoints, _spread_over(waypoints, seconds)
 
 

@@ -7,14 +7,36 @@ from typing import Protocol
 
 import numpy as np
 
+from planning.cell.motion_limits import MotionLimits
+from planning.timing.smooth_path import smooth_path
+from planning.timing.stretch import straight_seconds
 from planning.transforms import Array
 
 
 class SpeedModel(Protocol):
     """Turns joint-space motions into seconds."""
 
+    def durations(self, travel: Array) -> Array:
+        """Return the times of straight motions.
+
+        Args:
+            travel: how far each joint goes, of any sign, shape (..., n) [rad or m].
+
+        Returns:
+            Shape (...) [s].
+        """
+        ...
+
     def duration(self, q_a: Array, q_b: Array) -> float:
         """Return the time of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
+        ...
+
+
+class RobotSpeed(SpeedModel, Protocol):
+    """The same for one robot, and for its skills."""
+
+    def times_along(self, path: Array) -> Array:
+        """Return when each waypoint of a skill's path, shape (w, n), is passed, shape (w,) [s]."""
         ...
 
 
@@ -31,13 +53,21 @@ class L1Speed:
     speed: float = 1.0
     velocity: Array | None = None
 
-    def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the L1 joint distance over the speed, or what a limit makes it [s]."""
-        travel = np.abs(q_b - q_a)
-        seconds = float(np.sum(travel)) / self.speed
+    def durations(self, travel: Array) -> Array:
+        """Return the L1 joint distances over the speed, or what a limit makes of them [s]."""
+        travel = np.abs(travel)
+        seconds = np.asarray(np.sum(travel, axis=-1) / self.speed)
         if self.velocity is None:
             return seconds
-        return max(seconds, float(np.max(travel / self.velocity)))
+        return np.asarray(np.maximum(seconds, np.max(travel / self.velocity, axis=-1)))
+
+    def duration(self, q_a: Array, q_b: Array) -> float:
+        """Return the L1 joint distance over the speed, or what a limit makes it [s]."""
+        return float(self.durations(q_b - q_a))
+
+    def times_along(self, path: Array) -> Array:
+        """Return when each waypoint of a path is passed, shape (w,) [s]."""
+        return path_times(path, self)
 
 
 @dataclass(frozen=True)
@@ -50,19 +80,53 @@ class JointSpeed:
 
     velocity: Array
 
+    def durations(self, travel: Array) -> Array:
+        """Return the times that the slowest joint needs [s]."""
+        return np.asarray(np.max(np.abs(travel) / self.velocity, axis=-1))
+
     def duration(self, q_a: Array, q_b: Array) -> float:
         """Return the time that the slowest joint needs [s]."""
-        return float(np.max(np.abs(q_b - q_a) / self.velocity))
+        return float(self.durations(q_b - q_a))
+
+    def times_along(self, path: Array) -> Array:
+        """Return when each waypoint of a path is passed, shape (w,) [s]."""
+        return path_times(path, self)
+
+
+@dataclass(frozen=True)
+class LimitedSpeed:
+    """From rest to rest within limits of speed, acceleration and jerk.
+
+    Attributes:
+        limits: of the robot.
+    """
+
+    limits: MotionLimits
+
+    def durations(self, travel: Array) -> Array:
+        """Return the times of straight motions, at rest at both ends [s]."""
+        return straight_seconds(self.limits, travel)
+
+    def duration(self, q_a: Array, q_b: Array) -> float:
+        """Return the time of the straight motion, at rest at both ends [s]."""
+        return float(self.durations(q_b - q_a))
+
+    def times_along(self, path: Array) -> Array:
+        """Return when each waypoint of a path is passed, shape (w,) [s].
+
+        The robot does not stop at gentle corners.
+        """
+        return smooth_path(self.limits, path).passed
 
 
 def path_duration(path: Array, speed: SpeedModel) -> float:
     """Return the duration of a polyline, shape (w, n) [s]."""
-    return sum(speed.duration(a, b) for a, b in zip(path, path[1:], strict=False))
+    return float(np.sum(speed.durations(np.diff(path, axis=0))))
 
 
 def path_times(path: Array, speed: SpeedModel) -> Array:
     """Return the times at which a polyline, shape (w, n), passes its waypoints, shape (w,) [s]."""
-    steps = [speed.duration(a, b) for a, b in zip(path, path[1:], strict=False)]
+    steps = speed.durations(np.diff(path, axis=0))
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
@@ -11,7 +12,8 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from planning.motion.speed import SpeedModel, path_duration, path_times
+from planning.motion.smoothing import MotionChecker, smooth_path
+from planning.motion.speed import SpeedModel, path_duration
 from planning.transforms import Array
 
 ou.setLogLevel(ou.LogLevel.LOG_NONE)
@@ -31,6 +33,8 @@ class TransitPlanner(Protocol):
 class RrtConnect:
     """OMPL's RRT-Connect, then shortcutting; a straight line where one is free.
 
+    The trees grow by motions that seem free, where a few configurations of them are: only the
+    motions of the path that comes out are proved, and it goes around the few that are not free.
     The search ends after a number of checked motions, never by the clock, and OMPL's global
     generator is seeded before every query: the same query gives the same path.
 
@@ -39,20 +43,25 @@ class RrtConnect:
         speed: what paths are shortened by.
         reach: longest tree edge (L2 joint distance) [rad].
         checks: motions checked before giving up.
-        smoothing: tries of the shortcutting.
+        smoothing: tries of the shortcutting of the best path.
         good_enough: a path within this ratio of the straight line ends the search for a
             better one.
         tours: independent searches among which the shortest path wins.
+        rough: tries of the shortcutting of each of their paths, enough to compare them.
+        enough: motions checked in all tours before no better path is looked for. Where one is
+            hard to find another one is dear, and seldom much better.
     """
 
     lower: Array
     upper: Array
     speed: SpeedModel
     reach: float = 0.7
-    checks: int = 4000
+    checks: int = 5000
     smoothing: int = 120
     good_enough: float = 1.08
     tours: int = 3
+    rough: int = 40
+    enough: int = 700
 
     def plan(
         self, checker: MotionChecker, start: Array, goal: Array, seed: int
@@ -66,25 +75,57 @@ class RrtConnect:
         """
         if checker.motion_free(start, goal):
             return np.array([start, goal])
-        bound = self.speed.duration(start, goal)
+        good = self.good_enough * self.speed.duration(start, goal)
         best: Array | None = None
+        least, checked = np.inf, 0
         for tour in range(self.tours):
-            raw = self._search(checker, start, goal, 1000 * seed + tour)
-            if raw is None:
+            if best is not None and (checked >= self.enough or least <= good):
+                break
+            most = self.checks if best is None else self.enough - checked
+            path, count = self._tour(checker, start, goal, 1000 * seed + tour, most)
+            checked += count
+            if path is None:
                 continue
             rng = np.random.default_rng([seed, tour])
-            path = smooth_path(checker, raw, self.speed, rng, self.smoothing)
-            if best is None or path_duration(path, self.speed) < path_duration(
-                best, self.speed
-            ):
-                best = path
-            if path_duration(best, self.speed) <= self.good_enough * bound:
-                break
-        return best
+            path = smooth_path(checker, path, self.speed, rng, self.rough)
+            seconds = path_duration(path, self.speed)
+            if seconds < least:
+                best, least = path, seconds
+        if best is None:
+            return None
+        rng = np.random.default_rng([seed, self.tours])
+        return smooth_path(checker, best, self.speed, rng, self.smoothing)
+
+    def _tour(
+        self, checker: MotionChecker, start: Array, goal: Array, seed: int, most: int
+    ) -> tuple[Array | None, int]:
+        """Return a free path, None where none is found, and how many motions were checked.
+
+        Args:
+            checker: the scene.
+            start, goal: free configurations, shape (n,).
+            seed: of the searches.
+            most: motions checked before a search is given up.
+        """
+        path, count = self._search(checker.seems_free, start, goal, seed, most)
+        if path is None:
+            return None, count
+        whole = [start]
+        for a, b in pairwise(path):
+            if checker.motion_free(a, b):
+                whole.append(b)
+                continue
+            around, more = self._search(checker.motion_free, a, b, seed, most)
+            count += more
+            if around is None:
+                return None, count
+            whole.extend(around[1:])
+        return np.array(whole), count
 
     def _search(
-        self, checker: MotionChecker, start: Array, goal: Array, seed: int
-    ) -> Array | None:
+        self, check: _Check, start: Array, goal: Array, seed: int, most: int
+    ) -> tuple[Array | None, int]:
+        """Return a path of motions that pass a check, and how often it was asked; see _tour."""
         # OMPL grumbles that earlier generators are not affected by seeding now: those
         # belong to earlier queries, and the ones made for this query are.
         ou.RNG.setSeed(seed + 1)
@@ -96,10 +137,13 @@ class RrtConnect:
             bounds.setHigh(i, max(self.upper[i], start[i], goal[i]))
         space.setBounds(bounds)
         information = ob.SpaceInformation(space)
-        validity = _Validity(information, checker, n)
-        motions = _Motions(information, checker, n)
-        information.setStateValidityChecker(validity)
-        information.setMotionValidator(motions)
+        motions = _Motions(check, start, goal)
+        validator = _Validator(information, motions, n)
+        # A motion is checked with its new end, whichever end that is.
+        information.setStateValidityChecker(
+            ob.AllValidStateValidityChecker(information)
+        )
+        information.setMotionValidator(validator)
         information.setup()
         problem = ob.ProblemDefinition(information)
         ends = space.allocState(), space.allocState()
@@ -110,123 +154,54 @@ class RrtConnect:
         planner.setRange(self.reach)
         planner.setProblemDefinition(problem)
         planner.setup()
-        limit = self.checks
         status = planner.solve(
-            ob.PlannerTerminationCondition(lambda: motions.count > limit)
+            ob.PlannerTerminationCondition(lambda: motions.count > most)
         )
         if str(status) != "Exact solution":
-            return None
+            return None, motions.count
         states = problem.getSolutionPath().getStates()
         path = np.array([[state[i] for i in range(n)] for state in states])
         path[0], path[-1] = start, goal
-        return path
+        return path, motions.count
 
 
-class _Validity(ob.StateValidityChecker):  # type: ignore[misc]
-    def __init__(self, information: object, checker: MotionChecker, n: int) -> None:
-        super().__init__(information)
-        self._checker = checker
-        self._n = n
-
-    def isValid(self, state: object) -> bool:  # noqa: N802 - OMPL's name
-        return self._checker.configuration_free(_read(state, self._n))
+_Check = Callable[[Array, Array], bool]
+"""Tells whether the straight line to a second configuration passes, that one included."""
 
 
-class _Motions(ob.MotionValidator):  # type: ignore[misc]
-    def __init__(self, information: object, checker: MotionChecker, n: int) -> None:
-        super().__init__(information)
-        self._checker = checker
-        self._n = n
+class _Motions:
+    """Counted checks of motions that lead to new configurations from such that passed.
+
+    Args:
+        check: asked about them.
+        start, goal: configurations that pass.
+    """
+
+    def __init__(self, check: _Check, start: Array, goal: Array) -> None:
         self.count = 0
+        self._check = check
+        self._passed = {np.asarray(q, np.float64).tobytes() for q in (start, goal)}
+
+    def free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether the straight line from ``q_a`` to ``q_b`` passes."""
+        self.count += 1
+        if q_b.tobytes() in self._passed:
+            q_a, q_b = q_b, q_a
+        if not self._check(q_a, q_b):
+            return False
+        self._passed.add(q_b.tobytes())
+        return True
+
+
+class _Validator(ob.MotionValidator):  # type: ignore[misc]
+    def __init__(self, information: object, motions: _Motions, n: int) -> None:
+        super().__init__(information)
+        self._motions = motions
+        self._n = n
 
     def checkMotion(self, a: object, b: object) -> bool:  # noqa: N802 - OMPL's name
-        self.count += 1
-        return self._checker.motion_free(_read(a, self._n), _read(b, self._n))
+        return self._motions.free(_read(a, self._n), _read(b, self._n))
 
 
 def _read(state: object, n: int) -> Array:
     return np.array([state[i] for i in range(n)])  # type: ignore[index]
-
-
-_GAIN = 1e-6
-
-
-class MotionChecker(Protocol):
-    """Collision checks of a configuration and of a straight motion."""
-
-    def configuration_free(self, q: Array) -> bool:
-        """Tell whether the robot may stand at ``q``."""
-        ...
-
-    def motion_free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether the straight line from ``q_a`` to ``q_b`` is free."""
-        ...
-
-
-def smooth_path(
-    checker: MotionChecker,
-    path: Array,
-    speed: SpeedModel,
-    rng: np.random.Generator,
-    tries: int,
-) -> Array:
-    """Return a path of the same ends that is no slower.
-
-    Args:
-        checker: the scene.
-        path: free polyline, shape (w, n).
-        speed: what decides which path is faster.
-        rng: source of the random shortcuts.
-        tries: number of random shortcuts; two of three move one joint only, which under the
-            L1 speed model gains where a whole shortcut is blocked.
-    """
-    path = _drop_corners(checker, path, speed)
-    for attempt in range(tries):
-        if len(path) < 3:
-            break
-        marks = path_times(path, speed)
-        lo, hi = np.sort(rng.uniform(0.0, marks[-1], 2))
-        i, j = int(np.searchsorted(marks, lo)), int(np.searchsorted(marks, hi))
-        if i == j or hi - lo < 1e-3:
-            continue
-        entry, leave = _point(path, marks, lo), _point(path, marks, hi)
-        middle = path[i:j]
-        if attempt % 3 == 0:
-            bridge = np.array([entry, leave])
-        else:
-            joint = int(rng.integers(path.shape[1]))
-            bridge = np.vstack([entry, middle, leave])
-            share = np.concatenate([[lo], marks[i:j], [hi]])
-            share = (share - lo) / (hi - lo)
-            bridge[:, joint] = entry[joint] + share * (leave[joint] - entry[joint])
-        gain = (hi - lo) - path_duration(bridge, speed)
-        if gain > _GAIN and all(checker.motion_free(a, b) for a, b in pairwise(bridge)):
-            path = np.vstack([path[:i], bridge, path[j:]])
-            moves = np.any(np.abs(np.diff(path, axis=0)) > 1e-9, axis=1)
-            moves[-1] = True
-            path = path[np.append(True, moves)]
-    return _drop_corners(checker, path, speed)
-
-
-def _point(path: Array, marks: Array, at: float) -> Array:
-    k = min(int(np.searchsorted(marks, at, side="right")) - 1, len(path) - 2)
-    span = marks[k + 1] - marks[k]
-    share = 0.0 if span <= 0 else (at - marks[k]) / span
-    return np.asarray(path[k] + share * (path[k + 1] - path[k]))
-
-
-def _drop_corners(checker: MotionChecker, path: Array, speed: SpeedModel) -> Array:
-    """Leave out corners, longest shortcuts first, where that is free and no slower."""
-    kept = [path[0]]
-    i = 0
-    while i < len(path) - 1:
-        j = len(path) - 1
-        while j > i + 1:
-            direct = speed.duration(path[i], path[j])
-            along = path_duration(path[i : j + 1], speed)
-            if direct <= along + _GAIN and checker.motion_free(path[i], path[j]):
-                break
-            j -= 1
-        kept.append(path[j])
-        i = j
-    return np.array(kept)

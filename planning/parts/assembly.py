@@ -10,7 +10,8 @@ from itertools import product
 import numpy as np
 
 from planning.cell.robot_model import ToolGrip
-from planning.parts.steps import Place, Work, placed_parts
+from planning.contacts.precedence import Overlaps
+from planning.parts.steps import AnyStep, placed_parts
 from planning.statics.joined import BalanceRules
 from planning.tasks.supplies import Supply
 from planning.transforms import Array, Transform, readonly
@@ -98,17 +99,19 @@ class PartAssembly:
         touch: parts that are nearer to each other than this touch [m].
         grips: which grips are tried.
         balance: friction and joints under which it must stand; None if that is not looked at.
+        overlaps: how deep parts that are joined may be in each other.
         own_ways: of the parts that are handled in another way than this says, by name.
         supply: what comes up and leaves meanwhile.
     """
 
     goals: Mapping[str, Transform]
-    steps: tuple[Place | Work, ...]
+    steps: tuple[AnyStep, ...]
     approach: float = 0.06
     leave: float = 0.06
     touch: float = 0.002
     grips: GripRules = field(default_factory=GripRules)
     balance: BalanceRules | None = None
+    overlaps: Overlaps = field(default_factory=Overlaps)
     supply: Supply = field(default_factory=Supply)
     own_ways: Mapping[str, PartWays] = field(default_factory=dict)
 
@@ -124,11 +127,10 @@ class PartAssembly:
         return placed_parts(self.steps)
 
     def is_joined(self, part: str) -> bool:
-        """Tell whether a part is joined to another by its own step, so that it may touch nothing."""
+        """Tell whether a part is joined to another one, so that it may touch nothing."""
         rules = self.balance
         return rules is not None and any(
-            item.by is None and part in (item.joint.first, item.joint.second)
-            for item in rules.joined
+            part in (item.joint.first, item.joint.second) for item in rules.joined
         )
 
 

@@ -10,13 +10,25 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import TypeGuard
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.part_steps import PartStep, WorkStep
-from planning.statics.build_order import BuildStep, Fall, Waits, waits_for_balance
+from planning.parts.part_steps import KnownStep, PartStep
+from planning.statics.build_order import (
+    BuildStep,
+    Fall,
+    Stand,
+    Waits,
+    waits_for_balance,
+)
 from planning.statics.joined import BalanceRules, Joined
-from planning.statics.standing import Joint, PlacedBody, Standing
+from planning.statics.standing import (
+    Joint,
+    PlacedBody,
+    Standing,
+    StandingRules,
+)
 from planning.transforms import Transform
 
 DENSITY = 1000.0
@@ -26,6 +38,21 @@ _MOST_NAMED = 4
 """How many parts that would be held are named."""
 
 
+def standing_of(
+    cell: Workcell, steps: Sequence[KnownStep], rules: BalanceRules
+) -> Standing:
+    """Return what knows the parts of some steps in their places, in whatever order they come.
+
+    Args:
+        cell: its fixtures, and the parts that no step places, are the ground.
+        steps: in any order.
+        rules: friction.
+    """
+    bodies = {s.part.name: _body(s.part, s.goal) for s in steps if _builds(s)}
+    ground = _ground(cell, bodies)
+    return Standing(bodies, ground, rules.standing)
+
+
 class PartBalance:
     """Tells whether an assembly stands in every state that its steps can lead to.
 
@@ -33,53 +60,65 @@ class PartBalance:
         cell: its fixtures, and the parts that no step places, are the ground.
         steps: in their order.
         rules: friction, joints.
+        standing: of the same steps in whatever order, where it is known already.
+        keepable: parts that robots may keep hold of until they are joined; any by default.
     """
 
     def __init__(
         self,
         cell: Workcell,
-        steps: Sequence[PartStep | WorkStep],
+        steps: Sequence[KnownStep],
         rules: BalanceRules,
+        standing: Standing | None = None,
+        keepable: Collection[str] | None = None,
     ) -> None:
         self._steps, self._rules = steps, rules
-        self._number = {
-            s.part.name: k for k, s in enumerate(steps) if isinstance(s, PartStep)
-        }
-        ground = {item.name: _body(item, item.pose) for item in cell.fixtures}
-        ground |= {
-            item.name: _body(item, item.start)
-            for item in cell.objects
-            if item.name not in self._number and not item.later
-        }
-        bodies = {
-            s.part.name: _body(s.part, s.goal) for s in steps if isinstance(s, PartStep)
-        }
-        self._standing = Standing(bodies, ground, rules.standing)
-        build, joining = _build_steps(steps, self._number, rules.joined)
-        found = waits_for_balance(
-            self._standing, build, {*joining, *_known_waits(steps, self._number)}
-        )
+        self._number = {s.part.name: k for k, s in enumerate(steps) if _builds(s)}
+        self._standing = standing or standing_of(cell, steps, rules)
+        self._build, joining = _build_steps(steps, self._number, rules.joined)
+        known = {*joining, *_known_waits(steps, self._number)}
+        found = waits_for_balance(self._standing, self._build, known, keepable)
         self.fall = found if isinstance(found, Fall) else None
         """The first state in the order of the steps in which something falls, None for none."""
-        self._waits = joining if isinstance(found, Fall) else found | joining
+        self._stand = found if isinstance(found, Stand) else Stand(frozenset())
+        self._joining = joining
+        ground = _ground(cell, self._number)
+        self._on_the_way = next(_falling_stops(steps, ground, rules.standing), None)
 
-    def waits(self) -> Waits:
-        """Return which steps, from 0, must wait for which, so that everything always stands.
+    def stand(self) -> Stand:
+        """Return which steps, from 0, must wait for which, and what is kept hold of until when.
 
         Raises:
             InfeasibleStepError: something falls even in the given order; says what would help.
         """
         if self.fall is not None:
             raise InfeasibleStepError(self.refusal(self.fall))
-        return self._waits
+        if self._on_the_way is not None:
+            number, step = self._on_the_way
+            raise InfeasibleStepError(
+                f"step {number + 1} ({step.step.words}): {step.part.name} would not stand there on"
+                f" fixtures alone (friction {self._rules.standing.friction:g}), and what is put"
+                " down on its way must"
+            )
+        return replace(self._stand, waits=self._stand.waits | self._joining)
 
     def props(self, fall: Fall) -> list[str]:
-        """Return the parts placed later each of which would keep everything standing."""
+        """Return the parts placed later each of which would keep everything standing.
+
+        Those are looked at that touch what falls.
+        """
         now = [name for name, k in self._number.items() if k <= fall.step]
+        joints = [j for step in self._build[: fall.step + 1] for j in step.joins]
+        beside = {
+            n for pair in self._standing.patches if fall.body in pair for n in pair
+        }
         return [
             name
             for name, k in self._number.items()
-            if k > fall.step and self._standing.falling([*now, name]) is None
+            if k > fall.step
+            and name in beside
+            and self._standing.falling([*now, name], joints=joints, held=fall.held)
+            is None
         ]
 
     def refusal(self, fall: Fall) -> str:
@@ -100,15 +139,17 @@ class PartBalance:
             helps.append(f"join it to what it lies on (joined: [[{there[0]}, {body}]])")
         if props := self.props(fall):
             helps.append(f"place {' or '.join(props[:_MOST_NAMED])} before")
-        if fall.holds:
-            held = " or ".join(fall.holds[:_MOST_NAMED])
-            helps.append(f"hold {held} until it is joined")
+        if body in fall.holds:
+            helps.append(
+                f"let a later step join it (joined: {{parts: [.., {body}], by: STEP}}): then it is"
+                " kept hold of until then by who places it"
+            )
         return text + ("; " + ", or ".join(helps) if helps else "")
 
 
 def balance_groups(
-    steps: Sequence[PartStep | WorkStep], rules: BalanceRules, leaves: Collection[int]
-) -> Iterator[tuple[int, Sequence[PartStep | WorkStep], BalanceRules]]:
+    steps: Sequence[KnownStep], rules: BalanceRules, leaves: Collection[int]
+) -> Iterator[tuple[int, Sequence[KnownStep], BalanceRules]]:
     """Yield steps that build something together, and the rules for it.
 
     Args:
@@ -134,26 +175,58 @@ def balance_groups(
         yield first, own, replace(rules, joined=joined)
 
 
-def balance_waits(
+def stand_of_all(
     cell: Workcell,
-    steps: Sequence[PartStep | WorkStep],
+    steps: Sequence[KnownStep],
     rules: BalanceRules,
     leaves: Collection[int],
-) -> Waits:
-    """Return which steps, from 0, must wait for which, so that every product always stands.
+) -> Stand:
+    """Return what waits for what, and what is kept hold of, so that every product always stands.
 
     Raises:
         InfeasibleStepError: something falls even in the given order; says what would help.
     """
-    return frozenset(
-        (first + a, first + b)
-        for first, own, rule in balance_groups(steps, rules, leaves)
-        for a, b in PartBalance(cell, own, rule).waits()
-    )
+    waits: set[tuple[int, int]] = set()
+    keeps: dict[int, int] = {}
+    for first, own, rule in balance_groups(steps, rules, leaves):
+        found = PartBalance(cell, own, rule).stand()
+        waits |= {(first + a, first + b) for a, b in found.waits}
+        keeps |= {first + k: first + last for k, last in found.keeps.items()}
+    return Stand(frozenset(waits), keeps)
+
+
+def _builds(step: KnownStep) -> TypeGuard[PartStep]:
+    """Tell whether a step puts a part in its place, and not down on its way."""
+    return isinstance(step, PartStep) and step.step.stop is None
+
+
+def _ground(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
+    """Return what never moves: fixtures, and the parts that no step places."""
+    ground = {item.name: _body(item, item.pose) for item in cell.fixtures}
+    return ground | {
+        item.name: _body(item, item.start)
+        for item in cell.objects
+        if item.name not in placed and not item.later
+    }
+
+
+def _falling_stops(
+    steps: Sequence[KnownStep], ground: Mapping[str, PlacedBody], rules: StandingRules
+) -> Iterator[tuple[int, PartStep]]:
+    """Yield the steps, with their number from 0, after which a part on its way would fall.
+
+    It is taken on while others are put in their places: so it stands on the ground alone.
+    """
+    for k, step in enumerate(steps):
+        if isinstance(step, PartStep) and step.step.stop is not None:
+            body = _body(step.part, step.goal)
+            standing = Standing({body.name: body}, ground, rules)
+            if standing.falling([body.name]) is not None:
+                yield k, step
 
 
 def _known_waits(
-    steps: Sequence[PartStep | WorkStep], number: Mapping[str, int]
+    steps: Sequence[KnownStep], number: Mapping[str, int]
 ) -> Iterator[tuple[int, int]]:
     """Yield which steps wait for which in any plan (see ``waits``)."""
     named = {step.step.name: k for k, step in enumerate(steps)}
@@ -166,7 +239,7 @@ def _known_waits(
 
 
 def _build_steps(
-    steps: Sequence[PartStep | WorkStep],
+    steps: Sequence[KnownStep],
     number: Mapping[str, int],
     joined: Iterable[Joined],
 ) -> tuple[list[BuildStep], Waits]:
@@ -179,9 +252,22 @@ def _build_steps(
         at = max([*ends, *([] if item.by is None else [named[item.by]])], default=0)
         joints[at].append(item.joint)
         waits |= {(end, at) for end in ends if end < at}
-    adds = [(s.part.name,) if isinstance(s, PartStep) else () for s in steps]
-    build = [BuildStep(add, tuple(joints[k])) for k, add in enumerate(adds)]
+    adds = [(s.part.name,) if _builds(s) else () for s in steps]
+    until = kept_as_said(steps)
+    build = [
+        BuildStep(add, tuple(joints[k]), until.get(k)) for k, add in enumerate(adds)
+    ]
     return build, frozenset(waits)
+
+
+def kept_as_said(steps: Sequence[KnownStep]) -> dict[int, int]:
+    """Return by step, from 0, whose part is kept hold of the step until which it says so."""
+    named = {s.step.name: k for k, s in enumerate(steps) if s.step.name is not None}
+    return {
+        k: named[s.step.until]
+        for k, s in enumerate(steps)
+        if isinstance(s, PartStep) and s.step.until is not None
+    }
 
 
 def _body(item: CellObject | Fixture, pose: Transform) -> PlacedBody:

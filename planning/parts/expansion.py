@@ -1,29 +1,35 @@
-"""From choices to tasks: pick, carry over HOME, place, or a process, for every step (APEX-MR IV-A)."""
+"""From choices to tasks, and what waits for what: pick, carry over HOME, place, or a process (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
-from planning.geometry.robot_bodies import entity
 from planning.parts.assembly import Grip
+from planning.parts.beside import way_of
 from planning.parts.candidates import PartCandidates
 from planning.parts.handovers import Handover
 from planning.parts.part_skills import held_pose
-from planning.parts.part_steps import PartStep, WorkStep
+from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.parts.relays import Relay
 from planning.parts.targets import process_targets
-from planning.parts.waits import waiting_tasks
-from planning.skills.contacts import gripped, touching
+from planning.skills.contacts import Pairs, touching
 from planning.skills.joint_paths import SkillPath
+from planning.skills.outfits import fitted_out, hand
 from planning.skills.step_builder import StepBuilder
+from planning.statics.build_order import Waits
 from planning.tasks.assignment import StepChoice, TaskPlan
-from planning.tasks.task import STRAIGHT, StepTasks
+from planning.tasks.supply_tasks import door_shut
+from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
+
+_PICK, _PLACE = "pick", "place-down"
 
 
 def part_work(candidates: PartCandidates) -> AssemblyWork:
@@ -31,7 +37,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
     return AssemblyWork(
         candidates.problem,
         partial(_expand_step, candidates),
-        partial(waiting_tasks, candidates.steps, candidates.balance),
+        partial(_waiting_tasks, candidates.steps, candidates.balance),
     )
 
 
@@ -41,32 +47,54 @@ def _expand_step(
     """Return the tasks of a step as the plan chooses it.
 
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
-    robots stop between pick and place and after it.
+    robots stop between pick and place and after it. Tools are changed before anything else.
     """
-    expander = _Expander(candidates, plan[step], StepBuilder(step, first_index))
+    build, changes = StepBuilder(step, first_index), candidates.changes
+    expander = _Expander(candidates, plan, build)
+    before = changes.mounted_before(plan.choices[: step - 1])
+    if first_index == 0:
+        changes.begin(build)
+    for robot, tool in sorted(plan[step].tools):
+        if before[robot] != tool:
+            changes.change(build, robot, before[robot], tool)
     handled = candidates.steps[step - 1]
-    if isinstance(handled, PartStep):
-        expander.place(handled)
+    if isinstance(handled, MachineStep):
+        done = expander.machine_work(handled)
+    elif isinstance(handled, PartStep):
+        done = expander.place(handled)
     else:
-        expander.work(handled)
-    return expander.build.build()
+        done = expander.work(handled)
+    for earlier, last in candidates.ways.keeps.items():
+        if last == step:
+            expander.let_go_of_kept(plan[earlier], done)
+    changes.allow_mounted(build, before)
+    return build.build()
 
 
 class _Expander:
     """Writes the tasks of one step into a builder."""
 
     def __init__(
-        self, candidates: PartCandidates, choice: StepChoice, build: StepBuilder
+        self, candidates: PartCandidates, plan: TaskPlan, build: StepBuilder
     ) -> None:
-        self.candidates, self.choice, self.build = candidates, choice, build
+        self.candidates, self.plan, self.build = candidates, plan, build
+        self.choice = plan[build.step]
+        self.cell = fitted_out(candidates.cell, self.choice.tools)
 
-    def place(self, step: PartStep) -> None:
-        """Write pick, the hold if any, place, and the ways back."""
+    def _gripped(self, robot: str, part: str) -> Pairs:
+        """Return the contact of the tool that a robot has on it with a part."""
+        return touching(hand(self.cell.robot(robot)), [part])
+
+    def place(self, step: PartStep) -> int:
+        """Write pick, the hold if any, place, and the ways back; return the place."""
         choice, build = self.choice, self.build
-        robot, part = self.candidates.cell.robot(choice.robot), choice.object
-        *_, pick, place = self.candidates.paths_of(choice)
-        way = choice.step, choice.robot, choice.grasp
-        relay = self.candidates.relays.get(way)
+        robot, part = self.cell.robot(choice.robot), choice.object
+        ways = self.candidates.ways
+        *_, pick, place = ways.paths_of(self.plan, choice.step)
+        kept = choice.step in ways.keeps
+        if kept:
+            place = replace(place, path=place.path[: place.change_at])
+        relay = ways.relays.get(way_of(choice.primary))
         if isinstance(relay, Handover):
             picked = self._hand_over(step, relay)
         elif relay is not None:
@@ -80,12 +108,24 @@ class _Expander:
         held = self._hold(step)
         build.lead_in(place, f"{part} to its place", part)
         placed = build.skill(place, f"place {part}", part, None, step.goal)
-        build.transit(robot.name, robot.home, "HOME", None)
+        if not kept:
+            build.transit(robot.name, robot.home, "HOME", None)
         carrying = build.of_robot(robot.name, picked, placed)
-        build.allow(gripped(robot.name, part), *carrying)
+        build.allow(self._gripped(robot.name, part), *carrying)
         build.allow(touching(part, step.at_goal), placed)
         if held is not None:
             self._let_go(step, held, placed, placed)
+        return placed
+
+    def let_go_of_kept(self, choice: StepChoice, done: int) -> None:
+        """Write the way back of who kept hold of what it placed, after a task."""
+        build, part, ways = self.build, choice.object, self.candidates.ways
+        *_, place = ways.paths_of(self.plan, choice.step)
+        back = build.skill(ways.let_go(place), f"let go of {part}", part)
+        robot = fitted_out(self.candidates.cell, choice.tools).robot(choice.robot)
+        build.transit(robot.name, robot.home, "HOME", None)
+        build.depend(done, back)
+        build.allow(touching(hand(robot), [part]), back)
 
     def _pick(self, robot: PlacedRobot, part: str, path: SkillPath, grip: Grip) -> int:
         """Write transit, pick and the way HOME with a part; return the pick."""
@@ -99,21 +139,21 @@ class _Expander:
     def _lay_down(self, step: PartStep, relay: Relay) -> int:
         """Write how the part is picked first and laid down in between; return the latter."""
         build, part = self.build, step.part.name
-        robot = self.candidates.cell.robot(relay.giver)
+        robot = self.cell.robot(relay.giver)
         pick, down, *_ = relay.paths
         picked = self._pick(robot, part, pick, relay.give)
         build.lead_in(down, f"{part} to where it lies in between", part)
         laid = build.skill(down, f"lay down {part}", part, None, relay.rest)
         build.transit(robot.name, robot.home, "HOME", None)
         carrying = build.of_robot(robot.name, picked, laid)
-        build.allow(gripped(robot.name, part), *carrying)
+        build.allow(self._gripped(robot.name, part), *carrying)
         build.allow(touching(part, step.at_start), picked)
         build.allow(touching(part, relay.touched), laid)
         return laid
 
     def _hand_over(self, step: PartStep, way: Handover) -> int:
         """Write pick and handover; return the task with which the receiver takes the part."""
-        build, part, cell = self.build, step.part.name, self.candidates.cell
+        build, part, cell = self.build, step.part.name, self.cell
         giver, receiver = cell.robot(way.giver), cell.robot(way.receiver)
         pick, give, _ = way.paths
         picked = self._pick(giver, part, pick, way.give)
@@ -125,20 +165,20 @@ class _Expander:
         build.depend(ready, given)
         carrying = build.of_robot(giver.name, picked, given)
         # The receiver stands at the end of its task "ready" while the part is brought.
-        build.allow(gripped(giver.name, part), *carrying, ready)
+        build.allow(self._gripped(giver.name, part), *carrying, ready)
         build.allow(touching(part, step.at_start), picked)
         build.transit(giver.name, giver.home, "HOME", None)
         taken = build.transit(receiver.name, way.pre, f"take {part}", part)
         build.depend(given, taken)
-        build.allow(gripped(receiver.name, part), ready, given)
+        build.allow(self._gripped(receiver.name, part), ready, given)
         build.transit(receiver.name, receiver.home, f"HOME with {part}", part)
         return taken
 
-    def work(self, step: WorkStep) -> None:
-        """Write the hold if any, approach, process, and the ways back."""
+    def work(self, step: WorkStep) -> int:
+        """Write the hold if any, approach, process, and the ways back; return the process."""
         choice, build, process = self.choice, self.build, step.step.process
-        robot = self.candidates.cell.robot(choice.robot)
-        (path,) = self.candidates.paths_of(choice)
+        robot = self.cell.robot(choice.robot)
+        (path,) = self.candidates.ways.paths_of(self.plan, choice.step)
         words, part = step.step.words, step.step.owner
         if part not in step.around:
             part = None
@@ -152,11 +192,22 @@ class _Expander:
             process.name, way[targets.first : targets.last + 1], words, part
         )
         back = self._along(STRAIGHT, way[targets.last :], f"back from {words}", part)
-        tool = entity(robot.name, "tool")
-        build.allow(touching(tool, step.touched), first, done, back)
+        build.allow(touching(hand(robot), step.touched), first, done, back)
         build.transit(robot.name, robot.home, "HOME", None)
         if held is not None:
             self._let_go(step, held, first, done)
+        return done
+
+    def machine_work(self, step: MachineStep) -> int:
+        """Write what a machine does, with its door shut; return that task."""
+        work = step.step
+        shut: tuple[Handling, ...] = ()
+        if work.door is not None:
+            pose = self.candidates.cell.object(work.door).start
+            shut = door_shut(work.door, pose)
+        return self.build.unmoved(
+            work.machine, work.process, work.words, work.part, shut
+        )
 
     def _along(
         self, kind: str, way: Sequence[Array], label: str, part: str | None
@@ -168,7 +219,7 @@ class _Expander:
 
     def _hold(self, step: PartStep | WorkStep) -> int | None:
         """Write how another robot grips what is held; return that task, None if nothing is."""
-        path = self.candidates.hold_of(self.choice)
+        path = self.candidates.ways.hold_of(self.plan, self.choice.step)
         if path is None or step.held is None:
             return None
         part = step.held.part.name
@@ -179,7 +230,8 @@ class _Expander:
         self, step: PartStep | WorkStep, held: int, begun: int, done: int
     ) -> None:
         """Write the way back of who holds, once the other has done its work."""
-        path, build = self.candidates.hold_of(self.choice), self.build
+        build = self.build
+        path = self.candidates.ways.hold_of(self.plan, self.choice.step)
         assert path is not None
         assert step.held is not None
         part = step.held.part.name
@@ -187,8 +239,128 @@ class _Expander:
             STRAIGHT, path.robot, path.path[-1:], path.waypoints[-2::-1]
         )
         back = build.skill(way_back, f"let go of {part}", part)
-        home = self.candidates.cell.robot(path.robot).home
+        home = self.cell.robot(path.robot).home
         build.transit(path.robot, home, "HOME", None)
         build.depend(held, begun)
         build.depend(done, back)
-        build.allow(gripped(path.robot, part), held, back)
+        build.allow(self._gripped(path.robot, part), held, back)
+
+
+def _waiting_tasks(
+    handled: Sequence[KnownStep], balance: Waits, steps: Sequence[StepTasks]
+) -> Iterator[tuple[Task, Task]]:
+    """Yield what waits for what.
+
+    A part is placed after those that it touches in its place, and picked after those that it
+    touched in the stock and that were placed before it. A process, and who holds a part, wait
+    for the parts concerned to be in their places, and a part is picked after what was done to it
+    before. A machine waits for all that was done to its part and put to it before, and all that
+    is done to that part or put to it later waits for the machine. Steps wait for those that they
+    are to come ``after``, and for those without which something would fall. Others need not wait
+    for each other: what else must be kept in order follows from collisions.
+
+    Args:
+        handled: the steps with what touches what.
+        balance: pairs of steps, from 0, of which the second changes the structure after the
+            first.
+        steps: the tasks of each of them.
+    """
+    contacts = _stock_contacts(handled)
+    picked: dict[str, Task] = {}
+    placed: dict[str, Task] = {}
+    used: dict[str, list[Task]] = {}
+    done: dict[str, Task] = {}
+    put: dict[str, list[Task]] = {}
+    machine: dict[str, Task] = {}
+    changes = [_begin_and_end(*pair)[1] for pair in zip(handled, steps, strict=True)]
+    yield from ((changes[a], changes[b]) for a, b in sorted(balance))
+    for step, tasks in zip(handled, steps, strict=True):
+        begins, ends = _begin_and_end(step, tasks)
+        for name in step.step.after:
+            if name in done:
+                yield done[name], begins
+        for name in _concerned(step):
+            if name in machine:
+                yield machine[name], begins
+        for task in _holds(tasks):
+            assert step.held is not None
+            part = step.held.part.name
+            if part in placed:
+                yield placed[part], task
+            if part in machine:
+                yield machine[part], task
+            used.setdefault(part, []).append(task)
+        if isinstance(step, MachineStep):
+            part = step.step.part
+            before = [placed[part]] if part in placed else []
+            for earlier in (*before, *used.get(part, ()), *put.get(part, ())):
+                yield earlier, begins
+            machine[part] = begins
+            used.setdefault(part, []).append(begins)
+        elif isinstance(step, WorkStep):
+            for name in sorted(step.touched & placed.keys()):
+                yield placed[name], begins
+            for name in sorted(step.touched & step.around.keys()):
+                used.setdefault(name, []).append(ends)
+        else:
+            part = step.part.name
+            pick = next(task for task in tasks.tasks if task.kind == _PICK)
+            for earlier in used.pop(part, ()):
+                yield earlier, pick
+            put.pop(part, None)
+            if part in placed:
+                yield placed[part], pick
+            else:
+                yield from ((picked[k], pick) for k in contacts[part] if k in picked)
+            yield from ((placed[k], ends) for k in step.at_goal if k in placed)
+            for name in step.at_goal:
+                put.setdefault(name, []).append(ends)
+            picked[part], placed[part] = pick, ends
+        if step.step.name is not None:
+            done[step.step.name] = ends
+
+
+def _concerned(step: KnownStep) -> frozenset[str]:
+    """Return the parts that a step is done to or puts something to; who is picked waits anyway."""
+    touched = step.at_goal if isinstance(step, PartStep) else step.touched
+    return frozenset(touched)
+
+
+def _begin_and_end(step: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
+    """Return the tasks with which the work of a step begins and is complete."""
+    if isinstance(step, MachineStep):
+        (work,) = (t for t in tasks.tasks if t.kind == step.step.process)
+        return work, work
+    if isinstance(step, PartStep):
+        # The last one: before that the part may have been laid down in between.
+        *_, place = (task for task in tasks.tasks if task.kind == _PLACE)
+        return place, place
+    before, process = next(
+        (before, task)
+        for before, task in pairwise(tasks.tasks)
+        if task.kind == step.step.process.name
+    )
+    return before, process
+
+
+def _holds(tasks: StepTasks) -> Iterator[Task]:
+    return (task for task in tasks.tasks if task.kind == HOLD)
+
+
+def _stock_contacts(
+    steps: Sequence[KnownStep],
+) -> Mapping[str, frozenset[str]]:
+    """Return what each part touches at the start, whichever of the two is picked first."""
+    first: dict[str, PartStep] = {}
+    for step in steps:
+        if isinstance(step, PartStep):
+            first.setdefault(step.part.name, step)
+    parts = tuple(first)
+    touched = {
+        name: {other for other in step.at_start if other in parts}
+        for name, step in first.items()
+    }
+    return {
+        name: frozenset(touched[name] | {k for k in parts if name in touched[k]})
+        for name in parts
+    }

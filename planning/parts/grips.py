@@ -231,7 +231,9 @@ def _places(low: float, high: float, rules: GripRules) -> list[float]:
     middle, reach = 0.5 * (low + high), 0.5 * (high - low) - rules.end_margin
     if rules.positions == 1 or reach <= 0.0:
         return [middle]
-    return [middle + at for at in np.linspace(-reach, reach, rules.positions).tolist()]
+    spread = np.linspace(-reach, reach, rules.positions).tolist()
+    # A round peg is met squarely in the middle alone.
+    return [middle + at for at in sorted({0.0, *spread})]
 
 
 def _holds(
@@ -246,7 +248,7 @@ def _holds(
         tops = view.tops(x + aside, ys)
         for top in _levels(tops[1]):
             z = _depth_below(view, x, ys, top, rules)
-            for stretch in view.across(x, z):
+            for stretch in _spanned(view.across(x, z)):
                 y = 0.5 * (stretch.begin + stretch.end)
                 place = np.array([x, y, z])
                 if any(np.abs(place - other).max() < _SAME for other in seen):
@@ -256,6 +258,16 @@ def _holds(
                 seen.append(place)
                 at, width = view.point(x, y, z), stretch.end - stretch.begin
                 yield at, f"grip {width * 1e3:.0f} mm wide at ({_millimetres(at)})"
+
+
+def _spanned(walls: Sequence[Stretch]) -> list[Stretch]:
+    """Return walls of a part, and all of them as one: a ring is held from outside, too."""
+    if len(walls) < 2:
+        return list(walls)
+    first = min(walls, key=lambda wall: wall.begin)
+    last = max(walls, key=lambda wall: wall.end)
+    whole = Stretch(first.begin, last.end, first.begin_normal, last.end_normal)
+    return [*walls, whole]
 
 
 def _levels(tops: Array) -> list[float]:

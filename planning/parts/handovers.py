@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, permutations, product
 
 import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
-from planning.parts.assembly import Grip, PartAssembly
+from planning.parts.assembly import Grip
 from planning.parts.part_skills import PartSkills, held_pose
 from planning.parts.part_steps import PartStep
-from planning.parts.relays import End, ends_of
+from planning.parts.relays import End, Relay, ends_of, find_relays
 from planning.parts.targets import handover_targets
 from planning.skills.contacts import NOTHING, SkillContacts, gripped
 from planning.skills.handovers import ready_postures, receiver_clash
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.skills.outfits import outfits, worn
 from planning.skills.subgoals import Subgoal
 from planning.skills.surroundings import SkillScene, resolve_skill
+from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.transforms import (
     Array,
     Transform,
@@ -62,20 +64,47 @@ class Handover:
     cost: float
 
 
-def find_handovers(
-    cell: Workcell, assembly: PartAssembly, skills: PartSkills, step: PartStep
-) -> list[Handover]:
+def find_ways_by_others(
+    cell: Workcell, skills_with: Callable[[Tools], PartSkills], step: PartStep
+) -> list[tuple[Relay | Handover, Tools]]:
+    """Return ways in which a part changes hands, with any tools on the robots, and the tools needed.
+
+    In the air it does so only where there is no place to lay it down in between.
+
+    Args:
+        cell: with robots as plans know them.
+        skills_with: returns the skills of robots that have certain tools on them.
+        step: that no robot can do alone.
+    """
+    choices = [list(outfits([robot])) for robot in cell.robots]
+    for find in (find_relays, find_handovers):
+        found: list[tuple[Relay | Handover, Tools]] = []
+        known: set[tuple[str, str, Tools]] = set()
+        for chosen in product(*choices):
+            new = set()
+            for way in find(skills_with(NO_TOOLS.union(*map(worn, chosen))), step):
+                pair = way.giver, way.receiver
+                tools = NO_TOOLS.union(*(worn(r) for r in chosen if r.name in pair))
+                if (*pair, tools) not in known:
+                    new.add((*pair, tools))
+                    found.append((way, tools))
+            known |= new
+        if found:
+            break
+    return found
+
+
+def find_handovers(skills: PartSkills, step: PartStep) -> list[Handover]:
     """Return ways to do a step in which one robot hands the part over, the cheapest first.
 
     The giver brings the part into the receiver's open fingers, along the receiver's tool, and
     leaves along its own. They meet between their bases, at some heights.
 
     Args:
-        cell: its objects are the parts.
-        assembly: goals, grips and approaches.
         skills: of the robots.
         step: that no robot can do alone.
     """
+    cell, assembly = skills.cell, skills.assembly
     robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
     picks = ends_of(robots, assembly, skills, step, pick=True)
     places = ends_of(robots, assembly, skills, step, pick=False)

@@ -6,14 +6,14 @@ its part is in place and before a part bars the way of its tool. Among orders th
 one nearest to the list is tried; where nobody can do a step because of a part that is there by
 then, or still there, that part must come later, or sooner.
 
-Where something would fall (``balance``), what would keep it standing comes before it.
+Where something would fall (``balance``), what would keep it standing comes before it. Where nothing
+does and a later step joins it, its robot keeps hold of it, and that step comes as soon as it can.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,88 +27,18 @@ from planning.contacts.precedence import (
     leads_through,
     stacked,
 )
+from planning.contacts.step_order import Precedence
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
-from planning.parts.balance import PartBalance
+from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import part_steps
-from planning.parts.steps import Place, Work
+from planning.parts.steps import AnyStep, MachineWork, Place, Work
+from planning.skills.outfits import in_racks
 from planning.transforms import Array, readonly, translation
 
 _BORE = 0.002
 """Width of the straight way of a tool to a place of work that no part may bar [m]."""
-
-
-@dataclass(frozen=True)
-class Precedence:
-    """What comes before what among steps.
-
-    Attributes:
-        words: what the steps are, for people.
-        before: for each step, the steps that come before it, and why; numbers are places in the
-            list.
-        any_of: for each step, steps of which one at least comes before it; none where it needs
-            none.
-    """
-
-    words: tuple[str, ...]
-    before: tuple[dict[int, str], ...]
-    any_of: tuple[frozenset[int], ...]
-
-    def require(self, first: int, then: int, why: str) -> None:
-        """Let one step come before another."""
-        if first != then:
-            self.before[then].setdefault(first, why)
-
-    def with_required(self, first: int, then: int, why: str) -> Precedence:
-        """Return the same and that one step comes before another."""
-        out = replace(self, before=tuple(dict(own) for own in self.before))
-        out.require(first, then, why)
-        return out
-
-    def order(self) -> tuple[int, ...] | None:
-        """Return the order nearest to the list, None where steps wait for each other.
-
-        The first step that can be done is done first, so no other order that keeps everything
-        comes before it in the order of numbers.
-        """
-        done = self._doable()
-        return done if len(done) == len(self.before) else None
-
-    def explained(self) -> str:
-        """Return in words why there is no order."""
-        done = set(self._doable())
-        stuck = [k for k in range(len(self.before)) if k not in done]
-        way = [stuck[0]]
-        while way[-1] not in way[:-1]:
-            waits = [k for k in self.before[way[-1]] if k not in done]
-            if not waits:
-                others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
-                return f"  {self.words[way[-1]]} needs one of these before it: {others}"
-            way.append(min(waits))
-        circle = way[way.index(way[-1]) :]
-        return "\n".join(
-            f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
-            for then, first in pairwise(circle)
-        )
-
-    def _doable(self) -> tuple[int, ...]:
-        """Return the steps that can be done one after another, as far as that goes."""
-        out: list[int] = []
-        done: set[int] = set()
-        while True:
-            ready = (
-                k
-                for k, own in enumerate(self.before)
-                if k not in done
-                and own.keys() <= done
-                and (not self.any_of[k] or self.any_of[k] & done)
-            )
-            step = next(ready, None)
-            if step is None:
-                return tuple(out)
-            out.append(step)
-            done.add(step)
 
 
 def precedence(cell: Workcell, assembly: PartAssembly) -> Precedence:
@@ -133,7 +63,13 @@ def precedence(cell: Workcell, assembly: PartAssembly) -> Precedence:
         tuple(s.words for s in steps),
         tuple[dict[int, str]]({} for _ in steps),
     )
-    out = Precedence(words, before, any_of)
+    names = {step.name: k for k, step in enumerate(steps) if step.name is not None}
+    closing = {
+        k: frozenset({names[step.until]})
+        for k, step in enumerate(steps)
+        if isinstance(step, Place) and step.until is not None
+    }
+    out = Precedence(words, before, any_of, closing)
     for first, then, why in (
         *_named(steps),
         *_contacts(cell, assembly, graph),
@@ -173,11 +109,12 @@ def find_ordered_candidates(
         InfeasibleStepError: no order was found; says what was in the way in the last one.
         ConstructionError: two parts would overlap in their places.
     """
-    known = precedence(cell, assembly)
+    around = in_racks(cell)
+    known = precedence(around, assembly)
     most = 2 * len(assembly.steps)
     for tried in range(most + 1):
         progress(tried, most)
-        known = _propped(cell, assembly, known)
+        known = _propped(around, assembly, known)
         ordered = _ordered(assembly, known)
         found = find_candidates(cell, ordered)
         stuck = found.impossible
@@ -206,11 +143,14 @@ def _propped(cell: Workcell, assembly: PartAssembly, known: Precedence) -> Prece
     """
     if assembly.balance is None:
         return known
-    placing = {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}
+    placing = _placing(assembly)
     number = {id(item): k for k, item in enumerate(assembly.steps)}
+    standing, keepable = None, set[str]()
     while True:
         ordered = _ordered(assembly, known)
-        balance = PartBalance(cell, part_steps(cell, ordered), assembly.balance)
+        steps, rules = part_steps(cell, ordered), assembly.balance
+        standing = standing or standing_of(cell, steps, rules)
+        balance = PartBalance(cell, steps, rules, standing, keepable)
         if balance.fall is None:
             return known
         falls = number[id(ordered.steps[balance.fall.step])]
@@ -221,8 +161,29 @@ def _propped(cell: Workcell, assembly: PartAssembly, known: Precedence) -> Prece
         )
         changed = next((t for t in tries if t.order() is not None), None)
         if changed is None:
-            return known
+            name = next((n for n in balance.fall.holds if n not in keepable), None)
+            ends = _joining(assembly, name, falls)
+            if name is None or not ends:
+                return known
+            keepable.add(name)
+            closing = {**known.closing, placing[name]: ends}
+            changed = replace(known, closing=closing)
         known = changed
+
+
+def _joining(assembly: PartAssembly, part: str | None, but: int) -> frozenset[int]:
+    """Return the steps that join a part to others, one of them left out."""
+    named = {step.name: k for k, step in enumerate(assembly.steps)}
+    placing = _placing(assembly)
+    assert assembly.balance is not None
+    found = set()
+    for item in assembly.balance.joined:
+        pair = {item.joint.first, item.joint.second}
+        if part in pair:
+            (other,) = pair - {part}
+            end = placing.get(other) if item.by is None else named[item.by]
+            found.add(end)
+    return frozenset(k for k in found if k is not None and k != but)
 
 
 def _moved(
@@ -251,25 +212,35 @@ def _moved(
     return None
 
 
-def _named(steps: Sequence[Place | Work]) -> Iterator[tuple[int, int, str]]:
+def _named(steps: Sequence[AnyStep]) -> Iterator[tuple[int, int, str]]:
     """Yield what the scenario says, and that processes and holds are at parts in place."""
     names = {step.name: k for k, step in enumerate(steps) if step.name is not None}
     placing = {s.part: k for k, s in enumerate(steps) if isinstance(s, Place)}
     for k, step in enumerate(steps):
         for name in step.after:
             yield names[name], k, "as its after says"
+        if isinstance(step, Place) and step.until is not None:
+            yield k, names[step.until], f"{step.part} is kept hold of until then"
         if step.hold in placing:
             yield placing[step.hold], k, f"{step.hold} is held in its place"
         if isinstance(step, Work) and step.owner in placing:
             yield placing[step.owner], k, f"it is done at {step.owner} in its place"
+        if isinstance(step, MachineWork) and step.part in placing:
+            yield placing[step.part], k, f"it is done at {step.part} in its place"
 
 
 def _graph(cell: Workcell, assembly: PartAssembly) -> PartGraph:
     """Return what touches what where every part is in its place."""
     fixed: list[Lying] = [(item, item.pose) for item in cell.fixtures]
     placed = set(assembly.placed)
-    fixed += [(item, item.start) for item in cell.objects if item.name not in placed]
-    return build_part_graph(_goals(cell, assembly), fixed, touch=assembly.touch)
+    fixed += [
+        (item, item.start)
+        for item in cell.objects
+        if item.name not in placed and not item.later
+    ]
+    return build_part_graph(
+        _goals(cell, assembly), fixed, touch=assembly.touch, overlaps=assembly.overlaps
+    )
 
 
 def _contacts(
@@ -300,7 +271,8 @@ def _ways(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[int, int, st
         for other, there in goals.items():
             if other == name:
                 continue
-            if leads_through(goal, there, *way):
+            most = assembly.overlaps.most(name, other)
+            if leads_through(goal, there, *way, most):
                 words = f"{other} would bar the way of {name} to its place"
                 yield at[name], at[other], words
             start = starts[other]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from planning.cell.workcell import (
     Attachment,
@@ -71,10 +71,6 @@ class PartSkills:
     assembly: PartAssembly
     holding: Mapping[str, Array] = field(default_factory=dict)
 
-    def beside(self, holder: str, q: Array) -> PartSkills:
-        """Return the skills beside a robot that holds something at ``q``, shape (n,)."""
-        return PartSkills(self.cell, self.assembly, {holder: q})
-
     def misfit(
         self, robot: PlacedRobot, part: CellObject, grip: Grip
     ) -> Obstruction | None:
@@ -83,9 +79,16 @@ class PartSkills:
         return tool_misfit(robot, self.assembly.grips.frame, part, grip, approach)
 
     def pick(
-        self, robot: PlacedRobot, step: PartStep, grip: Transform
+        self,
+        robot: PlacedRobot,
+        step: PartStep,
+        grip: Transform,
+        known: SkillPath | None = None,
     ) -> SkillPath | Obstruction:
-        """Return the pick of a step by a grip, a pose of the tool in the frame of the part."""
+        """Return the pick of a step by a grip; one that is known, where it is free.
+
+        Grips are poses of the tool in the frame of the part.
+        """
         part, frame = step.part, self.assembly.grips.frame
         held = gripped(robot.name, part.name)
         in_hand = Attachment(robot.name, held_pose(robot, frame, grip))
@@ -97,7 +100,7 @@ class PartSkills:
             NOTHING, held | touching(part.name, step.at_start), held
         )
         changes = Attachment(None, part.start), in_hand
-        return self._handle(robot, step, targets, contacts, changes)
+        return self._handle(robot, step, targets, contacts, changes, known)
 
     def place(
         self,
@@ -137,10 +140,26 @@ class PartSkills:
             return None
         return Obstruction(str(contact), contact.second.split(":")[0])
 
+    def in_door(self, door: str) -> str | None:
+        """Return the first robot that stands in a door when it is at HOME, None for none."""
+        leaf = Attachment(None, self.cell.object(door).start)
+        state = WorldState(self._configurations, {door: leaf})
+        for robot in self.cell.robots:
+            alone = replace(self.cell, robots=(robot,), fixtures=())
+            checker = SceneChecker(alone, robot.name, state, NOTHING, margin=MARGIN)
+            if checker.contact(robot.home) is not None:
+                return robot.name
+        return None
+
     def hold(
-        self, robot: PlacedRobot, step: PartStep | WorkStep, held: Held, grip: Transform
+        self,
+        robot: PlacedRobot,
+        step: PartStep | WorkStep,
+        held: Held,
+        grip: Transform,
+        known: SkillPath | None = None,
     ) -> SkillPath | Obstruction:
-        """Return how a robot grips a part where it lies."""
+        """Return how a robot grips a part where it lies; as is known, where that is free."""
         part = held.part.name
         at_part = gripped(robot.name, part)
         targets = hold_targets(
@@ -150,6 +169,8 @@ class PartSkills:
         )
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._configurations, contacts)
+        if known is not None and find_obstruction(known, scene) is None:
+            return known
         found = resolve_skill(robot, targets, scene)
         return found if isinstance(found, Obstruction) else found.path
 

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.contact_graph import near_to, standing
-from planning.contacts.precedence import MOST_OVERLAP
+from planning.contacts.precedence import MOST_OVERLAP, Overlaps, leads_through
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.steps import Place, Process, Work
+from planning.parts.steps import MachineWork, Place, Process, Stop, Work
 from planning.parts.tool_grips import tool_grips
+from planning.skills.outfits import in_racks, outfits, rack_tools
 from planning.transforms import Transform, readonly
 
 TIP = 0.005
 """What is nearer than this to where a process is done may be touched by its tool [m]."""
+
+DEEPEST_NODE = 0.05
+"""Deepest that bars that meet in a node may be said to be in each other [m]."""
+
+_RACK_TOUCH = 0.002
+"""A tool in its rack may touch what is nearer to it than this [m]."""
+
+RackTouches = Mapping[str, frozenset[str]]
+"""Fixtures that tools touch in their racks, by tool."""
 
 Around = Mapping[str, tuple[CellObject, Attachment]]
 """Parts by name, and where they are."""
@@ -45,8 +56,8 @@ class PartStep:
 
     Attributes:
         step: what is done.
-        part: what is placed; it is picked at its ``start``.
-        goal: pose of its centre in its place, in the world.
+        part: what is placed; it is picked at its ``start``, which is where it is by then.
+        goal: pose of its centre in its place, in the world, or where it is put down on its way.
         around: all other parts: those of earlier steps in place, the others where they were.
         grips: ways to hold it; the number of a grip is its place here.
         at_start: what it touches before it is picked, with the distances [m].
@@ -83,9 +94,30 @@ class WorkStep:
     held: Held | None = None
 
 
-def part_steps(
-    cell: Workcell, assembly: PartAssembly
-) -> tuple[PartStep | WorkStep, ...]:
+@dataclass(frozen=True)
+class MachineStep:
+    """One step in which a machine works at a part.
+
+    Attributes:
+        step: what is done.
+        around: all parts as they are by then.
+        held: None: nobody holds anything meanwhile.
+    """
+
+    step: MachineWork
+    around: Around
+    held: None = None
+
+    @property
+    def touched(self) -> frozenset[str]:
+        """What it is done at."""
+        return frozenset({self.step.part})
+
+
+KnownStep = PartStep | WorkStep | MachineStep
+
+
+def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
     """Return the steps of an assembly, every part of which comes to lie on something.
 
     Args:
@@ -93,9 +125,10 @@ def part_steps(
         assembly: goals and steps.
 
     Raises:
-        InfeasibleStepError: a part would hang in the air, or goes where something is.
+        InfeasibleStepError: a part would hang in the air, goes where something is, or is taken
+            on with another one on it.
     """
-    out: list[PartStep | WorkStep] = []
+    out: list[KnownStep] = []
     where = {item.name: item.start for item in cell.objects if not item.later}
     supply = assembly.supply
     for number, step in enumerate(assembly.steps, start=1):
@@ -103,19 +136,74 @@ def part_steps(
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
             rules = assembly.ways(step.hold).grips
-            grips = tool_grips(cell.robots, part.shape, pose, pose, rules)
+            grips = tool_grips(
+                list(outfits(cell.robots)), part.shape, pose, pose, rules
+            )
             held = Held(part, pose, grips)
         if isinstance(step, Work):
             out.append(_work_step(cell, step, dict(where), assembly.touch, held))
+        elif isinstance(step, MachineWork):
+            out.append(MachineStep(step, _around(cell, where)))
         else:
-            out.append(_place_step(cell, assembly, number, where, held))
-            where[step.part] = assembly.goals[step.part]
-            if step.part in supply.refills:
-                where |= supply.refills[step.part].parts
+            placing = _place_step(cell, assembly, number, where, held)
+            _require_alone(number, placing, out)
+            out.append(placing)
+            where[step.part] = placing.goal
+            if number in supply.refills:
+                where |= supply.refills[number].parts
         if number in supply.leaves:
             for name, _ in supply.leaves[number].parts:
                 del where[name]
     return tuple(out)
+
+
+def far_first(step: PartStep | WorkStep) -> list[int]:
+    """Return the grips on what is held, those first that leave most room for the other robot."""
+    assert step.held is not None
+    held = step.held
+    work = (step.goal if isinstance(step, PartStep) else step.place)[:3, 3]
+
+    def near(k: int) -> float:
+        at = (held.pose @ held.grips[k].pose)[:3, 3]
+        return -round(float(np.linalg.norm(at - work)), 6)
+
+    return sorted(range(len(held.grips)), key=near)
+
+
+def touched_in_racks(cell: Workcell, goals: Mapping[str, Transform]) -> RackTouches:
+    """Return the fixtures that tools which are changed touch in their racks.
+
+    Raises:
+        InfeasibleStepError: a part lies where a tool has its rack, at the start or in its place.
+    """
+    fixtures = standing(cell)
+    lying = {item.name: (item, item.start) for item in in_racks(cell).objects}
+    placed = {
+        f"{name} in its place": (cell.object(name), goal)
+        for name, goal in goals.items()
+    }
+    found: dict[str, frozenset[str]] = {}
+    for tool in rack_tools(cell):
+        rest = tool.item, tool.rack
+        others = {k: at for k, at in (lying | placed).items() if k != tool.name}
+        for other, gap in near_to(rest, others | fixtures, _RACK_TOUCH).items():
+            if gap < -MOST_OVERLAP:
+                raise InfeasibleStepError(
+                    f"the rack of {tool.name} is where {other} is: they overlap by"
+                    f" {-gap * 1e3:.1f} mm"
+                )
+        found[tool.name] = frozenset(near_to(rest, fixtures, _RACK_TOUCH))
+    return found
+
+
+_GRAZED = 0.001
+"""By so much more than in its place a part may be in what it touches, on the way there [m]."""
+
+_IN = "into its place: lead it in from another side (insert), or over a shorter way (approach_m)"
+_OUT = (
+    "out of where it starts: take away first what is on it, or lead it out to another side"
+    " (take_out), or over a shorter way (leave_m)"
+)
 
 
 def _place_step(
@@ -127,18 +215,52 @@ def _place_step(
 ) -> PartStep:
     step = assembly.steps[number - 1]
     assert isinstance(step, Place)
-    name = step.part
-    part, goal = cell.object(name), assembly.goals[name]
+    name, stop = step.part, step.stop
+    part = replace(cell.object(name), start=where[name])
+    goal = assembly.goals[name]
+    if stop is not None:
+        goal = stop_pose(cell, stop)
     around = _around(cell, {k: pose for k, pose in where.items() if k != name})
     lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
     at_goal = near_to((part, goal), lying, assembly.touch)
     if not assembly.is_joined(name):
         _require_standing(f"step {number} ({name})", at_goal)
-    _require_room(f"step {number} ({name})", at_goal)
+    _require_room(number, name, at_goal, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
     rules = assembly.ways(name).grips
-    grips = tool_grips(cell.robots, part.shape, part.start, goal, rules)
+    grips = tool_grips(list(outfits(cell.robots)), part.shape, part.start, goal, rules)
     return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
+
+
+def require_ways(
+    cell: Workcell, assembly: PartAssembly, steps: Iterable[KnownStep]
+) -> None:
+    """Require that parts are not led straight through what they touch in their places or at their starts.
+
+    As it may be touched, it is not looked at as an obstacle. What is in each other at the start
+    already is a mistake of another kind.
+
+    Raises:
+        InfeasibleStepError: a part would go through something; says what helps.
+    """
+    for number, step in enumerate(steps, start=1):
+        if not isinstance(step, PartStep):
+            continue
+        part, ways = step.part, assembly.ways(step.part.name)
+        lying = standing(cell)
+        lying |= {name: (item, at.pose) for name, (item, at) in step.around.items()}
+        for place, touched, direction, length, words in (
+            (step.goal, step.at_goal, np.array(ways.insertion), ways.approach, _IN),
+            (part.start, step.at_start, -np.array(ways.extraction), ways.leave, _OUT),
+        ):
+            for other, gap in sorted(touched.items()):
+                most = assembly.overlaps.most(part.name, other) + _GRAZED
+                way = (part, place), lying[other], direction, length, most
+                if gap >= -most and leads_through(*way):
+                    raise InfeasibleStepError(
+                        f"step {number} ({part.name}) leads through {other} on the straight way"
+                        f" {words}"
+                    )
 
 
 def _require_standing(step: str, touched: Mapping[str, float]) -> None:
@@ -149,14 +271,32 @@ def _require_standing(step: str, touched: Mapping[str, float]) -> None:
         )
 
 
-def _require_room(step: str, touched: Mapping[str, float]) -> None:
-    if not touched:
+def _require_room(
+    number: int, name: str, touched: Mapping[str, float], overlaps: Overlaps
+) -> None:
+    deep = {k: -gap for k, gap in touched.items() if -gap > overlaps.most(name, k)}
+    if not deep:
         return
-    other, gap = min(touched.items(), key=lambda entry: entry[1])
-    if gap < -MOST_OVERLAP:
-        raise InfeasibleStepError(
-            f"{step} goes where {other} is: they would overlap by {-gap * 1e3:.1f} mm"
-        )
+    other = max(deep, key=deep.__getitem__)
+    most = overlaps.most(name, other)
+    raise InfeasibleStepError(
+        f"step {number} ({name}) goes where {other} is: they would overlap by"
+        f" {deep[other] * 1e3:.1f} mm, and may by {most * 1e3:g} mm"
+        + node_remedy(name, other, deep[other], overlaps)
+    )
+
+
+def node_remedy(name: str, other: str, depth: float, overlaps: Overlaps) -> str:
+    """Return in words what would let two bars that meet in a node be in each other."""
+    wide = math.ceil(depth * 1e3) / 1e3
+    if wide > DEEPEST_NODE:
+        return ""
+    if {name, other} in overlaps.joined:
+        return f"; if they meet in a node, say joined_overlap_m: {wide:g}"
+    words = f"; if they meet in a node, join them (joined: [[{other}, {name}]])"
+    if wide > overlaps.depth:
+        words += f" and say joined_overlap_m: {wide:g}"
+    return words
 
 
 def _work_step(
@@ -166,15 +306,9 @@ def _work_step(
     touch: float,
     held: Held | None,
 ) -> WorkStep:
-    fixtures = {item.name: item for item in cell.fixtures}
-    base: Transform = np.eye(4)
-    if step.owner in fixtures:
-        fixture = fixtures[step.owner]
-        base = fixture.pose
-        if step.frame is not None:
-            base = base @ fixture.frames[step.frame]
-    elif step.owner is not None:
-        base = where[step.owner]
+    base = where.get(step.owner or "")
+    if base is None:
+        base = _frame_of(cell, step.owner, step.frame)
     place = readonly(base @ step.pose)
     around = _around(cell, where)
     lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
@@ -183,6 +317,39 @@ def _work_step(
         touched |= near_to(tip, lying, touch + TIP).keys()
     names = frozenset(name for name in touched if name is not None)
     return WorkStep(step, place, around, names, held)
+
+
+def stop_pose(cell: Workcell, stop: Stop) -> Transform:
+    """Return where the frame of a part comes to lie in the world at a stop."""
+    return readonly(_frame_of(cell, stop.fixture, stop.frame) @ stop.pose)
+
+
+def _frame_of(cell: Workcell, fixture: str | None, frame: str | None) -> Transform:
+    """Return the pose of a fixture, or of one of its frames; None stands for the world."""
+    for item in cell.fixtures:
+        if item.name == fixture:
+            inside = np.eye(4) if frame is None else item.frames[frame]
+            return np.asarray(item.pose @ inside)
+    return np.eye(4)
+
+
+def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> None:
+    """Refuse to take a part on from where it was put down, if another one was put to it there."""
+    part, moved = step.part.name, False
+    leant: set[str] = set()
+    for other in before:
+        if not isinstance(other, PartStep):
+            continue
+        leant.discard(other.part.name)
+        if other.part.name == part:
+            moved, leant = True, set()
+        elif moved and part in other.at_goal:
+            leant.add(other.part.name)
+    if leant:
+        raise InfeasibleStepError(
+            f"step {number} ({step.step.words}): {min(leant)} was put to it where it lies; what is"
+            " put to a part must wait until that is in its place"
+        )
 
 
 def _around(cell: Workcell, where: Mapping[str, Transform]) -> Around:

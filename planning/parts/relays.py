@@ -19,6 +19,7 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep
+from planning.parts.tool_fit import overload
 from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
 from planning.transforms import (
@@ -83,17 +84,14 @@ class End:
     cost: float
 
 
-def find_relays(
-    cell: Workcell, assembly: PartAssembly, skills: PartSkills, step: PartStep
-) -> list[Relay]:
+def find_relays(skills: PartSkills, step: PartStep) -> list[Relay]:
     """Return ways to do a step with the part laid down in between, the cheapest of each pair first.
 
     Args:
-        cell: its objects are the parts.
-        assembly: goals, grips and approaches.
         skills: of the robots.
         step: that no robot can do alone.
     """
+    cell, assembly = skills.cell, skills.assembly
     robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
     picks = ends_of(robots, assembly, skills, step, pick=True)
     places = ends_of(robots, assembly, skills, step, pick=False)
@@ -146,6 +144,8 @@ def ends_of(
     out = []
     rules = assembly.ways(step.part.name).grips
     for robot in robots:
+        if overload(robot, step.part) is not None:
+            continue
         count = 0
         for grip in robot_grips(robot, step.part.shape, at, at, rules):
             if skills.misfit(robot, step.part, grip) is not None:

@@ -1,4 +1,4 @@
-"""Steps of an assembly of parts: a part is put in its place, or a process is done somewhere."""
+"""Steps of an assembly of parts: a part is put somewhere, a process is done, a machine works."""
 
 from __future__ import annotations
 
@@ -35,20 +35,43 @@ class Step(ABC):
         return self.robots is None or robot in self.robots
 
 
+@dataclass(frozen=True)
+class Stop:
+    """A place where a part is put down on its way, such as the nest of a machine.
+
+    Attributes:
+        at: where, for people, such as ``"vise/nest"``.
+        fixture: name of the fixture that ``pose`` belongs to, None for the world.
+        frame: name of a frame of that fixture, None for the fixture's own.
+        pose: of the frame of the part there.
+    """
+
+    at: str
+    fixture: str | None
+    frame: str | None
+    pose: Transform
+
+
 @dataclass(frozen=True, kw_only=True)
 class Place(Step):
-    """A part is picked where it is at the start and put in its place.
+    """A part is picked where it is by then and put in its place, or down on its way.
 
     Attributes:
         part: its name.
+        stop: where it is put down on its way, None where it comes to its place.
+        until: name of the step until which is complete its robot keeps hold of it, None to let
+            go of it at once, or when nothing falls any more.
     """
 
     part: str
+    stop: Stop | None = None
+    until: str | None = None
 
     @property
     def words(self) -> str:
         """What it is, for people."""
-        return f"pick and place {self.part}"
+        way = "" if self.stop is None else f" at {self.stop.at}"
+        return f"pick and place {self.part}{way}"
 
 
 @dataclass(frozen=True)
@@ -99,6 +122,38 @@ class Work(Step):
         return f"{self.process.name} {self.at}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class MachineWork(Step):
+    """A machine works at a part where it lies, or time alone does: no robot is needed.
+
+    Attributes:
+        process: what is done, the kind of its task.
+        machine: the chain whose task it is.
+        part: what is worked at.
+        door: object that is there for as long as it works and keeps robots out, None for none.
+    """
+
+    process: str
+    machine: str
+    part: str
+    door: str | None = None
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        return f"{self.process} {self.part}"
+
+
+AnyStep = Place | Work | MachineWork
+
+
 def placed_parts(steps: Sequence[Step]) -> tuple[str, ...]:
     """Return the names of the parts that are put in their places, in the order of the steps."""
-    return tuple(step.part for step in steps if isinstance(step, Place))
+    return tuple(
+        step.part for step in steps if isinstance(step, Place) and step.stop is None
+    )
+
+
+def moves_on(steps: Sequence[Step]) -> set[str]:
+    """Return the names of the parts that are put down on their way, and taken on from there."""
+    return {s.part for s in steps if isinstance(s, Place) and s.stop is not None}

@@ -12,19 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from planning.parts.assembly import DOWN, UP
 from planning.parts.steps import Process
-from planning.skills.subgoals import SkillTargets, Subgoal
+from planning.skills.subgoals import SkillTargets, Subgoal, straight_way
 from planning.tasks.task import HOLD
 from planning.transforms import Array, Transform, rotation, translation
 
 Vector = tuple[float, float, float]
 
-STRIDE = 0.03
-"""Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
-joint space, which then strays from the straight line in the world by a fraction of a
-millimetre."""
-
 SMALL_STRIDE = 0.01
-"""The same on the path of a process, where the tool is at work [m]."""
+"""Longest straight way between two subgoals of a process, where the tool is at work [m]."""
 
 SMALL_TURN = math.radians(5.0)
 """Most that the tool turns between two subgoals of such a path [rad]."""
@@ -44,9 +39,9 @@ def pick_targets(
     """
     back = grip @ translation(0.0, 0.0, -approach)
     subgoals = [
-        *_straight(frame, "approach", back, grip),
+        *straight_way(frame, "approach", back, grip),
         Subgoal("attach", frame, grip),
-        *_straight(frame, "lift", _moved(grip, out, leave), grip)[::-1],
+        *straight_way(frame, "lift", _moved(grip, out, leave), grip)[::-1],
     ]
     return SkillTargets("pick", tuple(subgoals), change_at=_index(subgoals))
 
@@ -65,9 +60,9 @@ def place_targets(
     """
     back = grip @ translation(0.0, 0.0, -leave)
     subgoals = [
-        *_straight(frame, "above", _moved(grip, into, -approach), grip),
+        *straight_way(frame, "above", _moved(grip, into, -approach), grip),
         Subgoal("attach", frame, grip),
-        *_straight(frame, "leave", back, grip)[::-1],
+        *straight_way(frame, "leave", back, grip)[::-1],
     ]
     return SkillTargets("place-down", tuple(subgoals), change_at=_index(subgoals))
 
@@ -81,7 +76,10 @@ def hold_targets(frame: str, grip: Transform, approach: float) -> SkillTargets:
         approach: length of the straight way along the tool before that [m].
     """
     back = grip @ translation(0.0, 0.0, -approach)
-    subgoals = [*_straight(frame, "approach", back, grip), Subgoal(HOLD, frame, grip)]
+    subgoals = [
+        *straight_way(frame, "approach", back, grip),
+        Subgoal(HOLD, frame, grip),
+    ]
     return SkillTargets(HOLD, tuple(subgoals))
 
 
@@ -112,8 +110,8 @@ def process_targets(process: Process, place: Transform, turn: float) -> ProcessT
     poses = [place @ at @ facing for at in process.path or (np.eye(4),)]
     back = translation(0.0, 0.0, -process.approach)
     way = [Subgoal(name, frame, pose) for pose in _along(poses)]
-    approach = _straight(frame, "approach", poses[0] @ back, poses[0])
-    leave = _straight(frame, "leave", poses[-1] @ back, poses[-1])[::-1]
+    approach = straight_way(frame, "approach", poses[0] @ back, poses[0])
+    leave = straight_way(frame, "leave", poses[-1] @ back, poses[-1])[::-1]
     first, last = len(approach), len(approach) + len(way) - 1
     subgoals = (*approach, *way, *leave)
     return ProcessTargets(SkillTargets(name, subgoals), first, last)
@@ -154,23 +152,11 @@ def handover_targets(
     before[:3, 3] -= coming
     back = grip @ translation(0.0, 0.0, -leave)
     subgoals = [
-        *_straight(frame, "bring", before, grip),
+        *straight_way(frame, "bring", before, grip),
         Subgoal("attach", frame, grip),
-        *_straight(frame, "leave", back, grip)[::-1],
+        *straight_way(frame, "leave", back, grip)[::-1],
     ]
     return SkillTargets("handover", tuple(subgoals), change_at=_index(subgoals))
-
-
-def _straight(frame: str, name: str, far: Transform, near: Transform) -> list[Subgoal]:
-    """Return subgoals on the straight way from ``far`` to ``near``, the latter left out."""
-    way = near[:3, 3] - far[:3, 3]
-    count = max(1, math.ceil(float(np.linalg.norm(way)) / STRIDE - 1e-9))
-    out = []
-    for k in range(count):
-        pose = far.copy()
-        pose[:3, 3] += way * k / count
-        out.append(Subgoal(name, frame, pose))
-    return out
 
 
 def _moved(pose: Transform, direction: Vector, way: float) -> Transform:

@@ -1,4 +1,4 @@
-"""Whether a tool has room at a part that is no box: its own body on the way to a grip."""
+"""Whether a robot may take a part: its weight, and room for the tool's own body on the way to a grip."""
 
 from __future__ import annotations
 
@@ -23,13 +23,24 @@ _NOWHERE: Array = np.zeros(0)
 _FITS: KeptAnswers[float] = KeptAnswers(20_000)
 
 
+def overload(robot: PlacedRobot, part: CellObject) -> str | None:
+    """Return why a part is too heavy for a robot, None where it is not."""
+    drives = robot.model.drives
+    if drives is None or part.mass <= drives.spare:
+        return None
+    return (
+        f"it may carry {drives.spare:.3g} kg beside its tool, and {part.name} weighs"
+        f" {part.mass:g} kg"
+    )
+
+
 def tool_misfit(
     robot: PlacedRobot, frame: str, part: CellObject, grip: Grip, approach: float
 ) -> Obstruction | None:
     """Return why a robot's tool cannot hold a part by a grip, None where it can.
 
-    Its own body would be in the part on the straight way to the grip, open as it is described: of
-    what is no box, that is looked at.
+    Its own body would be in the part on the straight way to the grip, open as it is described. Boxes
+    between the fingers of robots that come with their tools are not looked at: those follow them.
 
     Args:
         robot: the robot.
@@ -38,13 +49,13 @@ def tool_misfit(
         grip: the grip.
         approach: length of the straight way to it [m].
     """
-    if part.shape.is_box:
+    if part.shape.is_box and robot.model.grip is None:
         return None
     depth = _depth(robot, frame, part.shape, grip.pose, approach)
     if depth <= DEEPEST:
         return None
     return Obstruction(
-        f"the tool of {robot.name} would be {depth * 1e3:.1f} mm in {part.name}"
+        f"the tool of {robot.name} would be {depth * 1e3:.1f} mm in {part.name}, open as it is held"
     )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio
@@ -20,6 +21,7 @@ from planning.cell.robot_model import (
 )
 from planning.errors import RobotModelError
 from planning.robots.descriptions.flange import flange_link, links_on, tip_link
+from planning.robots.descriptions.urdf_checks import number
 from planning.robots.descriptions.urdf_file import UrdfFile, UrdfOptions, serial_chain
 from planning.robots.descriptions.written_options import written_options
 from planning.robots.descriptions.xml_reading import read_xml
@@ -85,17 +87,33 @@ def load_urdf(
         home=readonly(rest),
         flange_link=flange_name,
         grip=known.grip,
-        drives=_drives(description, known.payload),
+        drives=_drives(root, description, known, set(hanging)),
     )
 
 
-def _drives(description: UrdfFile, payload: float | None) -> DriveLimits:
-    joints = description.joints
+def _mass(root: Element, links: set[str]) -> float:
+    """Return the mass of links, as far as a description tells it [kg]."""
+    return sum(
+        number(mass.get("value", "0"), "mass of a link")
+        for link in root.findall("link")
+        if link.get("name") in links
+        and (mass := link.find("inertial/mass")) is not None
+    )
+
+
+def _drives(
+    root: Element, description: UrdfFile, known: UrdfOptions, tool: set[str]
+) -> DriveLimits:
+    joints, payload = description.joints, known.payload
     return DriveLimits(
-        acceleration=readonly([joint.acceleration for joint in joints]),
-        jerk=readonly([joint.jerk for joint in joints]),
+        acceleration=readonly(
+            known.acceleration or [joint.acceleration for joint in joints]
+        ),
+        jerk=readonly(known.jerk or [joint.jerk for joint in joints]),
         effort=readonly([joint.effort for joint in joints]),
         payload=math.inf if payload is None else payload,
+        # Nobody asks for it otherwise, and not every description has masses that are numbers.
+        tool_mass=0.0 if payload is None else _mass(root, tool),
     )
 
 

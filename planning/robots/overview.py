@@ -206,17 +206,6 @@ def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:
     return out
 
 
-def tool_mass(model: RobotModel) -> float:
-    """Return the mass of a robot's tool, as far as its description tells it [kg]."""
-    root = read_xml(model.urdf)
-    tool = _tool_links(root, model)
-    return sum(
-        float(mass.get("value", "0"))
-        for link in root.findall("link")
-        if link.get("name") in tool and (mass := link.find("inertial/mass")) is not None
-    )
-
-
 def _tool_links(root: Element, model: RobotModel) -> set[str]:
     notes = written_options(root)
     tool = set(notes.tool_links or ()) if notes else set[str]()

@@ -13,6 +13,7 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError
 from planning.files import is_file
+from planning.packages import file_named
 from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.read_description import is_plain_urdf
 from planning.robots.descriptions.urdf_file import UrdfOptions
@@ -32,6 +33,8 @@ class RobotEntry(UrdfOptions):
         file: path of the description in its folder.
         folder: of the description, of others' among ours; None for our own.
         meshes: a further folder among ours in which meshes are looked up.
+        limits_source: where its limits come from that others publish; what is not named there
+            is the usual value.
         tools: tools it comes with, each with the name of the entry that carries it; the same
             for all of them.
     """
@@ -44,6 +47,7 @@ class RobotEntry(UrdfOptions):
     file: str
     folder: str | None = None
     meshes: str | None = None
+    limits_source: str = ""
     tools: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -105,6 +109,9 @@ _ENTRIES = (
         file="panda.urdf",
         flange_link="panda_link8",
         frozen={"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02},
+        acceleration=(15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
+        jerk=(7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0),
+        limits_source="accelerations, jerks: Franka Control Interface (libfranka), robot limits",
     ),
     RobotEntry(
         name="iiwa14",
@@ -119,6 +126,7 @@ _ENTRIES = (
         flange_link="lbr_iiwa_link_7",
         flange_offset=translation(0.0, 0.0, 0.045),
         velocity=_radians(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
+        limits_source="speeds: maker's data sheet",
     ),
     RobotEntry(
         name="ur5e",
@@ -207,7 +215,7 @@ def robot_model(
     """Return a registered robot, or one read from a file. Results are cached.
 
     Args:
-        name_or_path: name in ROBOTS, or path of a URDF or MJCF file.
+        name_or_path: name in ROBOTS, or path of a URDF or MJCF file, or ``package://PACKAGE/PATH``.
         base_dir: what a relative path is relative to; the working directory by default.
         fitting: what a cell adds to it: a tool, a flange, limits, joints that are held.
 
@@ -222,7 +230,8 @@ def robot_model(
         dirs = _folders(entry)
         return _fitted(dirs[0] / entry.file, entry, fitting, dirs)
     try:
-        path = Path(base_dir or ".", name_or_path).resolve()
+        folder = Path(base_dir or ".")
+        path = file_named(name_or_path, folder, RobotModelError).resolve()
     except (OSError, ValueError) as error:
         raise RobotModelError(f"no robot {name_or_path[:60]!r}: {error}") from None
     if not is_file(path) and path.suffix.lower() not in (".urdf", ".xml", ".mjcf"):
@@ -246,6 +255,8 @@ def _fitted(
     name = options.name or path.stem
     if fitting.tool is not None:
         name += f"+{fitting.tool.name}"
+    elif fitting.bare:
+        name += "+tools"
     elif name in ROBOTS:
         name += "-fitted" if path.is_relative_to(_DESCRIPTIONS) else _FILE
     kept = keep_description(root, name)

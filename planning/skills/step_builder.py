@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.cell.workcell import CellObject
+from planning.cell.workcell import CellObject, PlacedRobot
 from planning.skills.contacts import Pairs
 from planning.skills.joint_paths import SkillPath
+from planning.tasks.supply_tasks import STILL
 from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
 from planning.transforms import Array, Transform, readonly
 
@@ -43,6 +44,15 @@ class StepBuilder:
         path = readonly(np.atleast_2d(to))
         task = Task(
             *(self._next, robot, TRANSIT, self.step, label, path, (), carries), goal
+        )
+        return self._append(task)
+
+    def stand(self, robot: PlacedRobot, label: str, handling: Handling) -> int:
+        """Append a task in which something changes hands and the robot stays at HOME."""
+        task = Task(
+            *(self._next, robot.name, TRANSIT, self.step, label),
+            readonly(robot.home[None]),
+            (handling,),
         )
         return self._append(task)
 
@@ -86,6 +96,18 @@ class StepBuilder:
         )
         return self._append(task)
 
+    def unmoved(
+        self,
+        machine: str,
+        kind: str,
+        label: str,
+        item: str,
+        handlings: tuple[Handling, ...] = (),
+    ) -> int:
+        """Append a task of a machine at an object, and return its index."""
+        task = Task(self._next, machine, kind, self.step, label, STILL, handlings, item)
+        return self._append(task)
+
     def lead_in(self, path: SkillPath, label: str, carries: str | None) -> None:
         """Append the transits to where a skill starts."""
         for goal in path.lead:
@@ -104,6 +126,11 @@ class StepBuilder:
         """Allow contacts no deeper than the contact tolerance during a task."""
         for entry in pairs:
             self._grazed.setdefault(entry, set()).add(task)
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """The tasks so far."""
+        return tuple(self._tasks)
 
     def of_robot(self, robot: str, first: int, last: int) -> list[int]:
         """Return the tasks of a robot from one index to another, both included."""

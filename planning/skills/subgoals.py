@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from planning.transforms import Transform
+
+STRIDE = 0.03
+"""Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
+joint space, which then strays from the straight line in the world by a fraction of a
+millimetre."""
 
 
 @dataclass(frozen=True)
@@ -39,3 +47,17 @@ class SkillTargets:
     subgoals: tuple[Subgoal, ...]
     change_at: int | None = None
     lead: int = 1
+
+
+def straight_way(
+    frame: str, name: str, far: Transform, near: Transform
+) -> list[Subgoal]:
+    """Return subgoals on the straight way from ``far`` to ``near``, the latter left out."""
+    way = near[:3, 3] - far[:3, 3]
+    count = max(1, math.ceil(float(np.linalg.norm(way)) / STRIDE - 1e-9))
+    out = []
+    for k in range(count):
+        pose = far.copy()
+        pose[:3, 3] += way * k / count
+        out.append(Subgoal(name, frame, pose))
+    return out

@@ -13,18 +13,28 @@ tilt of gravity) decide about all states.
 
 Joints that bear so much and no more spoil the sum: their forces add up to more than they bear.
 Where there are any, steps of parts that hang together wait for each other in their order.
+
+Who places a part may keep hold of it until a later step is done: the hand carries it until then,
+and what rests on it, and from that step on its weight goes down through what that step waits for.
+Another part that such a one may carry is looked at with it in the hand and out of it. Where a part
+would fall and a later step joins it, it is kept hold of until that one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, combinations
 
 import networkx as nx
 
 from planning.statics.standing import Joint, Standing
 
 Waits = frozenset[tuple[int, int]]
+
+_MOST_OPEN = 4
+"""So many parts in hands are looked at in and out of them; where there are more, all is as one."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +44,25 @@ class BuildStep:
     Attributes:
         adds: names of the bodies that are in place from then on.
         joins: what is joined from then on.
+        until: number of the step until which what it adds is kept hold of, None for not at all.
     """
 
     adds: tuple[str, ...] = ()
     joins: tuple[Joint, ...] = ()
+    until: int | None = None
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A build in which everything always stands.
+
+    Attributes:
+        waits: what steps must wait for beyond what they wait for anyway.
+        keeps: by step that adds a body, the step until which who adds it keeps hold of it.
+    """
+
+    waits: Waits
+    keeps: Mapping[int, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -47,49 +72,181 @@ class Fall:
     Attributes:
         step: number of the step after which it does, from 0.
         body: what falls.
-        holds: bodies each of which would keep everything in balance if it were held.
+        holds: bodies that come into play with that step, and what falls: those each of which
+            would keep everything in balance if it were held.
+        held: what is in hands then.
     """
 
     step: int
     body: str
     holds: tuple[str, ...]
+    held: tuple[str, ...] = ()
 
 
 def waits_for_balance(
-    standing: Standing, steps: Sequence[BuildStep], waits: Iterable[tuple[int, int]]
-) -> Waits | Fall:
+    standing: Standing,
+    steps: Sequence[BuildStep],
+    waits: Iterable[tuple[int, int]],
+    keepable: Collection[str] | None = None,
+) -> Stand | Fall:
     """Return what steps must wait for beyond what they wait for anyway, or the first fall.
 
     Args:
         standing: knows the bodies in their places.
         steps: in their order; the structure has to stand after each of them.
         waits: pairs of step numbers from 0, (a, b) for b after a, each with a < b.
+        keepable: bodies that may be kept hold of until a later step joins them where they would
+            fall; any by default.
 
     Returns:
         Pairs like ``waits`` with which the structure stands in every state that is reachable;
         or a state that does not stand, of those that come up in the given order.
     """
-    order: nx.DiGraph[int] = nx.DiGraph()
-    order.add_nodes_from(range(len(steps)))
-    order.add_edges_from(waits)
-    together = _hanging_together(standing, steps)
-    out: set[tuple[int, int]] = set()
-    for k, step in enumerate(steps):
-        mates = [n for n in range(k) if together[n] == together[k]]
-        before = {*nx.ancestors(order, k), k}
+    return _Build(standing, steps, waits, keepable).looked_at()
+
+
+class _Build:
+    """Goes through the steps of a build in their order."""
+
+    def __init__(
+        self,
+        standing: Standing,
+        steps: Sequence[BuildStep],
+        waits: Iterable[tuple[int, int]],
+        keepable: Collection[str] | None,
+    ) -> None:
+        self._standing, self._steps, self._keepable = standing, steps, keepable
+        self._until = {k: s.until for k, s in enumerate(steps) if s.until is not None}
+        self._order: nx.DiGraph[int] = nx.DiGraph()
+        self._order.add_nodes_from(range(len(steps)))
+        self._order.add_edges_from(waits)
+        self._order.add_edges_from(self._until.items())
+        self._together = _hanging_together(standing, steps)
+        self._whole: set[int] = set()
+        self._new: set[tuple[int, int]] = set(self._until.items())
+
+    def looked_at(self) -> Stand | Fall:
+        """Return what must wait for what, or the first fall."""
+        for k in range(len(self._steps)):
+            fall = self._fall(k)
+            while fall is not None:
+                if not self._keep(fall):
+                    return fall
+                fall = self._fall(k)
+        return Stand(frozenset(self._new), dict(self._until))
+
+    def _fall(self, k: int) -> Fall | None:
+        """Return what falls after a step; let it wait for what it needs where nothing does."""
+        mates = [n for n in range(k) if self._together[n] == self._together[k]]
+        before = {*nx.ancestors(self._order, k), k}
         stepwise = any(
-            not joint.endless for n in (*mates, k) for joint in steps[n].joins
+            not joint.endless for n in (*mates, k) for joint in self._steps[n].joins
         )
-        if not stepwise and _carried(standing, steps, before, step.adds):
-            continue
-        everything = sorted({*before, *mates})
-        body = _falling(standing, steps, everything)
+        if not stepwise and k not in self._whole and self._carried(k, before):
+            return None
+        everything = {*before, *mates}
+        held = self._held(everything)
+        there, joints = _state(self._steps, everything)
+        body = self._standing.falling(there, joints=joints, held=held)
         if body is not None:
-            return Fall(k, body, _helping_holds(standing, steps, everything))
+            new_ones = [*self._steps[k].adds, *self._let_go(k), body]
+            holds = tuple(
+                name
+                for name in dict.fromkeys(new_ones)
+                if name not in held
+                and self._standing.falling(there, joints=joints, held=(*held, name))
+                is None
+            )
+            return Fall(k, body, holds, held)
         new = [(n, k) for n in mates if n not in before]
-        order.add_edges_from(new)
-        out.update(new)
-    return frozenset(out)
+        self._order.add_edges_from(new)
+        self._new.update(new)
+        # What was balanced with these in hands is looked at again when hands let go.
+        self._whole |= {
+            last for n in everything if (last := self._until.get(n, -1)) > k
+        }
+        return None
+
+    def _carried(self, k: int, before: Collection[int]) -> bool:
+        """Return whether what is to be carried from a step on is, by what is there before alone."""
+        loads = () if k in self._until else self._steps[k].adds
+        loads = (*loads, *self._let_go(k))
+        if not loads:
+            return True
+        in_hands = sorted(n for n in before if self._until.get(n, k) not in before)
+        if len(in_hands) > _MOST_OPEN:
+            return False
+        return all(
+            self._standing.falling(
+                there, joints=joints, held=held, weighing=frozenset(loads)
+            )
+            is None
+            for there, joints, held in self._cases(before, in_hands)
+        )
+
+    def _cases(
+        self, before: Collection[int], in_hands: Sequence[int]
+    ) -> Iterator[tuple[list[str], list[Joint], tuple[str, ...]]]:
+        """Yield what is there, what is joined and what is held, whoever has let go by then."""
+        for count in range(len(in_hands) + 1):
+            for gone in combinations(in_hands, count):
+                done = set(before)
+                for n in gone:
+                    last = self._until[n]
+                    done |= {last, *nx.ancestors(self._order, last)}
+                # Other parts in hands may be there or not: they are left out.
+                others = {
+                    n
+                    for n in done - set(before)
+                    if self._until.get(n, -1) not in done and n in self._until
+                }
+                there, joints = _state(self._steps, done - others)
+                held = [n for n in in_hands if self._until[n] not in done]
+                names = (name for n in held for name in self._steps[n].adds)
+                yield there, joints, tuple(names)
+
+    def _held(self, done: Collection[int]) -> tuple[str, ...]:
+        """Return what hands hold once some steps are done."""
+        return tuple(
+            name
+            for n, last in self._until.items()
+            if n in done and last not in done
+            for name in self._steps[n].adds
+        )
+
+    def _let_go(self, k: int) -> list[str]:
+        """Return what hands let go of after a step."""
+        own = (self._steps[n].adds for n, last in self._until.items() if last == k)
+        return list(chain.from_iterable(own))
+
+    def _keep(self, fall: Fall) -> bool:
+        """Keep hold of what falls, or would if let go, until a later step joins it; tell whether."""
+        k = fall.step
+        own = [k] if k not in self._until else []
+        let_go = [n for n, last in self._until.items() if last == k]
+        own += [n for n in let_go if self._steps[n].until is None]
+        for n in own:
+            names = self._steps[n].adds
+            if len(names) != 1 or names[0] not in fall.holds:
+                continue
+            if self._keepable is not None and names[0] not in self._keepable:
+                continue
+            last = next(self._joining(names[0], k), None)
+            if last is None:
+                continue
+            self._until[n] = last
+            self._order.add_edges_from({(n, last), (k, last)})
+            self._new |= {(n, last), (k, last)}
+            if k in self._whole:
+                self._whole.add(last)
+            return True
+        return False
+
+    def _joining(self, body: str, k: int) -> Iterator[int]:
+        """Yield the steps after one that join a body."""
+        for n in range(k + 1, len(self._steps)):
+            if any(body in (j.first, j.second) for j in self._steps[n].joins):
+                yield n
 
 
 def _hanging_together(standing: Standing, steps: Sequence[BuildStep]) -> list[int]:
@@ -107,42 +264,16 @@ def _hanging_together(standing: Standing, steps: Sequence[BuildStep]) -> list[in
         for name in names
     }
     out = []
+    let_go: dict[int, list[str]] = defaultdict(list)
+    for step in steps:
+        if step.until is not None:
+            let_go[step.until] += step.adds
     for k, step in enumerate(steps):
         named = [*step.adds, *(n for j in step.joins for n in (j.first, j.second))]
+        named += let_go[k]
         found = [number[name] for name in named if name in number]
         out.append(found[0] if found else -1 - k)
     return out
-
-
-def _carried(
-    standing: Standing,
-    steps: Sequence[BuildStep],
-    before: Collection[int],
-    bodies: Collection[str],
-) -> bool:
-    """Return whether the weight of some bodies alone goes down through what is there before."""
-    if not bodies:
-        return True
-    there, joints = _state(steps, before)
-    return standing.falling(there, joints=joints, weighing=bodies) is None
-
-
-def _falling(
-    standing: Standing, steps: Sequence[BuildStep], done: Collection[int]
-) -> str | None:
-    there, joints = _state(steps, done)
-    return standing.falling(there, joints=joints)
-
-
-def _helping_holds(
-    standing: Standing, steps: Sequence[BuildStep], done: Collection[int]
-) -> tuple[str, ...]:
-    there, joints = _state(steps, done)
-    return tuple(
-        name
-        for name in there
-        if standing.falling(there, joints=joints, held=(name,)) is None
-    )
 
 
 def _state(

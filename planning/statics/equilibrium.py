@@ -231,7 +231,14 @@ class Equilibrium:
         solve: Callable[..., OptimizeResult] = linprog
         totals = [total for _, total in self._shared]
         target = np.concatenate([-self._wrench.ravel(), totals])
-        return solve(cost, A_eq=matrix, b_eq=target, bounds=bounds, method="highs")
+        for presolve in (True, False):  # presolving leaves some in doubt
+            result = solve(
+                *(cost, None, None, matrix, target, bounds, "highs", None),
+                {"presolve": presolve},
+            )
+            if result.status in (0, _INFEASIBLE):
+                break
+        return result
 
     def _pulled(
         self, pushes: Array, pulls: Array

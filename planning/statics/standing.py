@@ -104,6 +104,7 @@ class Standing:
         self.rules = rules or StandingRules()
         self.bodies = bodies
         self._ground = ground
+        self._known: dict[tuple[object, ...], str | None] = {}
         self._boxes = {
             name: _bounds(body) for name, body in {**ground, **bodies}.items()
         }
@@ -137,11 +138,23 @@ class Standing:
             held: bodies that robots hold: they move no more than the ground does.
             weighing: the bodies whose weight counts; all of them by default.
         """
-        present = [name for name in there if name not in held]
-        if not present:
+        if not set(there) - set(held):
             return None
+        weights = None if weighing is None else frozenset(weighing)
+        key = frozenset(there), frozenset(joints), frozenset(held), weights
+        if key not in self._known:
+            self._known[key] = self._found(there, joints, set(held), weights)
+        return self._known[key]
+
+    def _found(
+        self,
+        there: Collection[str],
+        joints: Collection[Joint],
+        held: set[str],
+        weighing: Collection[str] | None,
+    ) -> str | None:
         for down in self._downs():
-            report = self._report(down, frozenset(there), joints, set(held), weighing)
+            report = self._report(down, frozenset(there), joints, held, weighing)
             if not report.stable:
                 return report.body
         return None

@@ -1,15 +1,20 @@
 """Assignment as data: candidates for every step, with costs, and the choice of one (APEX-MR IV-A).
 
-Free of any domain: robots and objects are names, grasps and support poses are numbers whose
+Free of any domain: robots, objects and tools are names, grasps and support poses are numbers whose
 meaning only the maker of the candidates knows.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+
+Tools = frozenset[tuple[str, str]]
+"""Robots that must have a certain one of their tools on them, each with the name of that tool."""
+
+NO_TOOLS: Tools = frozenset()
 
 _MOST_REASONS = 12
 """How many reasons for rejections are named."""
@@ -28,6 +33,7 @@ class PrimaryCandidate:
         partner: robot that must be the support robot of the step, because it hands the object
             over; None when any may. In a step without support it only hands the object over.
         after: objects that stand in the way until an earlier step has used them.
+        tools: that robots which change theirs must have on them.
     """
 
     step: int
@@ -37,6 +43,7 @@ class PrimaryCandidate:
     cost: float
     partner: str | None = None
     after: frozenset[str] = frozenset()
+    tools: Tools = NO_TOOLS
 
 
 @dataclass(frozen=True)
@@ -48,12 +55,14 @@ class SupportCandidate:
         robot: who supports.
         pose: number of the support pose.
         cost: C^s_ijg, joint-space distance.
+        tools: that the robot must have on it, if it changes some.
     """
 
     step: int
     robot: str
     pose: int
     cost: float
+    tools: Tools = NO_TOOLS
 
 
 @dataclass(frozen=True)
@@ -81,14 +90,21 @@ class AssignmentProblem:
         needs_support: delta^s per step.
         primaries: candidates X.
         supports: candidates Y.
-        incompatible: pairs (index into primaries, index into supports) of one step that cannot
-            go together, such as poses that collide with each other.
+        incompatible: pairs (index into primaries, index into supports) that cannot go together,
+            such as poses that collide with each other: of one step, or of a step that is kept
+            and a later one.
         unlimited: objects that stand for an endless supply, exempt from use-once (6).
         balance: load balance; lambda is this times the mean cost of a step at its cheapest. At
             1 a robot that takes two steps in a row instead of sharing them (a spread of 2 in
             one window) pays two steps' worth of motion, which outweighs all but large detours.
             The published code uses 1000 against costs in degrees, about 4 here.
+        mounted: tools that robots which change theirs have on them before the first step.
+        changes: what it costs to change a tool, by robot, tool before and tool after; empty where
+            nobody does.
         rejections: what is not a candidate and why; for messages only.
+        kept: by step whose robot keeps hold of what it placed the step until which it does, so
+            that it can do no other one.
+        clashing: pairs of indices into primaries of different steps that cannot go together.
     """
 
     robots: tuple[str, ...]
@@ -99,7 +115,11 @@ class AssignmentProblem:
     incompatible: frozenset[tuple[int, int]] = frozenset()
     unlimited: frozenset[str] = frozenset()
     balance: float = 1.0
+    mounted: Mapping[str, str] = field(default_factory=dict)
+    changes: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
     rejections: tuple[Rejection, ...] = field(default=(), repr=False)
+    kept: Mapping[int, int] = field(default_factory=dict)
+    clashing: frozenset[tuple[int, int]] = frozenset()
 
     @cached_property
     def balance_weight(self) -> float:
@@ -143,6 +163,26 @@ class AssignmentProblem:
             return False
         return (primary, support) not in self.incompatible
 
+    def fits(self, choice: StepChoice, others: Sequence[StepChoice]) -> bool:
+        """Tell whether a choice goes with those of other steps that are kept, or while it is."""
+        for other in others:
+            first, then = sorted((choice, other), key=lambda c: c.step)
+            if not first.step < then.step <= self.kept.get(first.step, 0):
+                continue
+            if first.robot in then.robots:
+                return False
+            p, q = (self._number.get(c.primary, -1) for c in (first, then))
+            if (p, q) in self.clashing:
+                return False
+            s = -1 if then.support is None else self.supports.index(then.support)
+            if (p, s) in self.incompatible:
+                return False
+        return True
+
+    @cached_property
+    def _number(self) -> dict[PrimaryCandidate, int]:
+        return {item: k for k, item in enumerate(self.primaries)}
+
     def windows(self) -> list[range]:
         """Return the windows of N consecutive steps (from 1) that (7) and (8) balance."""
         size = len(self.robots)
@@ -174,8 +214,12 @@ def explain_rejections(problem: AssignmentProblem, step: int) -> str:
     ordered = sorted(groups.items(), key=lambda entry: (-len(entry[1]), entry[0]))
     lines = []
     for reason, whats in ordered[:_MOST_REASONS]:
-        shown = ", ".join(whats[:3])
-        more = f" and {len(whats) - 3} more" if len(whats) > 3 else ""
+        ways = Counter(whats)
+        shown = ", ".join(
+            what if count == 1 else f"{what} ({count} ways)"
+            for what, count in list(ways.items())[:3]
+        )
+        more = f" and {len(ways) - 3} more" if len(ways) > 3 else ""
         lines.append(f"  {reason}: {shown}{more}")
     if len(ordered) > _MOST_REASONS:
         lines.append(f"  and {len(ordered) - _MOST_REASONS} more reasons")
@@ -205,6 +249,13 @@ class StepChoice:
         return self.primary.robot
 
     @property
+    def robots(self) -> frozenset[str]:
+        """Everyone who has something to do."""
+        support = None if self.support is None else self.support.robot
+        names = (self.robot, self.primary.partner, support)
+        return frozenset(name for name in names if name is not None)
+
+    @property
     def object(self) -> str:
         """The object that is placed."""
         return self.primary.object
@@ -213,6 +264,11 @@ class StepChoice:
     def grasp(self) -> int:
         """Number of the grasp."""
         return self.primary.grasp
+
+    @property
+    def tools(self) -> Tools:
+        """Tools that robots which change theirs must have on them."""
+        return self.primary.tools | (self.support.tools if self.support else NO_TOOLS)
 
     @property
     def cost(self) -> float:
@@ -284,4 +340,5 @@ def alternatives(
         )
         return same_poses, choice.cost
 
-    return sorted((c for c in found if c != current), key=order)
+    found = [c for c in found if c != current and problem.fits(c, others)]
+    return sorted(found, key=order)

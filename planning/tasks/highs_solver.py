@@ -11,7 +11,9 @@ import pulp
 from planning.errors import InfeasibleStepError
 from planning.tasks.assignment import (
     AssignmentProblem,
+    PrimaryCandidate,
     StepChoice,
+    SupportCandidate,
     TaskPlan,
     explain_rejections,
 )
@@ -32,7 +34,8 @@ def assign_steps(problem: AssignmentProblem) -> TaskPlan:
             compete for robots and objects (which do is listed).
     """
     _require_candidates(problem)
-    plan = solve_in_windows(problem, _solved) if is_large(problem) else None
+    windows = is_large(problem) and not problem.kept
+    plan = solve_in_windows(problem, _solved) if windows else None
     plan = plan or _solved(problem)
     if plan is None:
         raise _competition(problem)
@@ -88,13 +91,18 @@ class _Program:
             }
             self.model += pulp.lpSum(self.left_out.values())
         else:
-            self.model += self._motion() + problem.balance_weight * self._imbalance()
+            self.model += (
+                self._motion()
+                + problem.balance_weight * self._imbalance()
+                + self._changes()
+            )
         self.x_of: dict[int, list[int]] = defaultdict(list)
         for index in self.x:
             self.x_of[problem.primaries[index].step].append(index)
         for step in steps:
             self._constrain_step(step)
         self._constrain_objects()
+        self._constrain_kept()
 
     def _motion(self) -> Any:
         terms = [(var, self.problem.primaries[p].cost) for p, var in self.x.items()]
@@ -122,6 +130,44 @@ class _Program:
                 self.model += most >= load
                 self.model += least <= load
         return pulp.lpSum(spread)
+
+    def _changes(self) -> Any:
+        """Return what changes of tools cost; a step is done with its tools on the robots."""
+        problem = self.problem
+        tools: dict[str, set[str]] = defaultdict(set)
+        for robot, old, new in problem.changes:
+            tools[robot] |= {old, new}
+        on_it: dict[tuple[str, str, int], Any] = {}
+        terms: list[tuple[Any, float]] = []
+        for robot, names in tools.items():
+            own = sorted(names)
+            for tool in own:
+                on_it[robot, tool, 0] = int(problem.mounted[robot] == tool)
+            for step in range(1, len(problem.steps) + 1):
+                at = f"tool{len(on_it)}"
+                now = [
+                    self.model.add_variable(f"{at}_{k}", cat="Binary")
+                    for k in range(len(own))
+                ]
+                on_it |= {
+                    (robot, tool, step): var for tool, var in zip(own, now, strict=True)
+                }
+                self.model += pulp.lpSum(now) == 1
+        for (robot, old, new), cost in problem.changes.items():
+            for step in range(1, len(problem.steps) + 1):
+                name = f"change{len(terms)}"
+                changed = self.model.add_variable(name, 0, 1)
+                before, after = on_it[robot, old, step - 1], on_it[robot, new, step]
+                self.model += changed >= before + after - 1
+                terms.append((changed, cost))
+        items: list[tuple[PrimaryCandidate | SupportCandidate, Any]] = [
+            (problem.primaries[p], var) for p, var in self.x.items()
+        ]
+        items += [(problem.supports[s], var) for s, var in self.y.items()]
+        for item, var in items:
+            for robot, tool in sorted(item.tools):
+                self.model += var <= on_it[robot, tool, item.step]
+        return pulp.LpAffineExpression(terms)
 
     def _constrain_step(self, step: int) -> None:
         problem = self.problem
@@ -170,6 +216,34 @@ class _Program:
             earlier = pulp.lpSum(var for at, var in uses[other] if at < step)
             self.model += pulp.lpSum(terms_blocked) <= earlier
 
+    def _constrain_kept(self) -> None:
+        """Let who keeps hold of what it placed do nothing else, and nothing be in its way."""
+        problem = self.problem
+        for step, last in problem.kept.items():
+            for later in range(step + 1, last + 1):
+                alone = not problem.needs_support[later - 1]
+                held = problem.supports_of.get(later, [])
+                for robot in problem.robots:
+                    busy = [
+                        self.x[p]
+                        for p in (*self.x_of[step], *self.x_of[later])
+                        if (item := problem.primaries[p]).robot == robot
+                        or (item.partner == robot and item.step == later and alone)
+                    ]
+                    busy += [
+                        self.y[s] for s in held if problem.supports[s].robot == robot
+                    ]
+                    self.model += pulp.lpSum(busy) <= 1
+                for p in self.x_of[step]:
+                    bad = [
+                        self.x[q]
+                        for q in self.x_of[later]
+                        if (p, q) in problem.clashing
+                    ]
+                    self.model += pulp.lpSum(bad) + self.x[p] <= 1
+                    bad = [self.y[s] for s in held if (p, s) in problem.incompatible]
+                    self.model += pulp.lpSum(bad) + self.x[p] <= 1
+
     def solve(self) -> bool:
         """Solve; return whether there is a solution."""
         solver = pulp.HiGHS(
@@ -200,6 +274,10 @@ def _undominated(problem: AssignmentProblem) -> list[int]:
     clashes: dict[int, set[int]] = defaultdict(set)
     for p, s in problem.incompatible:
         clashes[p].add(s)
+    rivals: dict[int, set[int]] = defaultdict(set)
+    for p, q in problem.clashing:
+        rivals[p].add(q)
+        rivals[q].add(p)
     best: dict[tuple[object, ...], int] = {}
     for index, item in enumerate(problem.primaries):
         key = (
@@ -208,7 +286,9 @@ def _undominated(problem: AssignmentProblem) -> list[int]:
             item.object,
             item.partner,
             item.after,
+            item.tools,
             frozenset(clashes.get(index, ())),
+            frozenset(rivals.get(index, ())),
         )
         known = best.get(key)
         if known is None or item.cost < problem.primaries[known].cost:
@@ -248,7 +328,15 @@ def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
                     if problem.primaries[p].object in free
                 }
             )
-            text += f"; {', '.join(free)} is blocked by {', '.join(blockers)}"
+            if blockers:
+                text += f"; {', '.join(free)} is blocked by {', '.join(blockers)}"
+        for kept, last in problem.kept.items():
+            if kept <= step <= last:
+                text += (
+                    f"; step {kept} ({problem.steps[kept - 1]}) is kept hold of until step {last}"
+                    f" ({problem.steps[last - 1]}), and whoever does that can do nothing else: join"
+                    " it earlier, or let another robot do these steps"
+                )
         lines.append(text)
     names = ", ".join(map(str, lacking))
     word = "step" if len(lacking) == 1 else "steps"

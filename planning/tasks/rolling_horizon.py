@@ -12,7 +12,12 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 
-from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
+from planning.tasks.assignment import (
+    AssignmentProblem,
+    StepChoice,
+    TaskPlan,
+    Tools,
+)
 
 MOST_CONTESTED = 4000
 """Up to so many candidates whose objects can be used once, the whole program is solved."""
@@ -85,6 +90,9 @@ def _window(
     before = min(len(settled), len(problem.robots) - 1)
     away = open_from - before - 1
     used = {choice.object for choice in settled} - problem.unlimited
+    mounted = dict(problem.mounted)
+    for choice in settled[:away]:
+        mounted |= dict(choice.tools)
     primaries, supports = [], []
     number_of: dict[int, int] = {}
     place_of: dict[int, int] = {}
@@ -115,6 +123,7 @@ def _window(
         supports=tuple(supports),
         incompatible=frozenset(clashes),
         balance=1.0,
+        mounted=mounted,
         rejections=(),
     )
     unit = window.balance_weight
@@ -131,11 +140,11 @@ def _promising(
     That many steps use at most so many objects: of those that a robot can place, the cheapest are
     enough, along with whatever stands on them.
     """
-    by_robot: dict[tuple[str, str | None], list[int]] = defaultdict(list)
+    by_robot: dict[tuple[str, str | None, Tools], list[int]] = defaultdict(list)
     for p in problem.primaries_of.get(step, []):
         item = problem.primaries[p]
         if item.object not in used:
-            by_robot[item.robot, item.partner].append(p)
+            by_robot[item.robot, item.partner, item.tools].append(p)
     kept: set[int] = set()
     for own in by_robot.values():
         own.sort(key=lambda p: problem.primaries[p].cost)

@@ -6,18 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-import numpy as np
-
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.supply_tasks import ARRIVE, GONE, LEAVE, PRESENT, SUPPLY_KINDS
+from planning.tasks.supply_tasks import (
+    ARRIVE,
+    GONE,
+    LEAVE,
+    PRESENT,
+    STILL,
+    SUPPLY_KINDS,
+)
 from planning.tasks.task import TRANSIT, Handling, StepTasks, Task
 from planning.tasks.work import AssemblyWork
-from planning.transforms import Transform, readonly
+from planning.transforms import Transform
 
 _PICK = "pick"
-_STILL = readonly(np.zeros((1, 1)))
-"""Path of a machine, which does not move."""
-
 Lying = tuple[str, Transform]
 """Name of a part and where its centre lies in the world."""
 
@@ -57,19 +59,23 @@ class Supply:
     """What comes and leaves while the steps of an assembly are done, in order.
 
     Attributes:
-        refills: by name of the part that empties the source when it is picked.
+        refills: by number of the step, from 1, whose pick empties the source.
         leaves: by number of the step after which they do, from 1.
+        elsewhere: numbers of the steps that are not done at the place of a product: a part is put
+            down on its way, or worked at there.
     """
 
-    refills: Mapping[str, Refill] = field(default_factory=dict)
+    refills: Mapping[int, Refill] = field(default_factory=dict)
     leaves: Mapping[int, Leaving] = field(default_factory=dict)
+    elsewhere: frozenset[int] = frozenset()
 
 
 def supplied_work(work: AssemblyWork, supply: Supply) -> AssemblyWork:
     """Return the work of an assembly with the tasks of the machines that supply it.
 
     A pick waits for the part to be there, a refill for the source to be empty. What leaves waits
-    for all that was done to it, and whatever is done to the next product for that to be gone.
+    for all that was done to it, and whatever is done at the place of the next product for that to
+    be gone.
     """
     if not supply.refills and not supply.leaves:
         return work
@@ -93,14 +99,14 @@ def _expand(
         tasks.append(replace(task, index=first + len(tasks)))
         return tasks[-1].index
 
-    left = dict(supply.refills)
+    left = supply.refills.get(step)
     for task in inner.tasks:
         index[task.index] = append(task)
-        # A part that is laid down in between is picked again: it has left the source by then.
-        refill = left.pop(task.object or "", None) if task.kind == _PICK else None
-        if refill is None:
+        if left is None or task.kind != _PICK:
             continue
-        there = Task(0, refill.machine, PRESENT, step, "", _STILL)
+        # A part that is laid down in between is picked again: it has left the source by then.
+        refill, left = left, None
+        there = Task(0, refill.machine, PRESENT, step, "", STILL)
         name = refill.parts[0][0]
         if refill.arrivals is not None:
             come = replace(
@@ -116,7 +122,7 @@ def _expand(
             pairs.append((present - 1, present))
     if leaving := supply.leaves.get(step):
         gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
-        append(Task(0, leaving.machine, LEAVE, step, "leaves", _STILL, gone))
+        append(Task(0, leaving.machine, LEAVE, step, "leaves", STILL, gone))
     return replace(
         inner,
         tasks=tuple(tasks),
@@ -157,12 +163,12 @@ def _waits(
             yield there[task.object], task
         if is_done_to_a_product(task):
             done.append(task)
-            if left is not None:
+            if left is not None and task.step not in supply.elsewhere:
                 yield left, task
 
 
 def is_done_to_a_product(task: Task) -> bool:
-    """Tell whether a task of a robot is done at the place of a product."""
+    """Tell whether a task is done to a product, by a robot or a machine."""
     return task.kind not in (TRANSIT, _PICK, *SUPPLY_KINDS)
 
 

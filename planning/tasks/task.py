@@ -19,6 +19,9 @@ way to where a process begins."""
 HOLD = "hold"
 """Skill of gripping a part where it lies while another robot works at it."""
 
+LEAVE_TOOL, TAKE_TOOL = "leave-tool", "take-tool"
+"""Skills of letting go of a tool in its rack, and of locking one on the flange."""
+
 
 @dataclass(frozen=True)
 class Handling:
@@ -47,7 +50,7 @@ class Task:
         index: position in the sequential plan; the task's identity everywhere.
         robot: who does it.
         kind: ``"transit"``, ``"straight"``, or the name of a skill: one of SKILLS, ``"hold"``,
-            or a process that the scenario names.
+            ``"leave-tool"``, ``"take-tool"``, or a process that the scenario names.
         step: assembly step it serves, counted from 1.
         label: short text for people, such as ``"pick b2_4"``.
         path: joint waypoints after the start, shape (w, n): the goal alone for a transit, the

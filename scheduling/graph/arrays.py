@@ -28,6 +28,16 @@ _SLACK = 1e-6  # of joint limits, for values that were rounded [rad or m]
 LONGEST_S = 1e6
 """Longest node, and latest start, that is believed [s]: eleven days."""
 
+_LARGEST = (
+    *((f"_{name}", LONGEST_S) for name in ("duration", "planned_start")),
+    *((f"_{name}", LONGEST_S) for name in ("cruise", "ramp", "lag")),
+    *((f"_{name}", 1e9) for name in ("limits", "caps")),
+)
+"""Greatest values of what is no length, by how the array's name ends."""
+
+
+_DRIVE = dict.fromkeys(("cruise", "ramp", "lag"), np.float64) | {"rests": np.bool_}
+
 
 def check_arrays(document: Mapping[str, Any], arrays: Arrays) -> None:
     """Check the arrays of a plan whose plan.json has been checked.
@@ -46,9 +56,8 @@ def check_arrays(document: Mapping[str, Any], arrays: Arrays) -> None:
             )
         if values.dtype.kind == "f":
             _require(np.isfinite(values), name, values, "is not finite")
-            limit = (
-                LONGEST_S if name.endswith(("duration", "planned_start")) else FARTHEST
-            )
+            far = (most for end, most in _LARGEST if name.endswith(end))
+            limit = next(far, FARTHEST)
             _require(abs(values) <= limit, name, values, f"is beyond {limit:g}")
     for name in ("fixture_size", "object_size"):
         sizes, least = arrays[name], f"must be at least {THINNEST:g}"
@@ -108,6 +117,12 @@ def _expected(
         yield f"robot_{i}_base", np.float64, (4, 4)
         yield f"robot_{i}_home", np.float64, (joints[robot["name"]],)
         yield f"robot_{i}_frames", np.float64, (len(robot["frames"]), 4, 4)
+        if f"robot_{i}_limits" in arrays:
+            yield f"robot_{i}_limits", np.float64, (3, joints[robot["name"]])
+            yield f"robot_{i}_caps", np.float64, (3,)
+            for name in ("limits", "caps"):
+                values, none = arrays[f"robot_{i}_{name}"], "is negative; 0 is no limit"
+                _require(values >= 0.0, f"robot_{i}_{name}", values, none)
     for what, count in (
         ("fixture", len(cell["fixtures"])),
         ("object", len(cell["objects"])),
@@ -143,6 +158,10 @@ def _expected(
         yield f"chain_{i}_skill", np.bool_, (nodes,)
         yield f"chain_{i}_duration", np.float64, (nodes,)
         yield f"chain_{i}_planned_start", np.float64, (nodes,)
+        if f"chain_{i}_cruise" in arrays:
+            yield from (
+                (f"chain_{i}_{name}", kind, (nodes,)) for name, kind in _DRIVE.items()
+            )
     yield "edges", np.int64, (len(arrays["edges"]) if arrays["edges"].ndim else 0, 4)
     yield "cause", np.uint8, (len(arrays["edges"]),)
     yield "dependencies", np.int64, (arrays["dependencies"].size // 2, 2)
@@ -184,6 +203,8 @@ def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
         _require(values >= 0, f"{prefix}{key}", values, "must be at least 0")
     starts = arrays[f"{prefix}planned_start"]
     _require(np.diff(starts) >= 0, f"{prefix}planned_start", starts, "falls afterwards")
+    if f"{prefix}cruise" in arrays:
+        _check_drive(prefix, arrays)
     inside = (fraction >= 0) & (fraction <= 1)
     _require(inside, f"{prefix}fraction", fraction, "must be 0 to 1")
     ends = np.zeros(points, dtype=bool)
@@ -196,6 +217,21 @@ def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
         fraction,
         "ends a node, must be 1",
     )
+
+
+def _check_drive(prefix: str, arrays: Arrays) -> None:
+    for key in ("cruise", "ramp", "lag"):
+        values = arrays[f"{prefix}{key}"]
+        _require(values >= 0, f"{prefix}{key}", values, "must be at least 0")
+    ramp, rests = arrays[f"{prefix}ramp"], arrays[f"{prefix}rests"]
+    alike = rests.copy()
+    alike[:-1] |= (ramp[1:] == ramp[:-1]) & (ramp[:-1] > 0.0)
+    _require(alike, f"{prefix}ramp", ramp, "is another one within a stretch")
+    for key in ("duration", "cruise"):
+        values = arrays[f"{prefix}{key}"]
+        _require(
+            (values > 0) | (ramp == 0), f"{prefix}{key}", values, "must be above 0"
+        )
 
 
 def _check_references(document: Mapping[str, Any], arrays: Arrays) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.machine import machine
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import (
@@ -25,6 +26,7 @@ from planning.robots.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array
+from scheduling.graph.drive import Drive
 from scheduling.graph.shape_document import shape_document, stored_shape
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -42,7 +44,7 @@ def _keys(kind: type, *arrays: str, **renamed: str) -> dict[str, str]:
     return {renamed.get(name, name): name for name in names}
 
 
-_FIXTURE = _keys(Fixture, "shape", "pose", "frames")
+_FIXTURE = _keys(Fixture, "shape", "pose", "frames", "colour")
 _OBJECT = _keys(CellObject, "shape", "start", mass="mass_kg")
 _CLEARANCE = _keys(
     Clearances,
@@ -53,7 +55,7 @@ _CLEARANCE = _keys(
 _TASK = _keys(Task, "path", "handlings")
 _HANDLING = _keys(Handling, "pose")
 _NODE_HANDLING = _keys(NodeHandling, "pose", robot="chain")
-_CHAIN_ARRAYS = _keys(NodeChain, "robot", "least")
+_CHAIN_ARRAYS = _keys(NodeChain, "robot", "least", "drive")
 _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
 
 
@@ -76,6 +78,8 @@ def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
     arrays["handling_pose"] = _poses(h.pose for h in tpg.handlings)
     for i, chain in enumerate(tpg.chains):
         arrays |= {f"chain_{i}_{name}": getattr(chain, name) for name in _CHAIN_ARRAYS}
+        if chain.drive is not None:
+            arrays |= {f"chain_{i}_{k}": v for k, v in vars(chain.drive).items()}
     return document, arrays
 
 
@@ -98,7 +102,9 @@ def graph_of(
     """
     chains = tuple(
         NodeChain(
-            robot, **{name: arrays[f"chain_{i}_{name}"] for name in _CHAIN_ARRAYS}
+            robot,
+            **{name: arrays[f"chain_{i}_{name}"] for name in _CHAIN_ARRAYS},
+            drive=_drive(f"chain_{i}_", arrays),
         )
         for i, robot in enumerate(document["chains"])
     )
@@ -125,6 +131,13 @@ def graph_of(
     )
 
 
+def _drive(prefix: str, arrays: Arrays) -> Drive | None:
+    """Return how the nodes of a chain are passed, None where plan.npz says nothing of it."""
+    if f"{prefix}cruise" not in arrays:
+        return None
+    return Drive(*(arrays[f"{prefix}{field.name}"] for field in fields(Drive)))
+
+
 def _entry(item: object, keys: Mapping[str, str]) -> Document:
     return {key: getattr(item, name) for key, name in keys.items()}
 
@@ -144,6 +157,12 @@ def _shaped(
     return entry
 
 
+def _fixture(item: Fixture, arrays: Arrays) -> Document:
+    """Return what is written of a fixture: its colour only where it was given one."""
+    colour = {} if item.colour is None else {"colour": list(item.colour)}
+    return _shaped(item, _FIXTURE, arrays) | colour
+
+
 def _shaped_values(
     entry: Document, keys: Mapping[str, str], size: Array, arrays: Arrays
 ) -> Document:
@@ -161,6 +180,9 @@ def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
         arrays[f"robot_{i}_base"] = robot.base
         arrays[f"robot_{i}_home"] = robot.home
         arrays[f"robot_{i}_frames"] = _poses(model.frames.values())
+        if robot.limits is not None:
+            joints, caps = _limit_arrays(robot.limits)
+            arrays |= {f"robot_{i}_limits": joints, f"robot_{i}_caps": caps}
         robots.append(
             {
                 "name": robot.name,
@@ -180,7 +202,7 @@ def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
     machines = [item.name for item in cell.machines]
     return {
         "robots": robots,
-        "fixtures": [_shaped(fixture, _FIXTURE, arrays) for fixture in cell.fixtures],
+        "fixtures": [_fixture(item, arrays) for item in cell.fixtures],
         "objects": [_shaped(item, _OBJECT, arrays) for item in cell.objects],
         "clearance": _entry(cell.clearances, _CLEARANCE),
     } | ({"machines": machines} if machines else {})
@@ -222,12 +244,17 @@ def _cell(
         frames = dict(zip(entry["frames"], arrays[f"robot_{i}_frames"], strict=True))
         model = replace(model, frames=frames)
         base, home = arrays[f"robot_{i}_base"], arrays[f"robot_{i}_home"]
-        robots.append(PlacedRobot(entry["name"], model, base, home))
+        limits = None
+        if f"robot_{i}_limits" in arrays:
+            joints = arrays[f"robot_{i}_limits"], arrays[f"robot_{i}_caps"]
+            limits = _limits_of(*joints)
+        robots.append(PlacedRobot(entry["name"], model, base, home, limits=limits))
     sizes, poses = arrays["fixture_size"], arrays["fixture_pose"]
-    fixtures = tuple(
-        Fixture(**_shaped_values(entry, _FIXTURE, size, arrays), pose=pose)
-        for entry, size, pose in zip(document["fixtures"], sizes, poses, strict=True)
-    )
+    fixtures = []
+    for entry, size, pose in zip(document["fixtures"], sizes, poses, strict=True):
+        values = _shaped_values(entry, _FIXTURE, size, arrays)
+        colour = tuple(entry["colour"]) if entry.get("colour") else None
+        fixtures.append(Fixture(**values, pose=pose, colour=colour))
     sizes, starts = arrays["object_size"], arrays["object_start"]
     objects = []
     for entry, size, start in zip(document["objects"], sizes, starts, strict=True):
@@ -238,7 +265,9 @@ def _cell(
     given = {"contact_tolerance_m": 0.0, **document["clearance"]}
     clearances = Clearances(**_values(given, _CLEARANCE))
     machines = tuple(map(machine, document.get("machines", ())))
-    return Workcell(tuple(robots), fixtures, tuple(objects), clearances, machines)
+    return Workcell(
+        tuple(robots), tuple(fixtures), tuple(objects), clearances, machines
+    )
 
 
 def _tasks(document: list[Document], arrays: Arrays) -> tuple[Task, ...]:
@@ -255,6 +284,22 @@ def _tasks(document: list[Document], arrays: Arrays) -> tuple[Task, ...]:
         values = _values({"goal": False, **entry}, _TASK)
         out.append(Task(**values, path=path, handlings=handlings))
     return tuple(out)
+
+
+def _limit_arrays(limits: MotionLimits) -> tuple[Array, Array]:
+    """Return limits of joints and of the whole robot as arrays in which 0 stands for none."""
+    joints = np.array([limits.velocity, limits.acceleration, limits.jerk])
+    caps = limits.sum_of_speeds, limits.tool_speed, limits.loaded_tool_speed
+    return np.where(np.isfinite(joints), joints, 0.0), np.where(
+        np.isfinite(caps), caps, 0.0
+    )
+
+
+def _limits_of(joints: Array, caps: Array) -> MotionLimits:
+    velocity, acceleration, jerk = np.where(joints > 0.0, joints, np.inf)
+    return MotionLimits(
+        velocity, acceleration, jerk, *np.where(caps > 0.0, caps, np.inf).tolist()
+    )
 
 
 def _stack(values: Iterable[Array], shape: tuple[int, ...]) -> Array:

@@ -7,12 +7,16 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 
 def machine_chains(tpg: TemporalPlanGraph) -> frozenset[int]:
-    """Return the indices of the chains whose tasks no robot does.
+    """Return the indices of the chains whose tasks no robot does."""
+    machines = {item.name for item in tpg.cell.machines}
+    return frozenset(k for k, chain in enumerate(tpg.chains) if chain.robot in machines)
 
-    The tasks say so: a graph that is kept without its cell knows it, too.
-    """
-    return frozenset(
+
+def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
+    """Return the indices of the chains of machines that work at parts, and bring or take none."""
+    kind = {task.robot: task.kind for task in tpg.tasks}
+    return tuple(
         k
-        for k, chain in enumerate(tpg.chains)
-        if len(chain) and tpg.tasks[int(chain.task[0])].kind in SUPPLY_KINDS
+        for k in sorted(machine_chains(tpg))
+        if kind.get(tpg.chains[k].robot) not in SUPPLY_KINDS
     )

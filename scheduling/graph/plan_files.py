@@ -2,7 +2,8 @@
 
 plan.json, version 1, or 2 where a shape is no box:
     format, version, arrays_sha256 (of plan.npz)
-    cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body}],
+    cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body,
+               colour where it was given one}],
                objects [{name, kind, body, mass_kg, fixed, colour, later}]; what is no box has
                shape [{form, and what it measures}] beside that,
                clearance {robot_robot_m, robot_object_m, contact_tolerance_m},
@@ -21,7 +22,9 @@ plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     faces (f, 3), corners (of all hulls, 3), centre (3,)}
     fixture_size (f, 3), fixture_pose (f, 4, 4), object_size (o, 3), object_start (o, 4, 4)
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4)
-    chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}
+    chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}, and
+    {cruise, ramp, lag, rests} with robot_<i>_limits (3, n) and robot_<i>_caps (3,) where robots
+    keep to limits of acceleration; a limit of 0 is none
     handling_pose (h, 4, 4), edges (e, 4), cause (e,), dependencies (d, 2),
     slots (tasks or 0,), products (tasks,) where there are several
 """

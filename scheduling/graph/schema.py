@@ -12,7 +12,9 @@ from planning.tasks.supply_tasks import GONE
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=1000)]
 Length = Annotated[float, Field(gt=0, le=1000)]
-Channel = Annotated[int, Field(ge=0, le=255)]
+Colour = Annotated[
+    list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)
+]
 
 
 class _Entry(BaseModel):
@@ -52,7 +54,7 @@ class _Mesh(_Entry):
 _Element = Annotated[_Box | _Round | _Mesh, Field(discriminator="form")]
 
 
-class _Fixture(_Entry):
+class _Thing(_Entry):
     name: str
     body: str
     shape: Annotated[list[_Element], Field(min_length=1, max_length=10_000)] | None = (
@@ -60,11 +62,15 @@ class _Fixture(_Entry):
     )
 
 
-class _Object(_Fixture):
+class _Fixture(_Thing):
+    colour: Colour | None = None
+
+
+class _Object(_Thing):
     kind: str
     mass_kg: Annotated[float, Field(ge=0, le=1e6)]
     fixed: bool
-    colour: Annotated[list[Channel], Field(min_length=3, max_length=3)]
+    colour: Colour
     later: bool = False
 
 

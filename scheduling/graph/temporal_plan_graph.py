@@ -16,6 +16,7 @@ import numpy.typing as npt
 from planning.cell.workcell import Workcell
 from planning.tasks.task import AllowedContact, Task
 from planning.transforms import Array, Indices, Transform
+from scheduling.graph.drive import Drive
 
 TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1
@@ -41,6 +42,8 @@ class NodeChain:
         planned_start: start of each node in the input plan, shape (nodes,) [s].
         least: least duration of each node that the joints' speed limits allow, shape (nodes,)
             [s], in a graph that is kept without paths; empty where the waypoints say it.
+        drive: how nodes are passed within limits of acceleration; None where robots are at full
+            speed at once.
     """
 
     robot: str
@@ -53,6 +56,7 @@ class NodeChain:
     duration: Array
     planned_start: Array
     least: Array = field(default_factory=lambda: np.empty(0))
+    drive: Drive | None = None
 
     def __len__(self) -> int:
         """Return the number of nodes."""
@@ -71,6 +75,7 @@ class NodeChain:
             self.skill[first:stop],
             self.duration[first:stop],
             self.planned_start[first:stop],
+            drive=None if self.drive is None else self.drive.cut(slice(first, stop)),
         )
 
 
@@ -80,7 +85,7 @@ def join_chains(parts: Sequence[NodeChain]) -> NodeChain:
     names = ("waypoints", "fraction", "task", "skill", "duration", "planned_start")
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
     first = np.cumsum([0, *counts], dtype=np.int64)
-    return NodeChain(parts[0].robot, parts[0].start, first=first, **joined)
+    return NodeChain(parts[0].robot, parts[0].start, first=first, drive=None, **joined)
 
 
 @dataclass(frozen=True)

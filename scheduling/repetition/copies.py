@@ -159,6 +159,7 @@ class _Copies:
             np.tile(chain.skill, times),
             np.tile(chain.duration, times),
             np.concatenate(starts),
+            drive=None if chain.drive is None else chain.drive.repeated(times),
         )
         out = whole.cut(0, last * len(chain) + rest)
         for values in vars(out).values():

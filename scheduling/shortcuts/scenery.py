@@ -17,8 +17,8 @@ from planning.geometry.scene_checker import SceneChecker
 from planning.kept_answers import KeptAnswers
 from planning.motion.known_scenes import KnownScenes, Pairs
 from planning.motion.sequential import MARGIN
+from planning.motion.smoothing import smooth_path
 from planning.motion.speed import SpeedModel
-from planning.motion.transit import smooth_path
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest

@@ -41,8 +41,8 @@ def _(form: Cylinder) -> list[Any]:
 
 @_forms.register
 def _(form: Capsule) -> list[Any]:
-    if form.length == 0.0:
-        return [coal.Sphere(form.radius)]
+    # Also without length: coal's own answer for a sphere deep in a cylinder is the way out
+    # through the side, even where that through an end is shorter.
     return [coal.Capsule(form.radius, form.length)]
 
 

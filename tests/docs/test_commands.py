@@ -1,7 +1,7 @@
 """Every command in the documentation runs, and prints what the page says it prints.
 
 Blocks marked as a story are run one after the other, in a folder of their own: what one command
-writes the next may read.
+writes the next may read. Blocks marked as a file are what the reader types into it, piece after piece.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ PAGES = sorted(
 )
 _BLOCK = re.compile(
     r"(<!-- (?P<mark>expensive|story) -->\n)?```console\n(?P<body>.*?)```", re.DOTALL
+)
+_PIECE = re.compile(
+    r"<!-- file: (?P<name>\S+) -->\n```yaml\n(?P<body>.*?)```", re.DOTALL
 )
 
 
@@ -52,6 +55,16 @@ def commands() -> list[Command]:
 
 
 COMMANDS = commands()
+
+
+def pieces(page: Path) -> dict[str, str]:
+    """Return the files that a page has its reader type, by their names."""
+    out: dict[str, str] = {}
+    for block in _PIECE.finditer(page.read_text(encoding="utf-8")):
+        out[block["name"]] = out.get(block["name"], "") + block["body"]
+    return out
+
+
 TWIN = [c for c in COMMANDS if c.line.startswith("twin ")]
 CHEAP = [c for c in TWIN if c.mark is None]
 EXPENSIVE = [c for c in TWIN if c.mark == "expensive"]
@@ -112,7 +125,11 @@ def test_expensive_command_runs(command: Command, tmp_path: Path) -> None:
 @pytest.mark.parametrize("page", STORIES)
 def test_story_runs(page: str, tmp_path: Path) -> None:
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    typed = pieces(STORIES[page][0].page)
     for command in STORIES[page]:
+        for name, text in typed.items():
+            if name in command.line:
+                (tmp_path / name).write_text(text)
         done = run(command.line, None, tmp_path)
         if "--stills" in command.line and "Vulkan" in done.stderr:
             continue  # no headless viewer here; the message is what a user should get

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import Completions, completions
+from twin.engine.bulk.max_plus import Completions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import Recorder
@@ -40,4 +40,4 @@ def run_bulk(
 ) -> Completions:
     """Execute replications side by side; nodes are segments of the engine's contraction."""
     times = engine.sample(seed=seed, replications=replications)
-    return completions(engine.graph, times.busy_ns)
+    return engine.execute(times)

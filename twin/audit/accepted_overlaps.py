@@ -9,9 +9,13 @@ import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import Recording
+from twin.audit.wanted import Wanted
 
 CONTACT_DEPTH = 0.003
 """Allowed contacts may be this deep, unless the plan says that a tool only grazes [m]."""
+
+NODE_SLACK = 0.001
+"""What is joined may be deeper in each other than its scenario says by this: rounding [m]."""
 
 SLACK = 1e-4
 """Overlaps up to this are numerical: 2.5 times the measured error of Bullet's distances [m]."""
@@ -28,12 +32,15 @@ class ContactRule:
 
     Args:
         tpg: the allowed contacts of the plan, and the tasks of nodes.
+        wanted: what is joined, and how deep it may be in each other; None where nothing is known.
 
     Attributes:
         tolerance: the contact tolerance [m].
     """
 
-    def __init__(self, tpg: TemporalPlanGraph) -> None:
+    def __init__(self, tpg: TemporalPlanGraph, wanted: Wanted | None = None) -> None:
+        self._nodes = frozenset[frozenset[str]]() if wanted is None else wanted.joined
+        self._node_depth = 0.0 if wanted is None else wanted.joined_overlap_m
         self._recording = Recording({}, (), 0.0)
         self._tasks = {chain.robot: chain.task for chain in tpg.chains}
         self._known: dict[tuple[str, float], frozenset[int]] = {}
@@ -85,7 +92,11 @@ class ContactRule:
         ]
         if not now:
             return SLACK
-        return self.tolerance + SLACK if all(now) else CONTACT_DEPTH
+        if all(now):
+            return self.tolerance + SLACK
+        if frozenset((first, second)) in self._nodes:
+            return max(CONTACT_DEPTH, self._node_depth + NODE_SLACK)
+        return CONTACT_DEPTH
 
     def is_of_graze(self, depth: float) -> bool:
         """Tell whether a greatest overlap is that of a tool that only grazes."""

@@ -32,7 +32,9 @@ from twin.audit.motion.sampling import Stretch, stretches
 from twin.audit.places import helpers_left, place_violations, start_violations
 from twin.audit.processes import process_violations
 from twin.audit.resting import RestWatch
+from twin.audit.rests import rest_violations
 from twin.audit.supports import support_violations
+from twin.audit.tools import tool_violations
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.engine import (
@@ -134,7 +136,10 @@ def audit_run(
         found += place_violations(tpg.cell, recording, wanted)
         report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))
     if ordered and (folder / _EVENTS).exists():
-        found += edge_violations(tpg, logged_spans(tpg, folder / _EVENTS), _EVENTS)
+        spans = logged_spans(tpg, folder / _EVENTS)
+        found += edge_violations(tpg, spans, _EVENTS)
+        if finished and wanted is not None:
+            found += rest_violations(tpg, recording, wanted, spans)
     return replace(report, violations=_by_time(found))
 
 
@@ -158,7 +163,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         wanted: Wanted | None = None,
     ) -> None:
         self._tpg, self._wanted = tpg, wanted
-        self._rule = ContactRule(tpg)
+        self._rule = ContactRule(tpg, wanted)
         self._engine = engine_named(engine)
         self._world = open_world(tpg.cell, self._engine)
         self._exempt = overlapping_at_home(self._world)
@@ -207,6 +212,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             found += other.violations()
         if wanted is not None:
             found += support_violations(self._world, self._tpg, recording, wanted)
+            found += tool_violations(self._world, recording, wanted)
             if finished:
                 found += process_violations(self._world, self._tpg, recording, wanted)
         if ordered:

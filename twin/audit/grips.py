@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
 from planning.transforms import Transform
 from twin.audit.motion.executed import ObjectRow
 from twin.audit.motion.sampling import Stretch
+from twin.audit.tools import Hand, hand_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.world import AuditWorld, Shape
@@ -35,7 +35,7 @@ class GripWatch:
     """
 
     def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
-        self._world, self._opening = world, wanted.opening_m
+        self._world, self._wanted = world, wanted
         self._known: dict[str, ObjectRow] = {}
         self._open: dict[str, Violation] = {}
         self._found: list[Violation] = []
@@ -43,13 +43,14 @@ class GripWatch:
     def look(self, stretch: Stretch) -> None:
         """Check what has come into a hand at the start of a stretch."""
         t = float(stretch.t[0])
+        tools = {tool.name for tool in self._wanted.tools}
         for name, row in stretch.placements.items():
             if self._known.get(name) is row:
                 continue
             self._known[name] = row
             if name in self._open:
                 self._found.append(replace(self._open.pop(name), t_end=t))
-            if row.holder is not None:
+            if row.holder is not None and name not in tools:
                 self._measure(stretch, name, row.holder)
         self._last = float(stretch.t[-1])
 
@@ -63,20 +64,20 @@ class GripWatch:
         tracks = [k for k in stretch.moving if k.shape.entity == name]
         arm = tracks[0].holder
         assert arm is not None
-        self._world.configure(arm, stretch.robots[arm].q[0])
+        q, rows = stretch.robots[arm].q[0], stretch.placements
+        hand = hand_of(self._world, arm, q, rows, self._wanted)
         for track in tracks:
             self._world.place(track.shape, track.pose(0))
         gap, tool = min(
             (self._world.distance(shape, track.shape, _FAR), shape.detail)
-            for shape in tool_shapes(self._world, arm)
+            for shape in hand.shapes
             for track in tracks
         )
-        placed = self._world.cell.robot(holder)
-        grip, opening = placed.model.grip, finger_opening(placed, self._opening)
+        grip, opening = hand.grip, hand.opening(self._wanted.opening_m)
         closing = max(finger_travel(track.shape, opening) for track in tracks)
         t = float(stretch.t[0])
         if grip is not None and grip.opening is not None:
-            width = self._width(name, placed, stretch.placements[name].pose)
+            width = self._width(name, hand, stretch.placements[name].pose)
             if width is not None and width > opening + _PLAY:
                 detail = (
                     f"is {width * 1e3:.2f} mm wide between the fingers of {grip.tool}, which open to"
@@ -91,38 +92,17 @@ class GripWatch:
             detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
             self._open[name] = Violation(t, t, name, holder, gap, detail, "grip")
 
-    def _width(self, name: str, holder: PlacedRobot, held: Transform) -> float | None:
+    def _width(self, name: str, hand: Hand, held: Transform) -> float | None:
         """Return how wide a box is along the axis in which fingers close [m].
 
         None where that cannot be told: of what is no box, fingers may grip any part.
         """
-        item, tool = self._world.cell.object(name), holder.model.frames.get("tool")
+        item, tool = self._world.cell.object(name), hand.frames.get("tool")
         if tool is None or not item.shape.is_box:
             return None
         return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
 
 
-def finger_opening(robot: PlacedRobot, otherwise: float) -> float:
-    """Return how far the fingers of a robot stand open [m].
-
-    Args:
-        robot: says itself if its tool is one of the cell's.
-        otherwise: what the scenario says of tools that come with their robots [m].
-    """
-    grip = robot.model.grip
-    if grip is None:
-        return otherwise
-    return 0.0 if grip.opening is None else grip.opening[1]
-
-
 def finger_travel(shape: Shape, opening: float) -> float:
     """Return how far each finger closes on the thinnest edge of a shape at most [m]."""
     return max(0.0, 0.5 * (opening - 2.0 * float(np.min(shape.half))))
-
-
-def tool_shapes(world: AuditWorld, robot: int) -> list[Shape]:
-    """Return the shapes of a robot's tool; of its outermost link, where it has none."""
-    own = [shape for shape in world.robot_shapes if shape.robot == robot]
-    tool = [shape for shape in own if shape.entity.endswith("/tool")]
-    last = max(shape.joint for shape in own)
-    return tool or [shape for shape in own if shape.joint == last]

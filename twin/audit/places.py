@@ -80,7 +80,7 @@ def place_violations(
             detail = f"is up to {away * 1e3:.2f} mm off: its centre by "
             detail += f"({shift[0]:.2f}, {shift[1]:.2f}, {shift[2]:.2f}) mm"
             yield _at_end(recording, name, place, away, detail)
-    for name in rows.keys() - set(filled):
+    for name in rows.keys() - {*filled, *(tool.name for tool in wanted.tools)}:
         box, row = boxes[name], rows[name]
         away = distance_of(box, row.pose, box.start)
         if row.holder is not None or (away > PLACED and not wanted.helpers):

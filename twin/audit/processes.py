@@ -10,10 +10,11 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import finger_opening, finger_travel, tool_shapes
+from twin.audit.grips import finger_travel
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.places import rows_at
 from twin.audit.supports import SUPPORT, stands_still
+from twin.audit.tools import flange_poses, hand_of, tool_frames, tool_on
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted, WantedProcess
 from twin.audit.worlds.world import AuditWorld
@@ -67,7 +68,7 @@ def process_violations(
     begins = dict(ends)
     for process in wanted.processes:
         tried = [
-            (index, _done(world, tpg, recording, process, index))
+            (index, _done(world, tpg, recording, wanted, process, index))
             for index in left
             if tpg.tasks[index].kind == process.process
         ]
@@ -76,7 +77,8 @@ def process_violations(
             continue
         index, done = min(tried, key=lambda entry: (entry[1].missed, entry[0]))
         if done.words:
-            yield _not_done(recording, process, done.missed, done.words)
+            missed = done.missed if np.isfinite(done.missed) else 0.0
+            yield _not_done(recording, process, missed, done.words)
             continue
         left.remove(index)
         if process.name is not None:
@@ -109,6 +111,7 @@ def _done(
     world: AuditWorld,
     tpg: TemporalPlanGraph,
     recording: Recording,
+    wanted: Wanted,
     process: WantedProcess,
     index: int,
 ) -> _Done:
@@ -131,7 +134,11 @@ def _done(
             rows.t[(rows.t > begin) & (rows.t < end)], np.arange(begin, end, _STEP), end
         ]
     )
-    tools = _tool_poses(world, task.robot, rows.at(times), process.frame)
+    tip = _tip(world.cell, recording, wanted, process, task.robot, (begin, end))
+    if isinstance(tip, str):
+        return _Done(task.robot, begin, end, np.inf, tip)
+    number = [robot.name for robot in world.cell.robots].index(task.robot)
+    tools = flange_poses(world, number, rows.at(times)) @ tip
     missed, words = _missed(tools, [place @ at for at in process.path])
     return _Done(task.robot, begin, end, missed, words)
 
@@ -156,15 +163,27 @@ def _place(
     return np.asarray(row.pose @ process.pose)
 
 
-def _tool_poses(world: AuditWorld, robot: str, q: Array, frame: str) -> Array:
-    """Return the poses of a tool frame at configurations, shape (m, 4, 4)."""
-    names = [item.name for item in world.cell.robots]
-    model = world.cell.robot(robot).model
-    rotation, position = world.link_frames(names.index(robot), q)
-    out = np.tile(np.eye(4), (len(q), 1, 1))
-    out[:, :3, :3], out[:, :3, 3] = rotation[:, -1], position[:, -1]
-    tip = model.flange if frame == "flange" else model.flange @ model.frames[frame]
-    return np.asarray(out @ tip)
+def _tip(
+    cell: Workcell,
+    recording: Recording,
+    wanted: Wanted,
+    process: WantedProcess,
+    robot: str,
+    span: tuple[float, float],
+) -> Transform | str:
+    """Return where the frame of a process is in the flange frame, or what is wrong with the tool."""
+    frames = cell.robot(robot).model.frames
+    if any(tool.robot == robot for tool in wanted.tools):
+        rows = [rows_at(cell, recording, t) for t in span]
+        on_it = [tool_on(wanted, there, robot) for there in rows]
+        names = ["no tool" if tool is None else tool.name for tool in on_it]
+        if process.tool is not None and set(names) != {process.tool}:
+            return f"was done with {' and '.join(dict.fromkeys(names))}, not {process.tool}"
+        placed, tool = cell.robot(robot), on_it[0]
+        frames = {} if tool is None else tool_frames(placed, tool)
+    if process.frame == "flange":
+        return np.eye(4)
+    return frames.get(process.frame, f"was done without a frame {process.frame!r}")
 
 
 def _missed(tools: Array, path: list[Transform]) -> tuple[float, str]:
@@ -190,7 +209,8 @@ def _held(
 ) -> Iterator[Violation]:
     """Yield that a part was not held while a process was done."""
     shapes = [item for item in world.objects if item.entity == part]
-    row = rows_at(world.cell, recording, done.end)[part]
+    there = rows_at(world.cell, recording, done.end)
+    row = there[part]
     least, closing = _FAR, 0.0
     for k, robot in enumerate(world.cell.robots):
         rows = recording.robots[robot.name]
@@ -198,12 +218,12 @@ def _held(
             continue
         if not stands_still(rows, done.begin, done.end):
             continue
-        world.configure(k, rows.at(np.array([done.begin]))[0])
-        opening = finger_opening(robot, wanted.opening_m)
+        q = rows.at(np.array([done.begin]))[0]
+        hand = hand_of(world, k, q, there, wanted)
+        opening = hand.opening(wanted.opening_m)
         for shape in shapes:
             world.place(shape, shape.at(row.pose))
-            tool = tool_shapes(world, k)
-            gap = min(world.distance(item, shape, _FAR) for item in tool)
+            gap = min(world.distance(item, shape, _FAR) for item in hand.shapes)
             closes = finger_travel(shape, opening)
             if gap - closes < least - closing:
                 least, closing = gap, closes

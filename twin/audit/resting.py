@@ -23,7 +23,7 @@ _FAR = 10.0
 class RestWatch:
     """Looks at every state of what is at rest, and notes who hangs in the air.
 
-    Fixtures stand. What rests on something that stands, stands too; see ``Hold`` for what counts
+    Fixtures stand, and so do tools that are changed, which racks hold. What rests on something that stands, stands too; see ``Hold`` for what counts
     as resting.
 
     Args:
@@ -46,7 +46,8 @@ class RestWatch:
         self._rows: dict[str, ObjectRow] = {}
         self._carriers: dict[str, set[str]] = {}
         self._carried: dict[str, set[str]] = {name: set() for name in self._names}
-        self._stands = set(self._fixtures)
+        self._ground = {*self._fixtures, *(tool.name for tool in wanted.tools)}
+        self._stands = set(self._ground)
         self._goals = {p.object: p.pose for p in wanted.places if p.object}
         self._hanging: dict[str, tuple[float, float, str]] = {}
         self._found: list[Violation] = []
@@ -91,10 +92,10 @@ class RestWatch:
                 self._carriers[other].discard(name)
                 fallen = True
             self._carried[name].clear()
-            self._stands.discard(name)
+            self._stands -= {name} - self._ground
         if fallen:
-            self._stands = set(self._fixtures)
-            self._stand_on(self._fixtures)
+            self._stands = {*self._ground, *(self._wanted.doors & self._rows.keys())}
+            self._stand_on(self._stands)
         for name in come:
             self._rows[name] = resting[name]
             self._poses[name] = resting[name].pose
@@ -102,7 +103,9 @@ class RestWatch:
             self._carriers[name] = set()
             for other in self._near(name):
                 self._join(name, other)
-            if not self._carriers[name].isdisjoint(self._stands):
+            if name in self._wanted.doors or not self._carriers[name].isdisjoint(
+                self._stands
+            ):
                 self._stands.add(name)
                 self._stand_on([name])
         return bool(gone or come)

@@ -10,9 +10,10 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import finger_opening, finger_travel, tool_shapes
+from twin.audit.grips import finger_travel
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.places import rows_at, taken
+from twin.audit.tools import hand_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.world import AuditWorld
@@ -72,7 +73,7 @@ def support_violations(
         if row.holder is not None:
             yield from _handed_over(recording, change)
         elif row.object in held:
-            yield from _supported(world, recording, change, wanted.opening_m)
+            yield from _supported(world, recording, change, wanted)
 
 
 def _held_objects(
@@ -121,7 +122,7 @@ def _handed_over(recording: Recording, change: _Change) -> Iterator[Violation]:
 
 
 def _supported(
-    world: AuditWorld, recording: Recording, change: _Change, opening: float
+    world: AuditWorld, recording: Recording, change: _Change, wanted: Wanted
 ) -> Iterator[Violation]:
     row = change.row
     least, nearest, closing = _FAR, "nobody", 0.0
@@ -131,8 +132,7 @@ def _supported(
             rows, change.begin, change.end
         ):
             continue
-        own = finger_opening(robot, opening)
-        gap, closes = _gap_to_objects(world, recording, index, change, own)
+        gap, closes = _gap_to_objects(world, recording, index, change, wanted)
         if gap - closes < least - closing:
             least, nearest, closing = gap, robot.name, closes
     if least > SUPPORT + closing:
@@ -149,24 +149,28 @@ def _supported(
 
 
 def _gap_to_objects(
-    world: AuditWorld, recording: Recording, robot: int, change: _Change, opening: float
+    world: AuditWorld,
+    recording: Recording,
+    robot: int,
+    change: _Change,
+    wanted: Wanted,
 ) -> tuple[float, float]:
     """Return how far a robot's tool is from the nearest object at rest, and how far it closes [m].
 
-    Fingers that stand open by ``opening`` close on the thinnest edge.
+    Fingers that stand open close on the thinnest edge.
     """
     name = world.cell.robots[robot].name
     q: Array = recording.robots[name].at(np.array([change.begin]))[0]
-    world.configure(robot, q)
     there = rows_at(world.cell, recording, change.row.t)
-    tool = tool_shapes(world, robot)
+    hand = hand_of(world, robot, q, there, wanted)
+    opening, tools = hand.opening(wanted.opening_m), {t.name for t in wanted.tools}
     least, closing = _FAR, 0.0
     for shape in world.objects:
         at = there.get(shape.entity)
-        if at is None or at.holder is not None:
+        if at is None or at.holder is not None or shape.entity in tools:
             continue
         world.place(shape, shape.at(at.pose))
-        gap = min(world.distance(part, shape, _FAR) for part in tool)
+        gap = min(world.distance(part, shape, _FAR) for part in hand.shapes)
         closes = finger_travel(shape, opening)
         if gap - closes < least - closing:
             least, closing = gap, closes

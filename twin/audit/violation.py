@@ -16,6 +16,7 @@ ViolationKind = Literal[
     "place",
     "support",
     "process",
+    "tool",
 ]
 
 
@@ -32,9 +33,10 @@ class Violation:
             ``hanging`` the object and the nearest thing that stands; of a ``grip`` the object
             and its holder; of a ``place`` the object and its place; of a ``support`` the object
             and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at
-            which, or two steps of which the first began too early.
+            which, or two steps of which the first began too early; of a ``tool`` the tool and the
+            robot that has it on it, or ``"rack"``.
         depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; of what
-            hangs, a grip or a support the distance; of a place how far off; 0 for kinds that are
+            hangs, a grip or a support the distance; of a place or a tool how far off; 0 for kinds that are
             no lengths [m].
         detail: the links that overlapped most, or what is wrong, and how much.
         kind: what is not allowed.

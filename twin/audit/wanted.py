@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from planning.cell.robot_model import ToolGrip
 from planning.transforms import Transform
 
 TOUCH = 0.002
@@ -54,6 +55,7 @@ class WantedProcess:
         path: poses in the frame of the place that the tool comes to, in order.
         frame: tool frame that does.
         robots: who may do it, None for anyone.
+        tool: that a robot which changes its tools must have on it, None for any.
         hold: object that another robot holds meanwhile, None for nothing.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
@@ -66,9 +68,54 @@ class WantedProcess:
     path: tuple[Transform, ...]
     frame: str = "tool"
     robots: tuple[str, ...] | None = None
+    tool: str | None = None
     hold: str | None = None
     name: str | None = None
     after: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class WantedRest:
+    """A part lies somewhere on its way, or while something is done to it without a robot.
+
+    Attributes:
+        words: what it is, for people.
+        part: its name.
+        pose: where it lies, in the world.
+        process: what is done to it there meanwhile, the kind of the task; None for nothing.
+        machine: who does it, None for nobody.
+        name: of the step, where others refer to it.
+        after: names of the steps that must be complete before it.
+    """
+
+    words: str
+    part: str
+    pose: Transform
+    process: str | None = None
+    machine: str | None = None
+    name: str | None = None
+    after: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedTool:
+    """A tool that a robot takes from its rack and leaves there.
+
+    Attributes:
+        name: of the tool, and of the object that it is.
+        robot: whose tool it is.
+        mount: pose of it in the flange frame where the robot has it on it.
+        rack: pose of it in the world where it lies in its rack.
+        grip: how it holds; None where nobody says.
+        first: whether the robot has it on it at the start.
+    """
+
+    name: str
+    robot: str
+    mount: Transform
+    rack: Transform
+    grip: ToolGrip | None = None
+    first: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,6 +133,10 @@ class Wanted:
         processes: that are to be done, in any order but for what they are to come after.
         joined: pairs of objects, or of an object and a fixture, that hold each other in their
             places.
+        joined_overlap_m: how deep these may be in each other [m].
+        rests: where parts lie on their way and are worked at without a robot, in order for each.
+        doors: objects that machines hold, so that they rest on nothing.
+        tools: that robots change; their racks hold them.
     """
 
     places: tuple[Place, ...] = ()
@@ -95,6 +146,10 @@ class Wanted:
     helpers: bool = False
     processes: tuple[WantedProcess, ...] = ()
     joined: frozenset[frozenset[str]] = frozenset()
+    joined_overlap_m: float = 0.0
+    rests: tuple[WantedRest, ...] = ()
+    doors: frozenset[str] = frozenset()
+    tools: tuple[ChangedTool, ...] = ()
 
     def order(self) -> Iterator[tuple[str, str]]:
         """Yield pairs of steps of which the first begins after the end of the second."""

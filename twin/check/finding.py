@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from planning.cell.workcell import Workcell
+from planning.skills.outfits import in_every_outfit
 from twin.check.ordered_parts import OrderedParts
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import AssemblyKind, assembly_kind
@@ -49,7 +50,7 @@ class Subject:
     @cached_property
     def cell(self) -> Workcell:
         """The cell as it is before the first motion."""
-        return build_workcell(self.scenario, self.folder)
+        return in_every_outfit(build_workcell(self.scenario, self.folder))
 
     @cached_property
     def kind(self) -> AssemblyKind:

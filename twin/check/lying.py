@@ -8,6 +8,9 @@ import numpy as np
 
 from planning.contacts.contact_graph import Lying, bounds, near_to, standing
 from planning.contacts.precedence import MOST_OVERLAP
+from planning.parts.part_steps import node_remedy, stop_pose
+from planning.parts.steps import Place
+from planning.tasks.supply_tasks import DOOR
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.parts import PartsSection
@@ -62,34 +65,51 @@ def check_goals(subject: Subject) -> Findings:
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
-    goals = assembly.goals
-    where: dict[str, Transform] = {item.name: item.start for item in cell.objects}
-    for name in assembly.placed:
+    # Doors are of machines.
+    parts = [item for item in cell.objects if item.kind != DOOR]
+    where: dict[str, Transform] = {
+        item.name: item.start for item in parts if not item.later
+    }
+    supply = assembly.supply
+    count = len(section.steps)
+    for number, step in enumerate(assembly.steps):
+        if not isinstance(step, Place):
+            continue
+        name, goal = step.part, assembly.goals[step.part]
+        at, place = subject.thing_at(name, "goal"), "in its place"
+        if step.stop is not None:
+            goal, place = stop_pose(cell, step.stop), f"at {step.stop.at}"
+            at = ("assembly", "steps", number % count, "at")
         lying: dict[str, Lying] = standing(cell)
         lying |= {
             item.name: (item, where[item.name])
-            for item in cell.objects
-            if item.name != name
+            for item in parts
+            if item.name in where and item.name != name
         }
-        part, at = cell.object(name), subject.thing_at(name, "goal")
-        touched = near_to((part, goals[name]), lying, section.touch_m)
+        touched = near_to((cell.object(name), goal), lying, section.touch_m)
         for other, gap in touched.items():
-            if gap < -MOST_OVERLAP:
+            if -gap > assembly.overlaps.most(name, other):
                 when = "is" if where.get(other) is not None else "stands"
                 yield Finding(
                     at,
                     f"{name} goes where {other} {when} by then: they would overlap by"
-                    f" {millimetres(-gap)}",
+                    f" {millimetres(-gap)}"
+                    + node_remedy(name, other, -gap, assembly.overlaps),
                     error=True,
                 )
         if not touched and not assembly.is_joined(name):
             yield Finding(
                 at,
-                f"{name} would be left in the air: in its place it touches neither a fixture nor a"
+                f"{name} would be left in the air: {place} it touches neither a fixture nor a"
                 f" part that is there by then (touch_m {section.touch_m:g})",
                 error=True,
             )
-        where[name] = goals[name]
+        where[name] = goal
+        if number + 1 in supply.refills:
+            where |= supply.refills[number + 1].parts
+        if number + 1 in supply.leaves:
+            for gone, _ in supply.leaves[number + 1].parts:
+                del where[gone]
 
 
 def check_fixtures(subject: Subject) -> Findings:

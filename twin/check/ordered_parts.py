@@ -8,7 +8,7 @@ from functools import cached_property
 from planning.cell.workcell import Workcell
 from planning.errors import ConstructionError, InfeasibleStepError
 from planning.parts.assembly import PartAssembly
-from planning.parts.part_steps import PartStep, WorkStep, part_steps
+from planning.parts.part_steps import KnownStep, part_steps
 from twin.scenario.sections.parts import PartsSection
 
 
@@ -27,7 +27,7 @@ class OrderedParts:
     @cached_property
     def listed(self) -> PartAssembly:
         """The assembly with its steps as the file lists them."""
-        from twin.planning.parts import build_assembly
+        from twin.planning.part_assembly.built import build_assembly
 
         return build_assembly(self.section)
 
@@ -44,7 +44,7 @@ class OrderedParts:
             return error.message
 
     @cached_property
-    def steps(self) -> tuple[PartStep | WorkStep, ...] | None:
+    def steps(self) -> tuple[KnownStep, ...] | None:
         """Its steps in that order; None where one cannot be, or there is no order."""
         if isinstance(self.found, str):
             return None

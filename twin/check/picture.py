@@ -160,12 +160,13 @@ def _shapes(subject: Subject) -> Iterator[_Shape]:
     cell = subject.cell
     for item in cell.fixtures:
         counts = item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
+        face = _FIXTURE if item.colour is None else _unit(item.colour)
         for piece in item.shape.pieces:
             corners = _placed(piece.vertices, item.pose)
-            yield _Shape(corners, _FIXTURE, _FIXTURE_EDGE, 1.0, counts)
+            yield _Shape(corners, face, _FIXTURE_EDGE, 1.0, counts)
     for thing in cell.objects:
         if not thing.later:
-            face = tuple(value / 255.0 for value in thing.colour)
+            face = _unit(thing.colour)
             for piece in thing.shape.pieces:
                 yield _Shape(_placed(piece.vertices, thing.start), face, INK, 0.95)
     for number, robot in enumerate(cell.robots):
@@ -175,6 +176,12 @@ def _shapes(subject: Subject) -> Iterator[_Shape]:
             corners = _placed(part.body.vertices, poses[part.joint + 1])
             alpha = 0.9 if part.group == "tool" else 0.55
             yield _Shape(corners, colour, colour, alpha)
+
+
+def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Return a colour as matplotlib takes it, channels from 0 to 1."""
+    red, green, blue = (value / 255.0 for value in colour)
+    return red, green, blue
 
 
 def _corners(shape: Shape) -> Array:

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from planning.cell.cover import box_body
+from planning.parts.part_steps import stop_pose
+from planning.parts.steps import Place
 from planning.transforms import Array, Transform
 from twin.check.finding import Subject
 from twin.scenario.sections.lego import LegoSection
@@ -17,11 +19,17 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
     """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
     section = subject.scenario.assembly
     if isinstance(section, PartsSection):
-        from twin.planning.parts import build_assembly
+        from twin.planning.part_assembly.built import build_assembly
 
-        for name, goal in build_assembly(section).goals.items():
-            for piece in subject.cell.object(name).shape.pieces:
-                yield name, piece.vertices @ goal[:3, :3].T + goal[:3, 3]
+        assembly, cell = build_assembly(section), subject.cell
+        stops = [
+            (step.part, stop_pose(cell, step.stop))
+            for step in assembly.steps
+            if isinstance(step, Place) and step.stop is not None
+        ]
+        for name, pose in (*assembly.goals.items(), *stops):
+            for piece in cell.object(name).shape.pieces:
+                yield name, piece.vertices @ pose[:3, :3].T + pose[:3, 3]
     elif isinstance(section, LegoSection):
         yield from _bricks(section)
     else:

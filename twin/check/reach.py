@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import CellObject, PlacedRobot
 from planning.errors import (
     ConstructionError,
     InfeasibleStepError,
@@ -16,7 +17,8 @@ from planning.errors import (
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
 from planning.parts.assembly import Grip, PartWays
-from planning.parts.part_steps import WorkStep
+from planning.parts.part_steps import WorkStep, stop_pose
+from planning.parts.steps import Place
 from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import SkillPath, skill_postures
@@ -24,6 +26,7 @@ from planning.skills.subgoals import SkillTargets
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, position
 from twin.check.ordered_parts import OrderedParts
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
@@ -83,9 +86,8 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
     yield from _check_works(subject, parts)
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
-    for name in dict.fromkeys(assembly.placed):
-        part, goal = cell.object(name), assembly.goals[name]
-        ways, end = assembly.ways(name), goal
+    for leg in _legs(subject, parts):
+        part, name, end, ways = leg.part, leg.part.name, leg.end, leg.ways
         rules, frame = ways.grips, assembly.grips.frame
         pick, place = _picking(frame, ways), _placing(frame, ways)
         if any(
@@ -108,24 +110,65 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
         places = _reaching(robots, frame, end, at_goal, place)
         if picks and places:
             yield Finding(
-                subject.thing_at(name, "start"),
+                leg.start_at,
                 f"no robot picks and places {name} with one grip: {_list(picks)} where it lies,"
-                f" {_list(places)} its place; the planner looks for a place to lay it down in"
+                f" {_list(places)} {leg.words}; the planner looks for a place to lay it down in"
                 " between",
             )
             continue
         key, words = (
-            "start",
+            leg.start_at,
             f"where it lies, at {position(part.start[:3, 3].tolist())}",
         )
         if picks:
-            key, words = "goal", f"its place, at {position(end[:3, 3].tolist())}"
+            key, words = leg.end_at, f"{leg.words}, at {position(end[:3, 3].tolist())}"
         yield Finding(
-            subject.thing_at(name, key),
+            key,
             f"no robot reaches {name}: {words}; tried {min(tried, _MOST_GRIPS)} grips, with"
             f" approach_m {ways.approach:g} and leave_m {ways.leave:g}",
             error=tried <= _MOST_GRIPS,
         )
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """The way of a part from where it lies to its place, or to where it is put down on its way.
+
+    Attributes:
+        part: at its ``start``, which is where this leg begins.
+        end: pose of its frame where it is put.
+        ways: how it is gripped and led.
+        start_at, end_at: where the file says so.
+        words: what the end is, for people.
+    """
+
+    part: CellObject
+    end: Transform
+    ways: PartWays
+    start_at: KeyPath
+    end_at: KeyPath
+    words: str
+
+
+def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_Leg]:
+    """Yield the legs of all parts, in the order of the steps."""
+    assembly, count = parts.listed, len(parts.section.steps)
+    known: dict[str, tuple[Transform, KeyPath]] = {}
+    for number, step in enumerate(assembly.steps):
+        if not isinstance(step, Place):
+            continue
+        item = subject.cell.object(step.part)
+        start, start_at = known.get(
+            step.part, (item.start, subject.thing_at(step.part, "start"))
+        )
+        end, end_at = assembly.goals[step.part], subject.thing_at(step.part, "goal")
+        words = "its place"
+        if step.stop is not None:
+            end, words = stop_pose(subject.cell, step.stop), step.stop.at
+            end_at = ("assembly", "steps", number % count, "at")
+        known[step.part] = end, end_at
+        ways = assembly.ways(step.part)
+        yield _Leg(replace(item, start=start), end, ways, start_at, end_at, words)
 
 
 def _check_works(subject: Subject, parts: OrderedParts) -> Findings:

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.motion_limits import limits_of
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.packages import file_named
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.overview import JointRow, LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
@@ -74,18 +76,23 @@ def sheets_of(
     try:
         model = robot_model(which, None, Fitting(held=held, flange=flange))
     except RobotModelError as error:
-        if which in ROBOTS or not Path(which).is_file() or flange is not None:
+        if which in ROBOTS:
             raise
-        return (_of_tool(Path(which).resolve(), held, error),)
+        path = file_named(which, Path(), RobotModelError).resolve()
+        if not path.is_file() or flange is not None:
+            raise
+        return (_of_tool(path, held, error),)
     return (_of_robot(model, str(model.name)),)
 
 
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
+    from planning.skills.outfits import outfits
     from twin.planning.build_workcell import build_workcell
     from twin.scenario.file import load_scenario
 
     robots: dict[tuple[object, ...], list[PlacedRobot]] = {}
-    for robot in build_workcell(load_scenario(path), path.parent).robots:
+    cell = build_workcell(load_scenario(path), path.parent)
+    for robot in outfits(cell.robots):
         frames = [(name, pose.tobytes()) for name, pose in robot.model.frames.items()]
         key = (robot.model.urdf, robot.home.tobytes(), *frames)
         robots.setdefault(key, []).append(robot)
@@ -103,6 +110,10 @@ def _of_robot(model: RobotModel, title: str) -> RobotSheet:
     words = [f"{model.dof} joints; HOME {_list(model.home)} rad or m", *found.words]
     if model.drives is not None and math.isfinite(model.drives.payload):
         words.append(f"payload {model.drives.payload:g} kg, the tool included")
+    if model.name in ROBOTS and (source := ROBOTS[model.name].limits_source):
+        words.append(f"limits: {source}")
+    if any("(usual)" in cell for row in _joints(found)[1] for cell in row):
+        words.append("(usual): nobody says it, so plans within limits take this")
     words += _grip_words(model)
     for name, pose in model.frames.items():
         words += [f"doubtful: frame {name!r} {text}" for text in misplaced(model, pose)]
@@ -213,22 +224,26 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
         "jerk",
         "effort",
     )
-    return columns, [_joint(row) for row in found.joints]
-
-
-def _joint(row: JointRow) -> tuple[str, ...]:
-    if row.kind == "held":
-        return (row.name, f"held at {row.lower:.6g}", *[""] * 6)
-    limits = (
-        row.lower,
-        row.upper,
-        row.velocity,
-        row.acceleration,
-        row.jerk,
-        row.effort,
+    limits = limits_of(found.model)
+    usual = dict(
+        zip(
+            found.model.joint_names,
+            zip(limits.acceleration, limits.jerk, strict=True),
+            strict=True,
+        )
     )
-    told = [f"{value:.6g}" if math.isfinite(value) else "not told" for value in limits]
-    return (row.name, f"{row.kind} [{row.unit}]", *told)
+    return columns, [_joint(row, usual.get(row.name)) for row in found.joints]
+
+
+def _joint(row: JointRow, usual: tuple[float, float] | None) -> tuple[str, ...]:
+    if usual is None:
+        return (row.name, f"held at {row.lower:.6g}", *[""] * 6)
+    known = [f"{value:.6g}" for value in (row.lower, row.upper, row.velocity)]
+    for value, other in zip((row.acceleration, row.jerk), usual, strict=True):
+        told = math.isfinite(value)
+        known.append(f"{value:.6g}" if told else f"{other:.6g} (usual)")
+    known.append(f"{row.effort:.6g}" if math.isfinite(row.effort) else "not told")
+    return (row.name, f"{row.kind} [{row.unit}]", *known)
 
 
 def _links(rows: Sequence[LinkRow], root: Transform) -> tuple[tuple[str, ...], Rows]:

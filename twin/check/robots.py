@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from planning.cell.workcell import start_state
+from planning.cell.workcell import PlacedRobot, Workcell, WorldState, start_state
 from planning.geometry.exact import distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
+from planning.kinematics.kinematics import inverse_kinematics
+from planning.transforms import from_rpy
 from twin.check.finding import Finding, Findings, Subject, millimetres
 
 _SUNK = 0.005
@@ -42,10 +47,56 @@ def check_homes(subject: Subject) -> Findings:
         if pair not in seen:
             yield Finding(
                 at,
-                f"{robot.name} cannot stand at HOME: {contact}; move its base or change its HOME",
+                f"{robot.name} cannot stand at HOME: {contact}; {_remedy(cell, robot, state)}",
                 error=True,
             )
         seen.add(pair)
+
+
+def _remedy(cell: Workcell, robot: PlacedRobot, state: WorldState) -> str:
+    """Return what helps a robot whose HOME is in contact, with a HOME that is free where none is given."""
+    if not _at_zero(robot, robot.model.dof):
+        return "move its base or change its HOME"
+    words = "its joints are at zero, as nobody gives it a HOME"
+    free = next(_free_homes(cell, robot, state), None)
+    if free is None:
+        return f"{words}: give home_deg or home_rad_or_m"
+    return f"{words}: home_deg: {free} would be free"
+
+
+def _at_zero(robot: PlacedRobot, dof: int) -> bool:
+    """Tell whether a robot of so many joints has the HOME of a description that names none."""
+    model = robot.model
+    zero = np.clip(0.0, model.lower, model.upper)
+    return model.dof == dof and bool(np.all(robot.home == zero))
+
+
+def _free_homes(
+    cell: Workcell, robot: PlacedRobot, state: WorldState
+) -> Iterator[list[int]]:
+    """Yield HOMEs in whole degrees, in front of an arm, its tool down, that touch nothing of a state."""
+    model = robot.model
+    if np.any(model.chain.prismatic):
+        return
+    frame = "tool" if "tool" in model.frames else "flange"
+    reach = float(np.linalg.norm(model.chain.placement[1:, :3, 3], axis=1).sum())
+    for share, height, quarter in product((0.45, 0.35), (0.3, 0.45), range(4)):
+        place = from_rpy(
+            (share * reach, 0.0, height * reach),
+            (np.pi, 0.0, 0.5 * np.pi * quarter),
+        )
+        for q in inverse_kinematics(robot, frame, robot.base @ place, robot.home):
+            degrees = np.rint(np.rad2deg(q))
+            home = np.deg2rad(degrees)
+            if np.any((home < model.lower) | (home > model.upper)):
+                continue
+            # Others of whom nobody says more will stand alike.
+            alike = {
+                other.name: home for other in cell.robots if _at_zero(other, model.dof)
+            }
+            there = replace(state, configurations={**state.configurations, **alike})
+            if SceneChecker(cell, robot.name, there).contact(home) is None:
+                yield [int(value) for value in degrees]
 
 
 def check_bases(subject: Subject) -> Findings:
@@ -62,7 +113,11 @@ def check_bases(subject: Subject) -> Findings:
                     box = resting_solid(item.name, piece, item.pose)
                     gap = distance_at(solid, robot.home, box, _NOWHERE)
                     deepest[item.name] = min(deepest[item.name], gap)
-        for name, gap in deepest.items():
+        # Some descriptions draw a base as balls that reach below the plane it stands on.
+        lowest = [p.body.vertices[:, 2].min() for p in robot.model.parts if p.joint < 0]
+        own = max(0.0, -min(lowest, default=0.0))
+        for name, found in deepest.items():
+            gap = min(0.0, found + own)
             if gap < -_SUNK:
                 yield Finding(
                     subject.robot_at(robot.name, "base"),
@@ -74,9 +129,9 @@ def check_bases(subject: Subject) -> Findings:
 def check_speeds(subject: Subject) -> Findings:
     """Yield a planning speed that is beyond the limits of joints, which then set the times."""
     planning = subject.scenario.planning
-    if planning.speed_model != "l1" or subject.kind.at_once:
+    if subject.scenario.speed_model != "l1" or subject.kind.at_once:
         return
-    speed = planning.speed_rad_s
+    speed = planning.l1_rad_s
     slow: dict[str, tuple[float, list[str]]] = {}
     for robot in subject.cell.robots:
         model = robot.model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,7 +14,7 @@ from planning.geometry.exact import Solid, distance_at
 from planning.parts.assembly import GripRules
 from planning.parts.grips import thinnest
 from planning.parts.tool_grips import tool_grips, tool_rules
-from planning.robots.overview import flange_doubt, tool_mass
+from planning.robots.overview import flange_doubt
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.scenario.sections.construction import ConstructionSection
@@ -40,7 +41,7 @@ def check_grips(subject: Subject) -> Findings:
     section = subject.scenario.assembly
     if not isinstance(section, PartsSection):
         return
-    from twin.planning.parts import build_assembly
+    from twin.planning.part_assembly.built import build_assembly
 
     assembly, robots = build_assembly(section), subject.cell.robots
     tools = dict.fromkeys(robot.model.grip for robot in robots)
@@ -88,7 +89,7 @@ def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
 def check_tool_frames(subject: Subject) -> Findings:
     """Yield tool frames that are beside the tool, or do not point out of it."""
     seen: set[tuple[str, bytes]] = set()
-    for name, frame in _frames(subject):
+    for name, frame, holds in _frames(subject):
         model = subject.cell.robot(name).model
         if frame != "flange" and frame not in model.frames:
             choices = ", ".join(("flange", *model.frames))
@@ -104,29 +105,41 @@ def check_tool_frames(subject: Subject) -> Findings:
             continue
         seen.add(key)
         at = subject.robot_at(name, "frames", "model")
+        if not holds and _well_in_front(model, pose):
+            continue  # what a camera looks at, or a nozzle sprays on
         for words in misplaced(model, readonly(pose)):
             yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
 
 
-def _frames(subject: Subject) -> Iterator[tuple[str, str]]:
-    """Yield the tool frames that are used, each with its robot."""
+def _well_in_front(model: RobotModel, frame: Array) -> bool:
+    """Tell whether all of a tool is far behind a frame: it works at a distance."""
+    bodies = tool_bodies(model)
+    if not bodies:
+        return False
+    tip = model.flange @ frame
+    corners = np.vstack([body.vertices for body in bodies])
+    return float(((corners - tip[:3, 3]) @ tip[:3, 2]).max()) < -_FAR
+
+
+def _frames(subject: Subject) -> Iterator[tuple[str, str, bool]]:
+    """Yield the tool frames that are used, each with its robot, and whether it holds parts there."""
     section = subject.scenario.assembly
     robots = [robot.name for robot in subject.cell.robots]
     if isinstance(section, GoalsSection):
         for move in section.moves:
             if move.to is not None:
-                yield move.robot, move.frame
+                yield move.robot, move.frame, True
         return
     frame = "tool"
     if isinstance(section, PartsSection | ConstructionSection):
         frame = section.grips.frame
     for robot in robots:
-        yield robot, frame
+        yield robot, frame, True
     if isinstance(section, PartsSection):
         for process in section.processes.values():
             for item in subject.cell.robots:
                 if process.frame in item.model.frames:
-                    yield item.name, process.frame
+                    yield item.name, process.frame, False
 
 
 def check_flanges(subject: Subject) -> Findings:
@@ -144,22 +157,24 @@ def check_flanges(subject: Subject) -> Findings:
 
 
 def check_payloads(subject: Subject) -> Findings:
-    """Yield parts that are too heavy for every robot, its tool counted."""
-    if not isinstance(subject.scenario.assembly, PartsSection):
+    """Yield parts to be placed that are too heavy for every robot, its tool counted."""
+    section = subject.scenario.assembly
+    if not isinstance(section, PartsSection):
         return
-    free: dict[str, float] = {}
-    for robot in subject.cell.robots:
-        drives = robot.model.drives
-        if drives is None or not np.isfinite(drives.payload):
-            return  # nobody knows what it carries
-        free[robot.name] = drives.payload - tool_mass(robot.model)
+    placed = {step.place for step in section.steps}
+    free = {
+        robot.name: math.inf if robot.model.drives is None else robot.model.drives.spare
+        for robot in subject.cell.robots
+    }
     listing = ", ".join(f"{name} {left:.3g} kg" for name, left in free.items())
     for part in subject.cell.objects:
-        if not part.fixed and part.mass > max(free.values()):
+        named = {part.name, part.name.rpartition(".")[0]}  # of products, NAME.1
+        if named & placed and part.mass > max(free.values()):
             yield Finding(
                 subject.thing_at(part.name, "mass_kg"),
                 f"{part.name} weighs {part.mass:g} kg, which no robot carries beside its tool ({listing};"
                 " limits.payload_kg)",
+                error=True,
             )
 
 
@@ -240,7 +255,8 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
         for body in bodies
     ]
     nearest = int(np.argmin(gaps))
-    if gaps[nearest] > _FAR + _half_opening(model):
+    between = 0.5 * (finger_gap(model, frame) or 0.0)
+    if gaps[nearest] > max(_FAR + _half_opening(model), between + _PLAY):
         yield (
             f"is {millimetres(gaps[nearest])} away from the tool (nearest: {bodies[nearest].name}):"
             " parts would hang beside it; give the robot 'frames' with the point between its fingers,"

@@ -41,14 +41,13 @@ def compare(
     """
     from twin.host.progress import StageDisplay, compilation_shown
 
-    loaded = twin.load(scenario)
     silent = quiet or as_json
     with (
         StageDisplay(enabled=not silent) as progress,
         compilation_shown(progress, silent=silent) as compiled,
     ):
         found = twin.compare(
-            loaded,
+            twin.load(scenario),
             seeds=seeds,
             shortcuts=shortcuts,
             reference_skills=reference_skills,

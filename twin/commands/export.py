@@ -45,10 +45,24 @@ Nodes = Annotated[
     ),
 ]
 
+Rate = Annotated[
+    float | None,
+    typer.Option(
+        "--rate-hz",
+        help="Points a second of motions within limits, 125 to 1000; default: 250 "
+        "(joint-trajectory).",
+        metavar="HZ",
+    ),
+]
+
 
 @guarded
 def export(
-    run: Run, formats: Names = None, out: Out = None, nodes: Nodes = False
+    run: Run,
+    formats: Names = None,
+    out: Out = None,
+    nodes: Nodes = False,
+    rate_hz: Rate = None,
 ) -> None:
     """Write a run as tables, timeline, trajectories or graph for other programs."""
     from twin.exports.formats import FORMATS, export_run
@@ -68,7 +82,7 @@ def export(
         return
     found = open_run(run)
     for name in names:
-        for path in export_run(found, name, out, nodes=nodes):
+        for path in export_run(found, name, out, nodes=nodes, rate_hz=rate_hz):
             typer.echo(path)
 
 

@@ -117,6 +117,7 @@ def _print_list(as_json: bool) -> None:
                 "source": entry.source,
                 "licence": entry.licence,
                 "note": entry.note,
+                "limits_source": entry.limits_source,
             }
             for entry in ROBOTS.values()
         ]

@@ -109,7 +109,6 @@ def run(
     }
     values = {key: value for key, value in given.items() if value is not None}
     values |= _values(settings or [])
-    chosen = twin.load(scenario).varied(released(values))
     silent = quiet or as_json
 
     def begun(check: twin.Check, folder: Path) -> None:
@@ -120,6 +119,7 @@ def run(
         StageDisplay(enabled=not silent) as progress,
         compilation_shown(progress, silent=silent) as compiled,
     ):
+        chosen = twin.load(scenario).varied(released(values))
         done = twin.run(
             chosen if plan is None else twin.read_plan(plan, chosen),
             out=out,

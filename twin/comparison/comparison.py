@@ -16,6 +16,7 @@ import numpy as np
 from planning.errors import ScenarioError
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import within_limits
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
@@ -119,7 +120,7 @@ def measure_policies(
     scenario = scenario.model_copy(update={"seed": seed})
     if assembly_kind(scenario.assembly).machines():
         raise ScenarioError(
-            "sources and products have machines that no plan in slots can wait for: study the"
+            "no plan in slots can wait for machines, sources and products: study the"
             " scenario instead, with the policies sequential and asynchronous"
         )
     watch = StageWatch(progress)
@@ -130,6 +131,7 @@ def measure_policies(
     def measure(
         name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
     ) -> None:
+        tpg = within_limits(tpg)
         run = execute(scenario, tpg, base, NAMED_POLICIES[name].release)
         merged = name in (SYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS_SHORTCUTS)
         ratio = None

@@ -13,11 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 from planning.errors import TwinError
+from planning.transforms import Array
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.turn_order import with_turns
+from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations import Nanoseconds
+from twin.engine.driven import DrivenExecution
 from twin.engine.execution_model import ExecutionModel
 from twin.engine.narrator import failure_text
 from twin.engine.processes import Execution
@@ -46,15 +50,22 @@ class Simulator:
         policy = model.policy
         if policy not in POLICIES:
             raise TwinError(f"no policy {policy!r}", choices=POLICIES)
-        self.tpg = tpg = with_barriers(tpg) if policy == "synchronous" else tpg
+        self.driven = is_driven(tpg)
+        if policy == "synchronous":
+            tpg = with_barriers(tpg)
+        elif policy == "sequential" and self.driven:
+            tpg = with_turns(tpg)
+        self.tpg = tpg
         self._model = model
-        self._sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
+        self._sampler = NodeTimeSampler(
+            at_full_speed(tpg), model.durations, model.disturbances
+        )
         self._dispatcher = Dispatcher(tpg)
         self._contraction: Contraction | None = None
         self._planned: _Times | None = None
         if policy == "open-loop":
             self._planned = tuple(earliest_times(tpg, nominal_ns(tpg)).start)
-        elif model.messages.instant:
+        elif model.messages.instant and not self.driven:
             self._contraction = contract(tpg)
             self._contracted_dispatcher = Dispatcher(self._contraction.tpg)
 
@@ -86,15 +97,26 @@ class Simulator:
         else:
             tpg, own = contraction.tpg, _segment_times(contraction, times)
             dispatcher = self._contracted_dispatcher
-        execution = Execution(
-            tpg,
-            own,
-            dispatcher.copy(),
-            self._model.messages,
-            sequential=self._model.policy == "sequential",
-            planned=self._planned,
-            observers=Observers(recorders),
-        )
+        execution: Execution
+        if self.driven:
+            execution = DrivenExecution(
+                tpg,
+                own,
+                dispatcher.copy(),
+                self._model.messages,
+                planned=self._planned,
+                observers=Observers(recorders),
+            )
+        else:
+            execution = Execution(
+                tpg,
+                own,
+                dispatcher.copy(),
+                self._model.messages,
+                sequential=self._model.policy == "sequential",
+                planned=self._planned,
+                observers=Observers(recorders),
+            )
         outcome = execution.execute()
         start, end = _arrays(execution.start), _arrays(execution.end)
         if contraction is not None:
@@ -109,6 +131,10 @@ class Simulator:
         makespan = execution.now_ns
         if outcome != "aborted":
             makespan = _makespan_ns(times, failed, start, end)
+        commands: tuple[Array, ...] = ()
+        if isinstance(execution, DrivenExecution):
+            times = execution.driven_times()
+            commands = execution.commands()
         run = Run(
             outcome=outcome,
             policy=self._model.policy,
@@ -130,6 +156,7 @@ class Simulator:
                 if node >= 0
             ),
             raised_skills=times.raised,
+            commands=commands,
         )
         if outcome == "failed" and not execution.failed:
             raise DeadlockError(execution.deadlock(), run)

@@ -12,32 +12,50 @@ from twin.run.run_record import Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 
+UNLIMITED = 2**40
+"""More nodes than any plan has."""
+
 
 class Messages(NamedTuple):
     """Queue depth and latencies of messages between robots and dispatcher.
 
     Attributes:
-        queue_depth: actions sent to a robot of which completion is not yet reported, at most.
+        queue_depth: actions sent to a robot of which completion is not yet reported, at most; None
+            for one, and for as many as are safe where robots need to know how far they may go.
         report_ns: time a message takes from robot to dispatcher [ns].
         release_ns: time a message takes from dispatcher to robot [ns].
     """
 
-    queue_depth: int = 1
+    queue_depth: int | None = None
     report_ns: int = 0
     release_ns: int = 0
 
     @classmethod
     def of_seconds(
-        cls, queue_depth: int = 1, report_s: float = 0.0, release_s: float = 0.0
+        cls,
+        queue_depth: int | None = None,
+        report_s: float = 0.0,
+        release_s: float = 0.0,
     ) -> Messages:
         """Return messages that take some seconds; TwinError if a number is out of range."""
-        if queue_depth < 1:
+        if queue_depth is not None and queue_depth < 1:
             raise TwinError(f"queue_depth must be at least 1, not {queue_depth}")
         for value in (report_s, release_s):
             if not 0 <= value < math.inf:
                 raise TwinError(f"a latency must be at least 0 s, not {value}")
         report, release = to_nanoseconds([report_s, release_s]).tolist()
         return cls(queue_depth, report, release)
+
+    def ahead(self, *, driven: bool) -> int:
+        """Return how many nodes a robot may have been given that are not reported complete.
+
+        Args:
+            driven: whether robots keep to limits of acceleration, so that they can only go as
+                fast as they know how far.
+        """
+        if self.queue_depth is not None:
+            return self.queue_depth
+        return UNLIMITED if driven else 1
 
     @property
     def instant(self) -> bool:

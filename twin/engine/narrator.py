@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.supply_tasks import DOOR, GONE
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.recorders.observers import Observers
@@ -43,6 +43,7 @@ class Narrator:
             for entry in stands:
                 self.standstills.setdefault((chain, entry.node), []).append(entry)
         self._holder: dict[str, str] = {}
+        self._doors = {item.name for item in tpg.cell.objects if item.kind == DOOR}
 
     def emit(
         self,
@@ -68,10 +69,12 @@ class Narrator:
         """Tell that an object changes hands."""
         giver = self._holder.pop(name, None)
         if holder == GONE:
-            self.emit("detached", chain, node, name, "leaves the cell")
+            detail = "opens" if name in self._doors else "leaves the cell"
+            self.emit("detached", chain, node, name, detail)
             return
         if holder is None:
             detail = "comes up at its station" if giver is None else "put down"
+            detail = "shuts" if name in self._doors else detail
             self.emit("detached", chain, node, name, detail)
             return
         self._holder[name] = holder

@@ -26,7 +26,7 @@ from twin.uncertainty.node_times import NodeTimes
 _LAST = EventPriority(9)
 """Priority of what happens after everything else at the same time."""
 
-_Steps = Generator[simpy.Event, Any, None]
+Steps = Generator[simpy.Event, Any, None]
 
 
 class Execution:
@@ -58,6 +58,7 @@ class Execution:
         self.tpg = tpg
         self.times = times
         self.messages = messages
+        self.ahead = messages.ahead(driven=False)
         self.sequential = sequential
         self.halts = times.halts
         self.planned = None if planned is None else [row.tolist() for row in planned]
@@ -125,42 +126,54 @@ class Execution:
 
     # Robots
 
-    def _robot(self, chain: int) -> _Steps:
-        env, queue, narrator = self.env, self.queue[chain], self.narrator
-        motion, stall = self.motion[chain], self.stall[chain]
-        start, end = self.start[chain], self.end[chain]
-        halts = None if self.halts is None else self.halts[chain]
-        failed = self.times.failed[chain]
-        for node in range(len(motion)):
-            if self.planned is not None:
-                yield from self._until_planned(chain, node)
-            else:
-                if not queue:
-                    arrival = self.idle[chain] = env.event()
-                    if narrator is not None:
-                        self._after_everything_else(narrator, chain, node)
-                    yield arrival
-                queue.popleft()
-            if (
-                halts is not None
-                and (stop := halts.after(self.now_ns) - self.now_ns) > 0
-            ):
-                yield env.timeout(stop)
-            start[node] = int(env.now)
-            if narrator is not None:
-                yield from self._execute_watched(narrator, chain, node)
-            else:
-                busy = stall[node] + (motion[node] if node != failed else 0)
-                yield self._work(chain, busy)
-            if node == failed:
-                self.failed.append(chain)
+    def _robot(self, chain: int) -> Steps:
+        for node in range(len(self.motion[chain])):
+            yield from self._until_released(chain, node)
+            if (yield from self._fails(chain, node)):
                 return
-            end[node] = int(env.now)
-            if self.planned is None:
-                report = self._receive_report
-                self._deliver(self.messages.report_ns, report, chain, node)
-        if narrator is not None:
-            narrator.emit("finished", chain)
+        self._finish(chain)
+
+    def _until_released(self, chain: int, node: int) -> Steps:
+        """Wait until a robot has been given a node, or for its planned start."""
+        queue = self.queue[chain]
+        if self.planned is not None:
+            yield from self._until_planned(chain, node)
+            return
+        if not queue:
+            arrival = self.idle[chain] = self.env.event()
+            if self.narrator is not None:
+                self._after_everything_else(self.narrator, chain, node)
+            yield arrival
+        queue.popleft()
+
+    def _fails(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Execute a node from rest to rest, report it, and return whether its task failed for good."""
+        halts = None if self.halts is None else self.halts[chain]
+        if halts is not None and (stop := halts.after(self.now_ns) - self.now_ns) > 0:
+            yield self.env.timeout(stop)
+        failed = node == self.times.failed[chain]
+        self.start[chain][node] = int(self.env.now)
+        if self.narrator is not None:
+            yield from self._execute_watched(self.narrator, chain, node)
+        else:
+            motion = 0 if failed else self.motion[chain][node]
+            yield self._work(chain, self.stall[chain][node] + motion)
+        if failed:
+            self.failed.append(chain)
+            return True
+        self._complete(chain, node)
+        return False
+
+    def _complete(self, chain: int, node: int, late_ns: int = 0) -> None:
+        """Report a node complete, now or in a moment."""
+        self.end[chain][node] = int(self.env.now) + late_ns
+        if self.planned is None:
+            delay = self.messages.report_ns + late_ns
+            self._deliver(delay, self._receive_report, chain, node)
+
+    def _finish(self, chain: int) -> None:
+        if self.narrator is not None:
+            self.narrator.emit("finished", chain)
 
     def _work(self, chain: int, busy_ns: int) -> simpy.Event:
         """Return the end of some work that begins now; stops by the clock make it later."""
@@ -169,7 +182,7 @@ class Execution:
         now = self.now_ns
         return self.env.timeout(self.halts[chain].advance(now, busy_ns) - now)
 
-    def _until_planned(self, chain: int, node: int) -> _Steps:
+    def _until_planned(self, chain: int, node: int) -> Steps:
         """Wait until the planned start of a node, whatever the others do."""
         assert self.planned is not None
         early = self.planned[chain][node] - self.now_ns
@@ -180,7 +193,7 @@ class Execution:
                 self.narrator.emit("waiting", chain, node, detail=detail)
             yield self.env.timeout(early)
 
-    def _execute_watched(self, narrator: Narrator, chain: int, node: int) -> _Steps:
+    def _execute_watched(self, narrator: Narrator, chain: int, node: int) -> Steps:
         """Execute a node and tell of everything that happens in it."""
         narrator.emit("started", chain, node)
         failed = node == self.times.failed[chain]
@@ -284,7 +297,7 @@ class Execution:
 
     # Dispatcher
 
-    def _dispatch(self) -> _Steps:
+    def _dispatch(self) -> Steps:
         while True:
             self._release_safe()
             self.report_arrived = self.env.event()
@@ -309,9 +322,7 @@ class Execution:
                     )
             return
         for chain in chains:
-            while self.outstanding[
-                chain
-            ] < self.messages.queue_depth and self._next_is_safe(chain):
+            while self.outstanding[chain] < self.ahead and self._next_is_safe(chain):
                 self._release(chain)
 
     def _turns(self) -> deque[int]:

@@ -26,12 +26,15 @@ FORMATS = tuple(_WRITERS)
 _OF_NODES = frozenset({"perfetto", "graphml", "dot"})
 """Formats that can show every node of the temporal plan graph, not one entry a task."""
 
+_AT_A_RATE = frozenset({"joint-trajectory"})
+"""Formats that sample motions."""
+
 FOLDER = "exports"
 """Default folder of exports, in that of the run."""
 
 
 def exported_files(
-    run: RecordedRun, name: str, *, nodes: bool = False
+    run: RecordedRun, name: str, *, nodes: bool = False, rate_hz: float | None = None
 ) -> Mapping[str, bytes]:
     """Return the content of each file of a format by its name.
 
@@ -40,6 +43,7 @@ def exported_files(
         name: of the format.
         nodes: every node of the temporal plan graph, not one entry a task, where the format
             knows the difference.
+        rate_hz: of the points of motions, where the format samples them; None for its own [Hz].
 
     Raises:
         OutputError: there is no such format, or the run lacks a file that it is made of.
@@ -48,13 +52,20 @@ def exported_files(
         raise OutputError(f"unknown format {name!r}", choices=FORMATS)
     module, function = _WRITERS[name].split(".")
     write = getattr(import_module(f"twin.exports.{module}"), function)
-    options = {"nodes": nodes} if name in _OF_NODES else {}
+    options: dict[str, float] = {"nodes": nodes} if name in _OF_NODES else {}
+    if rate_hz is not None and name in _AT_A_RATE:
+        options["rate_hz"] = rate_hz
     files: Mapping[str, bytes] = write(run, **options)
     return files
 
 
 def export_run(
-    run: RecordedRun, name: str, out: Path | None = None, *, nodes: bool = False
+    run: RecordedRun,
+    name: str,
+    out: Path | None = None,
+    *,
+    nodes: bool = False,
+    rate_hz: float | None = None,
 ) -> list[Path]:
     """Write a run in a format.
 
@@ -63,7 +74,7 @@ def export_run(
         name: of the format.
         out: a file for a format of one file, unless it is a folder that exists; a folder for one
             of several. By default the folder ``exports`` of the run.
-        nodes: see exported_files.
+        nodes, rate_hz: see exported_files.
 
     Returns:
         The files written.
@@ -71,7 +82,7 @@ def export_run(
     Raises:
         OutputError: as exported_files, or the files cannot be written.
     """
-    content = exported_files(run, name, nodes=nodes)
+    content = exported_files(run, name, nodes=nodes, rate_hz=rate_hz)
     target = run.folder / FOLDER if out is None else out
     single = out is not None and len(content) == 1 and not target.is_dir()
     written = []

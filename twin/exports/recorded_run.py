@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.errors import OutputError
+from twin.durations import NANOSECONDS
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, SUMMARY
 from twin.run.written import require_as_written
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
     from twin.durations import Nanoseconds
+    from twin.run.trajectory import Trajectory
     from twin.scenario.sections.scenario import Scenario
 
 PLAN = "plan.json"
@@ -92,6 +94,31 @@ class RecordedRun:
                     raise self._foreign(f"node {event.node} of {event.robot}")
                 (start if event.kind == "started" else end)[event.node] = event.t_ns
         return tuple(times.values())
+
+    @cached_property
+    def smooth_motions(self) -> dict[str, Trajectory]:
+        """Motions of the robots that keep to limits of acceleration, by robot; often none."""
+        from twin.run.folder import TRAJECTORY
+        from twin.run.trajectory import Trajectory
+
+        table = self.table(TRAJECTORY)
+        if "v_0" not in table.column_names:
+            return {}
+        names = table["robot"].to_numpy()
+        found = {}
+        for robot in self.tpg.cell.robots:
+            if robot.limits is None:
+                continue
+            own = table.filter(names == robot.name)
+            joints = range(len(robot.model.joint_names))
+            q, v, a = (
+                np.column_stack([own[f"{letter}_{j}"].to_numpy() for j in joints])
+                for letter in "qva"
+            )
+            t_ns = np.rint(own["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
+            node = own["node"].to_numpy()
+            found[robot.name] = Trajectory(robot.name, t_ns, q, node, v, a)
+        return found
 
     @property
     def makespan_ns(self) -> int:

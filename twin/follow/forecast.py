@@ -225,7 +225,7 @@ class Forecaster:
         """Draw for how much longer a robot stands [ns]."""
         stood_s = max(now - robot.since_ns, 0) / NANOSECONDS
         u = self._uniforms(robot.name, -1, robot.standing, "standstill")
-        model = self._standing_model(robot.standing)
+        model = self._standing_model(robot)
         return to_nanoseconds(
             np.maximum(conditional_quantiles(model, stood_s, u) - stood_s, 0)
         )
@@ -236,9 +236,11 @@ class Forecaster:
         drawn = uniforms(SEED, futures, [robot], [task], [kind], purpose)
         return np.asarray(drawn[0])
 
-    def _standing_model(self, why: str) -> DurationModel:
+    def _standing_model(self, robot: RobotProgress) -> DurationModel:
         found = self._disturbances
-        if why == "stalled":
+        if self._tpg.cell.is_machine(robot.name):
+            found = found.of_machine(robot.name)
+        if robot.standing == "stalled":
             if found.stalls.count_per_robot or found.stalls.rate_per_h:
                 return found.stalls.model
         elif found.breakdowns is not None:

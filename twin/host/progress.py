@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Self
 
 from rich.console import Console
@@ -133,6 +134,8 @@ def compilation_shown(
 ) -> Iterator[Callable[[], int]]:
     """Show how many kernels are compiled meanwhile, as a first run has to wait for them.
 
+    Meshes that are cut into convex pieces for the first time are named, too.
+
     Args:
         display: where they are counted.
         silent: whether nothing is said of them.
@@ -141,6 +144,7 @@ def compilation_shown(
         What returns their number so far; those that are cached are only loaded.
     """
     from planning.kernels import watch_compilation
+    from planning.meshes.mesh_form import watch_cutting
 
     count = 0
 
@@ -154,5 +158,9 @@ def compilation_shown(
     def end() -> None:
         display.count("compiling kernels", count, done=True)
 
-    with watch_compilation(begin, end):
+    def cutting(path: Path) -> None:
+        if not silent:
+            display.say(f"cutting {path.name} into convex pieces, once ...")
+
+    with watch_compilation(begin, end), watch_cutting(cutting):
         yield lambda: count

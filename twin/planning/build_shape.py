@@ -7,6 +7,8 @@ from pathlib import Path
 
 from planning.cell.forms import Box, Capsule, Cylinder, Form
 from planning.cell.shape import Element, Shape, box_shape, shape_of
+from planning.errors import ShapeError
+from planning.packages import file_named
 from planning.transforms import Transform, identity, readonly
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.shapes import ShapeSection
@@ -51,4 +53,5 @@ def _form(section: ShapeSection, folder: Path) -> Form:
     from planning.meshes.mesh_form import mesh_form
 
     assert section.mesh is not None
-    return mesh_form(folder / section.mesh, section.scale, section.within_m)
+    file = file_named(section.mesh, folder, ShapeError)
+    return mesh_form(file, section.scale, section.within_m)

@@ -9,13 +9,24 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell.machine import machine
-from planning.cell.workcell import Clearances, Fixture, PlacedRobot, Workcell
+from planning.cell.motion_limits import limits_of
+from planning.cell.workcell import (
+    CellObject,
+    Clearances,
+    Fixture,
+    PlacedRobot,
+    RackTool,
+    Workcell,
+)
+from planning.kinematics.kinematics import frame_pose
 from planning.transforms import readonly
 from twin.planning.build_shape import build_shape
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
 from twin.scenario.sections.tools import ToolSection
+
+_TOOL_COLOUR = (88, 92, 98)
 
 
 def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
@@ -31,15 +42,20 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     """
     clearance = scenario.cell.clearance
     assembly = assembly_kind(scenario.assembly)
+    robots = tuple(
+        _within_limits(scenario, _robot(r, scenario.cell.tools, folder))
+        for r in scenario.cell.robots
+    )
     return Workcell(
-        robots=tuple(
-            _robot(r, scenario.cell.tools, folder) for r in scenario.cell.robots
-        ),
+        robots=robots,
         fixtures=(
             *(_fixture(f, folder) for f in scenario.cell.fixtures),
             *assembly.fixtures(),
         ),
-        objects=assembly.objects(folder),
+        objects=(
+            *assembly.objects(folder),
+            *(tool.item for robot in robots for tool in robot.tools),
+        ),
         clearances=Clearances(
             clearance.robot_robot_m,
             clearance.robot_object_m,
@@ -47,6 +63,17 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
         ),
         machines=tuple(map(machine, assembly.machines())),
     )
+
+
+def _within_limits(scenario: Scenario, robot: PlacedRobot) -> PlacedRobot:
+    """Return a robot with the limits that it keeps to, where the speed model asks for them."""
+    planning = scenario.planning
+    if scenario.speed_model != "limits":
+        return robot
+    limits = limits_of(robot.model)
+    if planning.speed_rad_s is not None:
+        limits = dataclasses.replace(limits, sum_of_speeds=planning.speed_rad_s)
+    return dataclasses.replace(robot, limits=limits)
 
 
 def _robot(
@@ -68,12 +95,47 @@ def _robot(
         x, y = section.parked.at_m
         stand = (x, y, np.deg2rad(section.parked.facing_deg))
         home = readonly((*stand, *home[3:]))
-    return PlacedRobot(
-        section.name, model, build_transform(section.base), home, tool=section.tool
-    )
+    base, first = build_transform(section.base), (*section.tools, section.tool)[0]
+    robot = PlacedRobot(section.name, model, base, home, tool=first)
+    if not section.tools:
+        return robot
+    changed = tuple(_rack_tool(robot, item, tools, folder) for item in section.outfits)
+    own_frames = {
+        f"{tool.name}/{name}": pose
+        for tool in changed
+        for name, pose in tool.model.frames.items()
+    }
+    model = dataclasses.replace(model, frames={**model.frames, **own_frames})
+    return dataclasses.replace(robot, model=model, tools=changed)
+
+
+def _rack_tool(
+    robot: PlacedRobot,
+    section: RobotSection,
+    tools: Mapping[str, ToolSection],
+    folder: Path,
+) -> RackTool:
+    """Return a tool that a robot changes; the one that it has on it is where its hand is."""
+    from planning.robots.tool_shape import tool_shape
+    from twin.planning.fitted_robots import fitted_model
+
+    name = str(section.tool)
+    own = tools[name]
+    assert own.rack is not None
+    model = fitted_model(section, tools, folder)
+    mount, rack = build_transform(own.mount), build_transform(own.rack)
+    shape = tool_shape(name, model, mount)
+    start = frame_pose(robot, robot.home) @ mount if robot.tool == name else rack
+    item = CellObject(name, name, shape, readonly(start), colour=_TOOL_COLOUR)
+    seconds = own.rack.change_time.located(folder).mean
+    return RackTool(item, mount, rack, own.rack.approach_m, seconds, model)
 
 
 def _fixture(section: FixtureSection, folder: Path) -> Fixture:
     shape = build_shape(section.name, section.described, folder)
     frames = {name: build_transform(at) for name, at in section.frames.items()}
-    return Fixture(section.name, shape, build_transform(section.pose), frames)
+    pose = build_transform(section.pose)
+    if section.colour is None:
+        return Fixture(section.name, shape, pose, frames)
+    red, green, blue = section.colour
+    return Fixture(section.name, shape, pose, frames, (red, green, blue))

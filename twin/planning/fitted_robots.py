@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from planning.cell.robot_model import RobotModel, ToolGrip
+from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Element
-from planning.errors import FittingError, ShapeError
+from planning.errors import FittingError, RobotModelError, ShapeError
+from planning.packages import file_named
 from planning.robots.descriptions.fitting import Fitting, Limits, Tool
 from planning.robots.registry import robot_model, with_tool
 from twin.planning.build_shape import build_shape
@@ -20,7 +21,7 @@ from twin.scenario.sections.tools import LimitsSection, ToolSection
 def fitted_model(
     robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
 ) -> RobotModel:
-    """Return the type of a robot with what the cell adds to it.
+    """Return the type of a robot with what the cell adds to it; of one that changes tools, bare.
 
     Args:
         robot: of the cell.
@@ -31,28 +32,33 @@ def fitted_model(
         FittingError: what is added does not fit; it says which key is at fault.
         RobotModelError: the description of the robot cannot be used.
     """
+    if robot.tools:
+        return robot_model(robot.model, folder, _fitting(robot, bare=True))
     own = tools.get(robot.tool or "")
     if own is None and robot.tool is not None:
         robot_model(robot.model, folder)  # a model that there is not is said first
     model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
-    fitting = Fitting(
-        tool=build_tool(str(robot.tool), own, folder) if own else None,
+    tool = build_tool(str(robot.tool), own, folder) if own else None
+    return robot_model(model, folder, _fitting(robot, tool))
+
+
+def _fitting(
+    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
+) -> Fitting:
+    return Fitting(
+        tool=tool,
+        bare=bare,
         flange=robot.flange,
         held=robot.joints,
         limits=build_limits(robot.limits),
     )
-    return robot_model(model, folder, fitting)
 
 
 def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     """Return a tool of a cell as planning knows it."""
-    opening = section.opening
-    holds = section.suction or opening is not None
     return Tool(
         name=name,
-        description=None
-        if section.description is None
-        else Path(folder, section.description).resolve(),
+        description=_description(name, section, folder),
         shapes=_shapes(name, section, folder),
         within=section.within_m,
         held=section.joints,
@@ -60,8 +66,17 @@ def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
         tcp=None if section.tcp is None else build_transform(section.tcp),
         closing=section.closing,
         frames={key: build_transform(pose) for key, pose in section.frames.items()},
-        grip=ToolGrip(opening, name) if holds else None,
+        grip=section.grip(name),
     )
+
+
+def _description(name: str, section: ToolSection, folder: Path) -> Path | None:
+    if section.description is None:
+        return None
+    try:
+        return file_named(section.description, folder, RobotModelError).resolve()
+    except RobotModelError as error:
+        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
 
 
 def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...]:

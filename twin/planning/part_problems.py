@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from twin.scenario.document.problems import unknown_name
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.parts import PartsSection, StepSection
+from twin.scenario.sections.parts import PartsSection, PlaceOfWork, StepSection
 
 Found = Iterator[tuple[KeyPath, str]]
 
@@ -25,7 +25,7 @@ def check_steps(section: PartsSection) -> Found:
         if known is None:
             continue
         if known in names:
-            twice = step.place is not None and step.name is None
+            twice = step.place is not None and step.at is None and step.name is None
             earlier = names[known] + 1
             yield (
                 at,
@@ -34,9 +34,32 @@ def check_steps(section: PartsSection) -> Found:
                 else f"the name {known!r} is already that of step {earlier}",
             )
         names.setdefault(known, k)
+    yield from _check_machines(section)
     yield from _check_placed_once(section)
     yield from _check_order(section, names)
+    yield from _check_until(section, names)
     yield from _check_joined(section, names)
+
+
+def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
+    """What is kept hold of is let go of after a step that comes later."""
+    for k, step in enumerate(section.steps):
+        at: KeyPath = ("assembly", "steps", k, "until")
+        if step.until is None:
+            continue
+        if step.until not in names:
+            yield at, unknown_name("step", step.until, tuple(names))
+        elif names[step.until] == k:
+            yield (
+                at,
+                f"{step.until} is this step: until names a later one, which joins it",
+            )
+        elif section.order == "listed" and names[step.until] < k:
+            yield (
+                at,
+                f"{step.until} is listed before, as step {names[step.until] + 1}: change the order,"
+                " or write order: find",
+            )
 
 
 def _check_joined(section: PartsSection, names: dict[str, int]) -> Found:
@@ -64,7 +87,14 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
         if not section.processes:
             words = f"there is no process {step.process!r}: give processes one"
         yield (*at, "process"), words
-    if step.at is not None and step.at.part is not None:
+    elif section.processes[step.process].without_robot:
+        yield from _check_machine_step(step, at)
+    if step.at is not None and not _without_robot(section, step):
+        yield from _check_frame_given(step.at, (*at, "at"))
+    if step.at is not None and step.place is not None and step.at.part is not None:
+        words = "a part is put down at a fixture or in the world"
+        yield (*at, "at", "part"), words
+    elif step.at is not None and step.at.part is not None:
         if step.at.part not in parts:
             words = unknown_name("part", step.at.part, tuple(parts))
             yield (*at, "at", "part"), words
@@ -80,6 +110,46 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
             yield (*at, "hold"), words
 
 
+def _without_robot(section: PartsSection, step: StepSection) -> bool:
+    process = section.processes.get(step.process or "")
+    return process is not None and process.without_robot
+
+
+def _check_frame_given(place: PlaceOfWork, at: KeyPath) -> Found:
+    if place.frame is None and place.pose is None:
+        yield at, "give a frame, a pose or both"
+
+
+def _check_machine_step(step: StepSection, at: KeyPath) -> Found:
+    """What no robot does is done at a part, where that lies."""
+    for key in ("robots", "hold", "path", "turn_deg"):
+        if getattr(step, key) is not None:
+            yield (*at, key), f"no robot does {step.process}: leave {key} out"
+    own = step.at
+    if own is None or own.part is None:
+        words = f"{step.process} is done at a part: at: {{part: NAME}}"
+        yield (*at, "at"), words
+    elif own.frame is not None or own.pose is not None:
+        words = f"{step.process} is done at {own.part} where that lies: leave this out"
+        yield (*at, "at", "pose" if own.frame is None else "frame"), words
+
+
+def _check_machines(section: PartsSection) -> Found:
+    """Processes are done by machines that there are, and every machine does one."""
+    names = tuple(section.machines)
+    for name, process in section.processes.items():
+        at: KeyPath = ("assembly", "processes", name, "machine")
+        if process.machine is not None and process.machine not in names:
+            words = unknown_name("machine", process.machine, names)
+            if not names:
+                words = f"there is no machine {process.machine!r}: give machines one"
+            yield at, words
+    used = {process.machine for process in section.processes.values()}
+    for name in names:
+        if name not in used:
+            yield ("assembly", "machines", name), f"no process is done by {name}"
+
+
 def unknown_frame(name: str, frames: tuple[str, ...]) -> str:
     """Say that something has no frame of a name."""
     return unknown_name("frame", name, frames) if frames else "it has no frames"
@@ -88,12 +158,22 @@ def unknown_frame(name: str, frames: tuple[str, ...]) -> str:
 def _check_placed_once(section: PartsSection) -> Found:
     seen: dict[str, int] = {}
     for k, step in enumerate(section.steps):
+        at: KeyPath = ("assembly", "steps", k, "place")
         if step.place is None:
             continue
-        if step.place in seen and step.name is not None:
+        if step.place in seen and (step.name is not None or step.at is not None):
             words = f"{step.place} is already placed in step {seen[step.place] + 1}"
-            yield ("assembly", "steps", k, "place"), words
-        seen.setdefault(step.place, k)
+            yield at, words
+        if step.at is None:
+            seen.setdefault(step.place, k)
+        elif step.place not in section.placed:
+            words = (
+                f"{step.place} is put down on its way, and no step puts it in its place"
+            )
+            yield at, words
+        elif section.order == "find":
+            words = "what is put down on its way needs steps in their order: leave order out"
+            yield (*at[:-1], "at"), words
 
 
 def _check_order(section: PartsSection, names: dict[str, int]) -> Found:

@@ -8,18 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.cell.motion_limits import limits_of
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
-from planning.motion.speed import JointSpeed, L1Speed, SpeedModel
+from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, RobotSpeed
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import within_limits
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.synchronous import (
     SynchronousPlan,
@@ -163,9 +165,9 @@ def _coordinated(
         first.task_plan,
         motion_plan,
         first.settings,
-        tpg,
+        within_limits(tpg),
         watch.seconds,
-        turns,
+        None if turns is None else within_limits(turns),
         variant,
     )
 
@@ -251,7 +253,7 @@ def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> Planned
         )
     if kind.machines() and scenario.planning.coordination != "sequential":
         raise ScenarioError(
-            "no slot can wait for machines of sources and products: leave out coordination"
+            "no slot can wait for machines, sources and products: leave out coordination"
         )
     cell = build_workcell(scenario, folder)
     return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
@@ -364,6 +366,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
     }
     models = scenario.execution.skill_models(folder)
     exceptions = (
+        *scenario.tool_durations,
         *scenario.execution.skill_exceptions(folder),
         *assembly_kind(scenario.assembly).machine_durations(),
     )
@@ -381,12 +384,17 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
     )
 
 
-def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
+def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, RobotSpeed]:
     section = scenario.planning
     at_once = assembly_kind(scenario.assembly).at_once
-    if section.speed_model == "joint" or at_once:
+    if scenario.speed_model == "limits" and not at_once:
+        return {
+            robot.name: LimitedSpeed(robot.limits or limits_of(robot.model))
+            for robot in cell.robots
+        }
+    if scenario.speed_model == "joint" or at_once:
         return {robot.name: JointSpeed(robot.model.velocity) for robot in cell.robots}
     return {
-        robot.name: L1Speed(section.speed_rad_s, robot.model.velocity)
+        robot.name: L1Speed(section.l1_rad_s, robot.model.velocity)
         for robot in cell.robots
     }

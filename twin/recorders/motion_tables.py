@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from planning.tasks.supply_tasks import GONE
-from planning.transforms import quat_wxyz
+from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.atomic import replacing
@@ -30,7 +30,8 @@ FLANGE = "flange"
 def trajectory_table(trajectories: Sequence[Trajectory]) -> pa.Table:
     """Return columns t_s, robot, q_0 ... q_k and node, robot after robot.
 
-    A robot with fewer joints than another has nulls in the columns that it does not need.
+    Where robots keep to limits of acceleration there are v_0 ... v_k and a_0 ... a_k besides. A
+    robot with fewer joints than another has nulls in the columns that it does not need.
     """
     counts = [len(motion.t_ns) for motion in trajectories]
     names = pa.array([motion.robot for motion in trajectories], pa.string())
@@ -39,16 +40,30 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> pa.Table:
         "t_s": pa.array(_joined([m.t_ns for m in trajectories]) / NANOSECONDS),
         "robot": pa.DictionaryArray.from_arrays(index, names),
     }
-    for j in range(max((m.q.shape[1] for m in trajectories), default=0)):
-        chunks = [
-            pa.array(np.ascontiguousarray(m.q[:, j]))
-            if j < m.q.shape[1]
-            else pa.nulls(len(m.t_ns), pa.float64())
-            for m in trajectories
-        ]
-        columns[f"q_{j}"] = pa.chunked_array(chunks, pa.float64())
+    columns |= _joint_columns("q", [m.q for m in trajectories])
+    if any(m.v is not None for m in trajectories):
+        columns |= _joint_columns("v", [_or_zero(m, m.v) for m in trajectories])
+        columns |= _joint_columns("a", [_or_zero(m, m.a) for m in trajectories])
     columns["node"] = pa.array(_joined([m.node for m in trajectories]))
     return pa.table(columns)
+
+
+def _or_zero(motion: Trajectory, values: Array | None) -> Array:
+    return np.zeros_like(motion.q) if values is None else values
+
+
+def _joint_columns(name: str, values: Sequence[Array]) -> dict[str, pa.ChunkedArray]:
+    """Return a column a joint of what each robot has a row of values of."""
+    columns = {}
+    for j in range(max((rows.shape[1] for rows in values), default=0)):
+        chunks = [
+            pa.array(np.ascontiguousarray(rows[:, j]))
+            if j < rows.shape[1]
+            else pa.nulls(len(rows), pa.float64())
+            for rows in values
+        ]
+        columns[f"{name}_{j}"] = pa.chunked_array(chunks, pa.float64())
+    return columns
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -10,7 +10,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
@@ -57,11 +56,12 @@ def gantt_figure(
         plan: which plan ``tpg`` is.
     """
     told = robot_activities(tpg, events)
+    tasks = {task.kind for task in tpg.tasks}
     lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
     lanes |= {
         name: told[name]
         for name in (item.name for item in tpg.cell.machines)
-        if any(item.state in SUPPLY_KINDS for item in told.get(name, ()))
+        if any(item.state in tasks for item in told.get(name, ()))
     }
     total_s = max(run.makespan_s, 1e-9)
     most = max(

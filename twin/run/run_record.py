@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from planning.errors import TwinError
+from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.uncertainty.halts import Pace
@@ -55,6 +56,8 @@ class Run:
         failure: what failed, for people; empty when nothing did.
         raised_skills: number of skills that were drawn shorter than their joints' speed limits
             allow, and took what these allow.
+        commands: what each robot was told where robots keep to limits of acceleration, one entry
+            a chain, see ``twin.run.commands``; empty otherwise.
     """
 
     outcome: Outcome
@@ -71,6 +74,7 @@ class Run:
     failed_nodes: tuple[int, ...]
     failure: str
     raised_skills: int = 0
+    commands: tuple[Array, ...] = ()
 
     @property
     def makespan_s(self) -> float:

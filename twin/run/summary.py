@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
@@ -65,6 +65,10 @@ def summarise(
             if k not in machines
         }
 
+    own = _machines(tpg, run)
+    further = ({"machines": own} if own else {}) | (
+        {} if line is None else {"line": dict(line)}
+    )
     return {
         "scenario": scenario,
         "seed": run.seed,
@@ -84,7 +88,22 @@ def summarise(
         "planning_s": dict(planning_s or {}),
         "audit": None if audit is None else dict(audit),
         "warnings": list(warnings),
-    } | ({} if line is None else {"line": dict(line)})
+    } | further
+
+
+def _machines(tpg: TemporalPlanGraph, run: Run) -> dict[str, dict[str, float]]:
+    """Return how long each machine that works at parts had one, and was down meanwhile [s]."""
+    found = {}
+    for k in working_machines(tpg):
+        done = run.end_ns[k] >= 0
+        busy = int((run.end_ns[k] - run.start_ns[k])[done].sum())
+        down = busy - int(run.duration_ns[k][done].sum())
+        found[tpg.chains[k].robot] = {
+            "busy_s": busy / NANOSECONDS,
+            "down_s": down / NANOSECONDS,
+            "utilisation": busy / max(run.makespan_ns, 1),
+        }
+    return found
 
 
 def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
@@ -173,6 +192,10 @@ def summary_rows(
     for robot, seconds in summary["wait_s"].items():
         share = f"{100 * seconds / makespan:.1f} % of the time" if makespan > 0 else ""
         rows.append((f"wait of {robot}", f"{seconds:.2f} s", share))
+    for name, own in summary.get("machines", {}).items():
+        down = f", down for {own['down_s']:.2f} s" if own["down_s"] else ""
+        share = f"{100 * own['utilisation']:.1f} % of the time{down}"
+        rows.append((f"{name} with a part", f"{own['busy_s']:.2f} s", share))
     if summary.get("raised_skills"):
         rows.append(
             ("raised skills", str(summary["raised_skills"]), "to their joints' limits")

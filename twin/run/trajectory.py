@@ -8,33 +8,47 @@ import numpy as np
 
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.cubic_motion import cubic_at
+from twin.run.driven_motion import driven_rows
 from twin.run.run_record import Run, waypoint_offsets_ns
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The motion of one robot; linear interpolation between its rows is the motion.
+    """The motion of one robot: straight between its rows, or cubic in time where speeds are known.
 
     Attributes:
         robot: its name.
         t_ns: shape (rows,), never falling, from 0 to the makespan [ns].
         q: configurations, shape (rows, n).
         node: node of the robot that each row belongs to, shape (rows,); -1 before the first.
+        v: joint speeds, shape (rows, n) [rad/s or m/s]; None where robots are at full speed at
+            once. With it, times rise.
+        a: accelerations, linear in time between rows, likewise [rad/s^2 or m/s^2].
     """
 
     robot: str
     t_ns: Nanoseconds
     q: Array
     node: Indices
+    v: Array | None = None
+    a: Array | None = None
 
     def at(self, t_ns: Nanoseconds) -> Array:
         """Return the configurations at some times, shape (times, n)."""
+        if self.v is not None:
+            return self.states_at(t_ns)[0]
         t = t_ns.astype(float)
         return np.stack(
             [np.interp(t, self.t_ns.astype(float), column) for column in self.q.T],
             axis=1,
         )
+
+    def states_at(self, t_ns: Nanoseconds) -> tuple[Array, Array, Array]:
+        """Return configurations, speeds and accelerations at some times, where speeds are known."""
+        assert self.v is not None
+        return cubic_at(self.t_ns / NANOSECONDS, self.q, self.v, t_ns / NANOSECONDS)
 
 
 @dataclass(frozen=True)
@@ -65,12 +79,39 @@ def robot_trajectories(tpg: TemporalPlanGraph, run: Run) -> tuple[Trajectory, ..
     for robot in tpg.cell.robots:
         if robot.name in chains:
             k = chains[robot.name]
-            found.append(_chain_trajectory(tpg.chains[k], run, k))
+            if tpg.chains[k].drive is None:
+                found.append(_chain_trajectory(tpg.chains[k], run, k))
+            else:
+                found.append(_driven_trajectory(tpg, run, k))
         else:
             ends = np.array([0, run.makespan_ns], dtype=np.int64)
             home = np.stack([robot.home, robot.home])
-            found.append(Trajectory(robot.name, ends, home, np.full(2, -1)))
+            still = None if robot.limits is None else np.zeros_like(home)
+            nodes = np.full(2, -1)
+            found.append(Trajectory(robot.name, ends, home, nodes, still, still))
     return tuple(found)
+
+
+def _driven_trajectory(tpg: TemporalPlanGraph, run: Run, k: int) -> Trajectory:
+    """Return the motion of a robot that keeps to limits, until the run ends."""
+    t, q, v, a, node = driven_rows(tpg, run, k)
+    until = run.makespan_ns
+    keep = t < until
+    still = np.zeros_like(v[-1:])
+    if t[-1] <= until:
+        last = q[-1:], still, still
+    else:
+        last = cubic_at(t / NANOSECONDS, q, v, np.array([until]) / NANOSECONDS)
+    cut = min(int(np.count_nonzero(keep)), len(node) - 1)
+    ends = np.array([*t[keep], until])
+    return Trajectory(
+        tpg.chains[k].robot,
+        ends,
+        np.vstack([q[keep], last[0]]),
+        np.append(node[keep], node[cut]),
+        np.vstack([v[keep], last[1]]),
+        np.vstack([a[keep], last[2]]),
+    )
 
 
 def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:

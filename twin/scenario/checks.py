@@ -8,9 +8,19 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
-from planning.tasks.task import HOLD, SKILLS, STRAIGHT, TRANSIT
+from planning.packages import file_named
+from planning.tasks.supply_tasks import SUPPLY_KINDS
+from planning.tasks.task import (
+    HOLD,
+    LEAVE_TOOL,
+    SKILLS,
+    STRAIGHT,
+    TAKE_TOOL,
+    TRANSIT,
+)
 from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
+from twin.planning.line.problems import disturbed_machines
 from twin.planning.part_problems import unknown_frame
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -18,6 +28,7 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
+from twin.scenario.tool_checks import changed_tools, check_tools
 
 Found = Iterator[tuple[KeyPath, str]]
 
@@ -45,6 +56,7 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_durations(scenario.execution, ("execution",), folder)
     found += _check_processes(scenario)
     found += _check_work(scenario)
+    found += check_tools(scenario)
     found += _check_overrides(scenario)
     found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
@@ -66,6 +78,7 @@ def _check_names(scenario: Scenario) -> Found:
         for i, f in enumerate(scenario.cell.fixtures)
     ]
     assembly = assembly_kind(scenario.assembly)
+    things += [(("cell", "tools", name), name) for name in changed_tools(scenario.cell)]
     things += assembly.names()
     for group in (robots, things):
         seen: set[str] = set()
@@ -94,10 +107,14 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
     for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):
         try:
             model = fitted_model(robot, cell.tools, folder)
+            for worn in robot.outfits if robot.tools else ():
+                if worn.tool in cell.tools:
+                    fitted_model(worn, cell.tools, folder)
         except FittingError as error:
             at = _place(cell, i, error.key)
-            if error.key == "tool" and robot.tool in cell.tools:
-                yield ("cell", "tools", str(robot.tool)), str(error)
+            tool = worn.tool if robot.tools else robot.tool
+            if error.key == "tool" and tool in cell.tools:
+                yield ("cell", "tools", str(tool)), str(error)
             elif error.key == "tool" and error.choices:
                 yield at, unknown_name("tool", str(robot.tool), error.choices)
             else:
@@ -134,7 +151,16 @@ def _is_path(model: str) -> bool:
 
 
 def _check_robot_names(scenario: Scenario) -> Found:
-    """Disturbances happen to robots of the cell."""
+    """Disturbances happen to robots of the cell, and to machines of the assembly."""
+    machines: tuple[str, ...] = ()
+    if isinstance(scenario.assembly, PartsSection):
+        machines = tuple(disturbed_machines(scenario.assembly))
+    for name in scenario.execution.machines:
+        if name not in machines:
+            words = unknown_name("machine", name, machines)
+            if not machines:
+                words = f"there is no machine {name!r}"
+            yield ("execution", "machines", name), words
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
         if name not in names:
@@ -161,7 +187,8 @@ def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
         from planning.meshes.mesh_form import mesh_form
 
         try:
-            mesh_form(folder / value.mesh, value.scale, value.within_m)
+            file = file_named(value.mesh, folder, ShapeError)
+            mesh_form(file, value.scale, value.within_m)
         except ShapeError as error:
             yield (*at, "mesh"), str(error)
         return
@@ -181,7 +208,8 @@ def _parts(value: object) -> Iterator[tuple[str | int, object]]:
 def _check_skills(scenario: Scenario) -> Found:
     """Durations and failures are of skills that there are."""
     execution = scenario.execution
-    valid = (*SKILLS, HOLD, *scenario.processes)
+    changes = (LEAVE_TOOL, TAKE_TOOL) if changed_tools(scenario.cell) else ()
+    valid = (*SKILLS, HOLD, *changes, *scenario.processes)
     named: list[tuple[KeyPath, str]] = [
         *((("skills", name), name) for name in execution.skills),
         *((("failures", name), name) for name in execution.failures),
@@ -199,7 +227,16 @@ def _check_processes(scenario: Scenario) -> Found:
     """Every process has a name that nothing else has, and takes some time."""
     for name in scenario.processes:
         at: KeyPath = ("assembly", "processes", name)
-        if name in (*SKILLS, HOLD, STRAIGHT, TRANSIT, *_STATES):
+        if name in (
+            *SKILLS,
+            HOLD,
+            STRAIGHT,
+            TRANSIT,
+            LEAVE_TOOL,
+            TAKE_TOOL,
+            *SUPPLY_KINDS,
+            *_STATES,
+        ):
             yield at, f"a process cannot be called {name!r}: that means something else"
         elif name not in scenario.execution.skills:
             yield at, f"how long does {name} take? Give it a duration"
@@ -210,7 +247,8 @@ def _check_work(scenario: Scenario) -> Found:
     assembly, robots = scenario.assembly, scenario.cell.robots
     if not isinstance(assembly, PartsSection):
         return
-    tools = tuple(dict.fromkeys(robot.tool for robot in robots if robot.tool))
+    worn = (own.tool for robot in robots for own in robot.outfits)
+    tools = tuple(dict.fromkeys(tool for tool in worn if tool))
     for name, process in assembly.processes.items():
         if process.tool is not None and process.tool not in tools:
             at: KeyPath = ("assembly", "processes", name, "tool")
@@ -244,7 +282,10 @@ def _check_work(scenario: Scenario) -> Found:
 
 def _check_overrides(scenario: Scenario) -> Found:
     robots = tuple(robot.name for robot in scenario.cell.robots)
-    kinds = tuple(assembly_kind(scenario.assembly).object_kinds())
+    kinds = (
+        *assembly_kind(scenario.assembly).object_kinds(),
+        *changed_tools(scenario.cell),
+    )
     seen: dict[tuple[str, str | None, str | None], int] = {}
     for i, item in enumerate(scenario.execution.skill_overrides):
         at: KeyPath = ("execution", "skill_overrides", i)

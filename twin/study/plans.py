@@ -10,6 +10,7 @@ from pathlib import Path
 from planning.errors import RequestError, ScenarioError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import within_limits
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
 from twin.planning.line.repeated import repeated_plans
@@ -86,7 +87,7 @@ def plan_for_study(
     plans = {}
     if needed & {IN_SLOTS, SLOTS_SHORTENED} and turns.cell.machines:
         raise ScenarioError(
-            "a plan in slots cannot wait for the machines of sources and products: leave out the"
+            "a plan in slots cannot wait for machines, sources and products: leave out the"
             " policies that are synchronous"
         )
     if needed & {IN_TURNS, SHORTENED}:
@@ -103,7 +104,8 @@ def plan_for_study(
                 candidates=candidates,
                 seed=scenario.seed,
             )
-    plans = repeated_plans(plans, turns.pattern, watch)
+    timed = {name: within_limits(plan) for name, plan in plans.items()}
+    plans = repeated_plans(timed, turns.pattern, watch)
     return {name: plan for name, plan in plans.items() if name in needed}
 
 

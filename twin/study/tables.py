@@ -18,6 +18,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations import NANOSECONDS, Nanoseconds
+from twin.engine.bulk.bulk_engine import bulk_contraction
 from twin.engine.bulk.policy_graph import OTHER, policy_graph
 from twin.host.atomic import replacing
 from twin.recorders.motion_tables import write_table
@@ -30,7 +31,6 @@ from twin.study.replications.block_results import (
 )
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.workload import Workload
-from twin.uncertainty.contraction import contract
 
 CAUSES = {
     TASK_DEPENDENCY: "dependency",
@@ -141,7 +141,9 @@ def product_columns(times: ProductTimes, due_s: Sequence[float] = ()) -> dict[st
 
 def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     """Return a row a type-2 edge: which tasks it joins, why, and how often it was critical."""
-    tpg: TemporalPlanGraph = load.tpg if load.reasons else contract(load.tpg).tpg
+    tpg: TemporalPlanGraph = (
+        load.tpg if load.reasons else bulk_contraction(load.tpg).tpg
+    )
     graph = policy_graph(tpg, load.execution.policy)
     task = np.concatenate([own.task for own in tpg.chains])
     target = np.repeat(np.arange(len(task)), np.diff(graph.edge_first))

@@ -49,15 +49,19 @@ def scenario_execution(
 def doubts_about_stalls(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str, ...]:
     """Return what is said of stalls that are asked for and cannot all happen.
 
-    A robot stalls at most once a node, so that more stalls than nodes are not executed.
+    A robot or machine stalls at most once a node, so that more stalls than nodes are not executed.
     """
-    stalls = scenario.execution.stalls.count_per_robot
-    return tuple(
-        f"stalls.count_per_robot is {stalls}, but robot {chain.robot!r} has {len(chain)} nodes"
-        " and stalls once at each of them"
-        for chain in tpg.chains
-        if stalls > len(chain)
-    )
+    found = []
+    for chain in tpg.chains:
+        own, who = scenario.execution.stalls, "robot"
+        if tpg.cell.is_machine(chain.robot):
+            own, who = scenario.execution.of_machine(chain.robot).stalls, "machine"
+        if own.count_per_robot > len(chain):
+            found.append(
+                f"stalls.count_per_robot is {own.count_per_robot}, but {who} {chain.robot!r} has"
+                f" {len(chain)} nodes and stalls once at each of them"
+            )
+    return tuple(found)
 
 
 def followed_execution(
@@ -106,12 +110,18 @@ def skill_durations(
         ScenarioError: a file of measured times cannot be read.
     """
     execution = scenario.execution
-    machines = (
-        item.model_copy(update={"duration": item.duration.located(folder)})
-        for item in assembly_kind(scenario.assembly).machine_durations()
+    machines, tools = (
+        [
+            item.model_copy(update={"duration": item.duration.located(folder)})
+            for item in given
+        ]
+        for given in (
+            assembly_kind(scenario.assembly).machine_durations(),
+            scenario.tool_durations,
+        )
     )
     return SkillDurations(
         execution.skill_models(folder),
-        (*execution.skill_exceptions(folder), *machines),
+        (*tools, *execution.skill_exceptions(folder), *machines),
         antithetic,
     )

@@ -127,24 +127,37 @@ class Stalls(Section):
         return self.duration or Uniform.model_construct(low_s=low, high_s=high)
 
 
-class Breakdowns(Section):
-    """Robots break down and are repaired; both times are exponential.
+class MachineBreakdowns(Section):
+    """A machine breaks down and is repaired; both times are exponential.
 
     Attributes:
         mtbf_s: mean time between failures [s].
         mttr_s: mean time to repair [s].
-        clock: what ``mtbf_s`` counts: ``busy`` time of the robot, or all time of the ``run``.
-        robots: who breaks down; everyone when not given.
+        clock: what ``mtbf_s`` counts: ``busy`` time of what breaks down, or all time of the
+            ``run``.
     """
 
     mtbf_s: Annotated[float, Field(gt=0, le=1e9)]
     mttr_s: Annotated[float, Field(ge=0, le=1e6)]
     clock: Literal["busy", "run"] = "busy"
+
+    def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
+        """Tell whether something of a name breaks down by a clock."""
+        return self.clock == clock
+
+
+class Breakdowns(MachineBreakdowns):
+    """Robots break down and are repaired; both times are exponential.
+
+    Attributes:
+        robots: who breaks down; every robot when not given.
+    """
+
     robots: tuple[Name, ...] | None = None
 
-    def affects(self, robot: str, clock: Literal["busy", "run"]) -> bool:
-        """Tell whether a robot breaks down by a clock."""
-        return self.clock == clock and (self.robots is None or robot in self.robots)
+    def affects(self, name: str, clock: Literal["busy", "run"]) -> bool:
+        """Tell whether a robot of a name breaks down by a clock."""
+        return self.clock == clock and (self.robots is None or name in self.robots)
 
 
 class SkillFailure(Section):
@@ -176,6 +189,18 @@ class EmergencyStop(Section):
     duration_s: Annotated[float, Field(gt=0, le=1e6)]
 
 
+class MachineDisturbances(Section):
+    """What disturbs one machine; nothing by default.
+
+    Attributes:
+        breakdowns: it breaks down and is repaired.
+        stalls: random standstills, such as a jam.
+    """
+
+    breakdowns: MachineBreakdowns | None = None
+    stalls: Stalls = Stalls()
+
+
 class Disturbances(Section):
     """Disturbances of a run; none by default.
 
@@ -186,6 +211,7 @@ class Disturbances(Section):
         breakdowns: of robots.
         failures: of attempts at a skill, by skill.
         emergency_stops: at given times.
+        machines: breakdowns and stalls of machines, by name.
     """
 
     speed: Speed = Speed()
@@ -194,12 +220,29 @@ class Disturbances(Section):
     breakdowns: Breakdowns | None = None
     failures: dict[Skill, SkillFailure] = Field(default_factory=dict)
     emergency_stops: tuple[EmergencyStop, ...] = ()
+    machines: dict[Name, MachineDisturbances] = Field(default_factory=dict)
 
     @property
     def at_absolute_times(self) -> bool:
         """True if some disturbance happens at absolute times of the run's clock."""
-        by_clock = self.breakdowns is not None and self.breakdowns.clock == "run"
-        return bool(self.emergency_stops) or by_clock
+        return bool(self.emergency_stops) or self.breaks_by_clock
+
+    @property
+    def breaks_by_clock(self) -> bool:
+        """True if a robot or machine breaks down at times of the run's clock."""
+        own = (self.breakdowns, *(item.breakdowns for item in self.machines.values()))
+        return any(item is not None and item.clock == "run" for item in own)
+
+    def of_machine(self, name: str) -> Disturbances:
+        """Return what disturbs a machine: what is said of it, and failed attempts at its process."""
+        own = self.machines.get(name, MachineDisturbances())
+        return Disturbances().model_copy(
+            update={
+                "breakdowns": own.breakdowns,
+                "stalls": own.stalls,
+                "failures": self.failures,
+            }
+        )
 
     def located(self, folder: Path) -> Disturbances:
         """Return the same with files of measured times read, and without stalls that never are.
@@ -214,10 +257,15 @@ class Disturbances(Section):
         def read(model: DurationModel | None) -> DurationModel | None:
             return None if model is None else model.located(folder)
 
-        stalls = Stalls()
-        if self.stalls.count_per_robot or self.stalls.rate_per_h:
-            update = {"duration": read(self.stalls.duration)}
-            stalls = self.stalls.model_copy(update=update)
+        def happening(stalls: Stalls) -> Stalls:
+            if not stalls.count_per_robot and not stalls.rate_per_h:
+                return Stalls()
+            return stalls.model_copy(update={"duration": read(stalls.duration)})
+
+        machines = {
+            name: own.model_copy(update={"stalls": happening(own.stalls)})
+            for name, own in self.machines.items()
+        }
         failures = {
             skill: failure.model_copy(update={"retry": read(failure.retry)})
             for skill, failure in self.failures.items()
@@ -229,7 +277,8 @@ class Disturbances(Section):
         ).model_copy(
             update={
                 "jitter": read(self.jitter),
-                "stalls": stalls,
+                "stalls": happening(self.stalls),
                 "failures": failures,
+                "machines": machines,
             }
         )

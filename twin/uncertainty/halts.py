@@ -144,6 +144,12 @@ class Halts:
             if start < until_ns
         )
 
+    def stopped_between(self, start_ns: int, end_ns: int) -> int:
+        """Return for how long the robot is stopped between two times [ns]."""
+        return sum(
+            max(0, min(b, end_ns) - max(a, start_ns)) for a, b in self.intervals(end_ns)
+        )
+
     def _extend(self, t_ns: int) -> None:
         """Draw breakdowns until all up to a time are known."""
         if t_ns < self._horizon or self._breakdowns is None:
@@ -190,22 +196,25 @@ def sample_halts(
     seed: int,
     replication: int = 0,
 ) -> tuple[Halts, ...] | None:
-    """Return the stops of every robot that has work, machines never stop; None when nobody can ever stop."""
+    """Return the stops of everyone who has work; None when nobody can ever stop.
+
+    Machines break down; emergency stops are of robots.
+    """
     if not disturbances.at_absolute_times:
         return None
     found = []
     machines = machine_chains(tpg)
     for k, chain in enumerate(tpg.chains):
-        if k in machines:
-            found.append(Halts([]))
-            continue
         stops = []
-        for stop in disturbances.emergency_stops:
+        own = disturbances
+        if k in machines:
+            own = disturbances.of_machine(chain.robot)
+        for stop in own.emergency_stops:
             if stop.robot in (None, chain.robot):
                 start, length = to_nanoseconds([stop.at_s, stop.duration_s]).tolist()
                 reason = f"emergency stop for {stop.duration_s:.3f} s"
                 stops.append(Stop(start, start + length, reason))
-        breaks = disturbances.breakdowns
+        breaks = own.breakdowns
         by_clock = breaks if breaks and breaks.affects(chain.robot, "run") else None
         name = (seed, replication, chain.robot)
         found.append(Halts(stops, by_clock, name=name))

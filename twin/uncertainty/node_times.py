@@ -107,6 +107,30 @@ class SegmentTimes:
     fails: npt.NDArray[np.bool_]
     standstills: tuple[Standstills, ...] = ()
 
+    def completing(self) -> SegmentTimes:
+        """Keep the replications in which no task fails for good."""
+        well = ~self.fails
+        place = np.cumsum(well) - 1
+        kept = []
+        for group in self.standstills:
+            own = well[group.column]
+            kept.append(
+                Standstills(
+                    group.cause,
+                    group.node[own],
+                    place[group.column[own]],
+                    group.duration_ns[own],
+                )
+            )
+        return SegmentTimes(self.busy_ns[:, well], self.fails[well], tuple(kept))
+
+    def stood_ns(self) -> Nanoseconds:
+        """Return for how long robots stand in each segment, shaped as ``busy_ns`` [ns]."""
+        stood = np.zeros_like(self.busy_ns)
+        for group in self.standstills:
+            np.add.at(stood, (group.node, group.column), group.duration_ns)
+        return stood
+
 
 class NodeTimeSampler:
     """Draws what the nodes of one graph take, as often as asked.
@@ -126,10 +150,10 @@ class NodeTimeSampler:
         self._tpg = tpg
         self._skills = durations.bind(tpg)
         self._disturbances = disturbances
-        # Nothing disturbs what no robot does: its times are what varies there.
-        machines, none = machine_chains(tpg), Disturbances()
+        machines = machine_chains(tpg)
         self._by_chain = [
-            none if k in machines else disturbances for k in range(len(tpg.chains))
+            disturbances.of_machine(chain.robot) if k in machines else disturbances
+            for k, chain in enumerate(tpg.chains)
         ]
         self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.

@@ -74,12 +74,15 @@ class Fitting:
 
     Attributes:
         tool: what is mounted on its flange; None for what it comes with.
+        bare: whether nothing is mounted, not even what it comes with: its tools are handled as
+            objects, and what hangs on its last joint touches them.
         flange: link whose frame is the flange; None for the one that its description means.
         held: joints of the description that are held, and at what [rad or m].
         limits: of its joints.
     """
 
     tool: Tool | None = None
+    bare: bool = False
     flange: str | None = None
     held: Mapping[str, float] = field(default_factory=dict)
     limits: Limits = Limits()
@@ -89,6 +92,7 @@ class Fitting:
         """Whether the description stays as it is."""
         return (
             self.tool is None
+            and not self.bare
             and self.flange is None
             and not self.held
             and self.limits == Limits()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from planning.files import is_file
+from planning.packages import ros_folders
 
 _ABOVE = 3
 """So many folders above that of a description are searched."""
@@ -18,10 +18,7 @@ def search_folders(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path,
     Where ROS is set up, its packages are searched too.
     """
     above = list(path.resolve().parents)[1 : _ABOVE + 1]
-    ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
-    ament = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
-    ros += [Path(prefix, "share") for prefix in ament if prefix]
-    return tuple(dict.fromkeys((path.parent, *package_dirs, *above, *ros)))
+    return tuple(dict.fromkeys((path.parent, *package_dirs, *above, *ros_folders())))
 
 
 def find_mesh(name: str, dirs: Sequence[Path]) -> Path | None:

@@ -35,7 +35,7 @@ from planning.robots.descriptions.urdf_file import (
 )
 from planning.robots.descriptions.written_options import write_options, written_options
 from planning.robots.descriptions.xml_reading import without_prefixes
-from planning.transforms import Transform, rotation
+from planning.transforms import Transform, identity, rotation
 
 _KEPT = ("link", "joint", "material")
 
@@ -77,6 +77,13 @@ def fitted_description(
             links, frames = _mount(root, flange, fitting.tool)
         grip = fitting.tool.grip
         known = replace(known, tool_links=links, frames=frames, grip=grip)
+    if fitting.bare:
+        _take_off(root, frozenset(known.tool_links or ()), flange, path)
+        left = {str(link.get("name")) for link in root.findall("link")}
+        last = arm.fixed_below(arm.child_of(arm.joints[-1].name))
+        links = tuple(link for link in last if link in left)
+        frames = {"changer": identity()}
+        known = replace(known, tool_links=links, frames=frames, grip=None)
     if known.home is not None and len(known.home) != len(arm.joints):
         known = replace(known, home=None)
     if fitting.limits.payload is not None:
@@ -115,8 +122,9 @@ def _write_limits(
     root: Element, path: Path, options: UrdfOptions, limits: Limits
 ) -> None:
     given = dict(limits.by_joint())
-    if options.velocity is not None:
-        given.setdefault("velocity", options.velocity)
+    for key in ("velocity", "acceleration", "jerk"):
+        if getattr(options, key) is not None:
+            given.setdefault(key, getattr(options, key))
     if not given:
         return
     order = moving_order(root, path)

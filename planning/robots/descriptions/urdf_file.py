@@ -39,6 +39,8 @@ class UrdfOptions:
         frames: tool frames in the flange frame; by default ``tool``, the frame of the last
             link that hangs on the flange.
         velocity: joint speed limits in place of the file's [rad/s or m/s].
+        acceleration: likewise [rad/s^2 or m/s^2].
+        jerk: likewise [rad/s^3 or m/s^3].
         grip: how the tool holds; None where nothing is known.
         payload: the most that it may carry, its tool included; None where nothing is known [kg].
     """
@@ -51,6 +53,8 @@ class UrdfOptions:
     tool_links: tuple[str, ...] | None = None
     frames: Mapping[str, Transform] | None = None
     velocity: tuple[float, ...] | None = None
+    acceleration: tuple[float, ...] | None = None
+    jerk: tuple[float, ...] | None = None
     grip: ToolGrip | None = None
     payload: float | None = None
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from planning.cell import cover
 from planning.cell.body import Capsules
 from planning.cell.cover import (
     box_body,
     capsule_cover,
+    cut_across,
     hull_vertices,
 )
 from planning.transforms import Array
@@ -154,3 +158,32 @@ def test_hull_vertices_of_a_plane_and_a_line() -> None:
     assert {tuple(p) for p in np.round(kept @ turn, 9) + 0.0} == set(map(tuple, square))
     line = np.linspace(0.0, 1.0, 30)[:, None] * np.array([1.0, 2.0, 3.0])
     assert hull_vertices(line).tolist() == [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_edges_of_a_hull_cut_it_as_all_segments_do(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the segments between all corners on both sides; round bodies have very many."""
+    ball = np.random.default_rng(seed).normal(size=(250, 3))
+    ball *= np.array([0.9, 0.5, 0.2]) / np.linalg.norm(ball, axis=1)[:, None]
+    points = hull_vertices(ball)
+    for axis in range(3):
+        found = cut_across(points, axis, 2)
+        with monkeypatch.context() as patched:
+            patched.setattr(cover, "_MANY", 10**9)
+            wanted = cut_across(points, axis, 2)
+        for a, b in zip(found, wanted, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-12)
+
+
+def test_a_large_round_link_is_covered_soon() -> None:
+    """A link of 3000 corners took minutes when every two of them were joined."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 1500, endpoint=False)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    link = np.vstack([0.3 * ring, 0.2 * ring + [0.0, 0.0, 1.2]])
+    start = time.process_time()
+    capsules = capsule_cover(link)
+    assert time.process_time() - start < 10.0
+    samples = sample_hull(link, np.random.default_rng(0), 3000)
+    assert distance_outside(samples, capsules).max() <= 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from planning.geometry.exact import distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_pose
+from planning.motion.speed import L1Speed
+from planning.motion.transit import RrtConnect
 from planning.transforms import from_rpy, translation
 
 
@@ -134,10 +137,41 @@ def test_a_free_motion_is_free_at_every_sample(
             for t in np.linspace(0, 1, 60)
         ]
         free = checker.motion_free(q_a, q_b)
+        seems = checker.seems_free(q_a, q_b)
+        assert seems or not free
+        assert checker.configuration_free(q_b) or not seems
         if min(gaps) < 0:
             assert not free
         if min(gaps) > 0.03:
             assert free
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_planned_way_is_free_at_every_sample(
+    make_arm: Callable[..., PlacedRobot], seed: int
+) -> None:
+    cell = _cell(make_arm, seed)
+    state = _state(cell, None)
+    checker = SceneChecker(cell, "one", state)
+    model = cell.robots[0].model
+    planner = RrtConnect(model.lower, model.upper, L1Speed())
+    rng = np.random.default_rng(seed)
+    planned = 0
+    for query in range(20):
+        start, goal = rng.uniform(model.lower, model.upper, (2, 4))
+        if not (checker.configuration_free(start) and checker.configuration_free(goal)):
+            continue
+        path = planner.plan(checker, start, goal, query)
+        if path is None or len(path) == 2:
+            continue
+        planned += 1
+        for a, b in pairwise(path):
+            steps = int(np.max(np.abs(b - a)) / 0.01) + 2
+            for t in np.linspace(0.0, 1.0, steps):
+                assert _least_gap(cell, state, a + t * (b - a)) >= 0.0
+        if planned == 3:
+            break
+    assert planned > 0
 
 
 def test_an_allowed_pair_is_not_checked(make_arm: Callable[..., PlacedRobot]) -> None:

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from planning.motion.speed import JointSpeed, L1Speed, path_duration, sample_path
-from planning.motion.transit import RrtConnect, smooth_path
+from planning.motion.composite import CompositeSpeed
+from planning.motion.smoothing import smooth_path
+from planning.motion.speed import (
+    JointSpeed,
+    L1Speed,
+    path_duration,
+    path_times,
+    sample_path,
+)
+from planning.motion.transit import RrtConnect
 from planning.transforms import Array
 
 _T = np.linspace(0.0, 1.0, 200)[:, None]
@@ -27,6 +40,9 @@ class _Discs:
             bool(np.all(np.hypot(points[:, 0] - x, points[:, 1] - y) > r))
             for x, y, r in self.discs
         )
+
+    def seems_free(self, q_a: Array, q_b: Array) -> bool:
+        return all(self.configuration_free(q) for q in (q_b, 0.5 * (q_a + q_b)))
 
 
 _START, _GOAL = np.array([0.05, 0.5]), np.array([0.95, 0.5])
@@ -67,6 +83,56 @@ def test_the_same_seed_gives_the_same_path_whatever_ran_before() -> None:
     assert other is None or not np.array_equal(first, other)
 
 
+@given(st.integers(0, 2**20), st.integers(1, 12))
+@settings(max_examples=60, deadline=None)
+def test_what_only_seems_free_is_gone_around(seed: int, count: int) -> None:
+    """Discs far smaller than the steps of the trees, which hardly ever see them."""
+    rng = np.random.default_rng(seed)
+    discs = np.column_stack([rng.uniform(0.0, 1.0, (count, 2)), np.full(count, 0.03)])
+    wall = [(0.5, y, 0.012) for y in np.arange(0.0, 0.9, 0.02)]
+    world = _Discs(*map(tuple, discs.tolist()), *wall)
+    if not (world.configuration_free(_START) and world.configuration_free(_GOAL)):
+        return
+    seeming = _Seeming(*world.discs)
+    path = _planner().plan(seeming, _START, _GOAL, seed)
+    if path is not None:
+        assert np.array_equal(path[[0, -1]], [_START, _GOAL])
+        assert all(world.motion_free(a, b) for a, b in pairwise(path))
+        again = _planner().plan(seeming, _START, _GOAL, seed)
+        assert np.array_equal(path, again)
+
+
+class _Seeming(_Discs):
+    """Discs that are not seen on the way, only where a motion ends."""
+
+    def seems_free(self, q_a: Array, q_b: Array) -> bool:
+        return self.configuration_free(q_b)
+
+
+def test_the_wall_that_is_not_seen_is_gone_around() -> None:
+    wall = [(0.5, y, 0.012) for y in np.arange(0.0, 0.9, 0.02)]
+    path = _planner().plan(_Seeming(*wall), _START, _GOAL, seed=0)
+    assert path is not None
+    assert np.max(path[:, 1]) > 0.88
+
+
+@pytest.mark.parametrize(("tours", "enough"), [(1, 500), (3, 1), (3, 500)])
+def test_more_tours_never_make_a_rough_path_longer(tours: int, enough: int) -> None:
+    world = _Discs((0.3, 0.5, 0.15), (0.7, 0.4, 0.2))
+    planner = replace(
+        _planner(), tours=tours, enough=enough, rough=0, smoothing=0, good_enough=1.0
+    )
+    one = replace(planner, tours=1)
+    for seed in range(5):
+        first = one.plan(world, _START, _GOAL, seed)
+        path = planner.plan(world, _START, _GOAL, seed)
+        assert first is not None
+        assert path is not None
+        assert path_duration(path, L1Speed()) <= path_duration(first, L1Speed())
+        if 1 in (tours, enough):
+            assert np.array_equal(path, first)
+
+
 def test_no_way_ends_without_a_path() -> None:
     world = _Discs(*((0.5, y, 0.08) for y in np.arange(0.0, 1.05, 0.07)))
     planner = RrtConnect(np.zeros(2), np.ones(2), L1Speed(), reach=0.2, checks=300)
@@ -100,3 +166,28 @@ def test_sampling_keeps_corners_goal_and_speed() -> None:
 def test_joint_speed_waits_for_the_slowest_joint() -> None:
     model = JointSpeed(np.array([1.0, 0.25]))
     assert model.duration(np.zeros(2), np.array([1.0, 0.5])) == pytest.approx(2.0)
+
+
+@given(st.integers(0, 2**20), st.integers(2, 5), st.booleans())
+def test_durations_are_those_of_the_motions_one_by_one(
+    seed: int, joints: int, limited: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    path = rng.uniform(-3.0, 3.0, (6, joints))
+    velocity = rng.uniform(0.1, 2.0, joints)
+    both = CompositeSpeed(
+        (L1Speed(0.7, velocity[:1]), JointSpeed(velocity[1:])),
+        (slice(0, 1), slice(1, joints)),
+    )
+    l1 = L1Speed(0.7, velocity if limited else None)
+    for speed in (l1, JointSpeed(velocity), both):
+        steps = [speed.duration(a, b) for a, b in pairwise(path)]
+        assert speed.durations(np.diff(path, axis=0)).tolist() == pytest.approx(steps)
+        assert path_duration(path, speed) == pytest.approx(sum(steps))
+        assert path_times(path, speed)[-1] == pytest.approx(sum(steps))
+    travel = np.abs(path[1] - path[0])
+    slowest = max(travel / velocity)
+    assert JointSpeed(velocity).duration(*path[:2]) == pytest.approx(slowest)
+    assert L1Speed(0.7).duration(*path[:2]) == pytest.approx(sum(travel) / 0.7)
+    alone = [travel[0] / 0.7, travel[0] / velocity[0], *(travel / velocity)[1:]]
+    assert both.duration(*path[:2]) == pytest.approx(max(alone))

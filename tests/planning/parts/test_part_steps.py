@@ -11,7 +11,7 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import GripRules, PartAssembly
+from planning.parts.assembly import DOWN, UP, GripRules, PartAssembly, PartWays
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
 from planning.parts.steps import Place
@@ -90,7 +90,7 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
 ) -> None:
     assert plan_violations(found.problem, plan) == []
     assert {c.robot for c in plan.choices} == {"west", "east"}
-    for (step, name, grasp), (pick, place) in found.paths.items():
+    for (step, name, grasp, _), (pick, place) in found.ways.paths.items():
         robot = found.cell.robot(name)
         grip = found.steps[step - 1].grips[grasp].pose
         for path, part in (
@@ -179,3 +179,25 @@ def test_a_part_too_wide_for_the_fingers_is_refused() -> None:
     found = find_candidates(two_arms(), narrow)
     with pytest.raises(InfeasibleStepError, match=r"the tool opens to 20\.0 mm"):
         assign_steps(found.problem)
+
+
+Direction = tuple[float, float, float]
+
+
+def test_a_part_is_not_led_through_what_it_touches() -> None:
+    """The upper rod comes from above: from below the lower ones are in its way."""
+
+    def led(part: str, insertion: Direction, extraction: Direction) -> PartAssembly:
+        plain = crossing()
+        ways = PartWays(plain.grips, plain.approach, plain.leave, insertion, extraction)
+        return replace(plain, own_ways={part: ways})
+
+    assert find_candidates(two_arms(), led("across", DOWN, UP))
+    with pytest.raises(
+        InfeasibleStepError, match=r"\(across\) leads through north .*into its place"
+    ):
+        find_candidates(two_arms(), led("across", UP, UP))
+    with pytest.raises(
+        InfeasibleStepError, match=r"\(south\) leads through table .*where it starts"
+    ):
+        find_candidates(two_arms(), led("south", DOWN, DOWN))

@@ -1,5 +1,7 @@
 """Grips on parts that are no boxes: fingers meet opposite faces, cups find flat spots."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
@@ -65,6 +67,12 @@ def test_fingers_close_on_a_bar_across_its_axis_or_on_its_ends(radius, length, e
         assert found
 
 
+@pytest.mark.parametrize("positions", [1, 2, 3, 4])
+def test_an_upright_peg_is_gripped_however_many_places_are_tried(positions):
+    rules = GripRules(positions=positions, end_margin=0.001, opening=0.02, depth=0.008)
+    assert part_grips(of(Cylinder(0.004, 0.03)), EYE, EYE, rules)
+
+
 @pytest.mark.parametrize(("around", "tools"), [(90, 2 * 4), (45, 2 * 8), (30, 2 * 12)])
 def test_a_finer_angle_gives_more_sides_of_a_bar(around, tools):
     rules = GripRules(steepest=np.pi, positions=1, around=np.radians(around))
@@ -122,6 +130,24 @@ def test_a_wall_of_a_tube_is_gripped_only_where_a_finger_has_room_inside():
     # 18 mm of wall would fit, but not a finger beside it: the hole is 24 mm wide.
     roomy = GripRules(opening=0.04, finger_width=0.01, finger_depth=0.015)
     assert not part_grips(tight, EYE, EYE, roomy)
+
+
+@pytest.mark.parametrize(
+    ("width", "opening", "held"), [(20, 0.03, True), (20, 0.018, False)]
+)
+def test_a_ring_is_gripped_from_outside_across_its_hole(width, opening, held):
+    """A nut has a hole in which no finger has room; what it is wide must be open."""
+    nut = of_mesh(
+        trimesh.creation.annulus(
+            r_min=0.006, r_max=width / 2e3, height=0.01, sections=24
+        )
+    )
+    rules = GripRules(opening=opening, depth=0.006, finger_width=0.01)
+    found = part_grips(nut, EYE, EYE, rules)
+    assert bool(found) == held
+    for grip in found:
+        assert np.linalg.norm(grip.pose[:2, 3]) < 5e-3
+        assert re.match(r"grip (19|20) mm wide", grip.words)
 
 
 def test_nothing_else_of_a_part_is_where_fingers_come_down():

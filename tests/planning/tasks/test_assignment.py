@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import product
+from itertools import permutations, product
 
 import pytest
 from hypothesis import given, settings
@@ -24,12 +24,20 @@ from planning.tasks.highs_solver import assign_steps
 from tests.planning.tasks.assignment_oracle import plan_violations
 
 ROBOTS = ("ada", "bob", "cy")
+TOOLS = ("awl", "bit", "cup")
 
 
 @st.composite
 def problems(draw: st.DrawFn) -> AssignmentProblem:
     """Small problems with every feature; many are infeasible."""
     robots = ROBOTS[: draw(st.integers(2, 3))]
+    # Some robots have two or three tools that they change, and each candidate one of them.
+    own = {r: TOOLS[: draw(st.integers(2, 3))] for r in robots if draw(st.booleans())}
+    ways = {tool: float(draw(st.integers(0, 8))) for tool in TOOLS}
+
+    def tools_of(*names: str | None) -> frozenset[tuple[str, str]]:
+        return frozenset((r, draw(st.sampled_from(own[r]))) for r in names if r in own)
+
     count = draw(st.integers(1, 4))
     objects = [f"o{k}" for k in range(draw(st.integers(count, 5)))]
     costs = st.integers(0, 20).map(float)
@@ -55,12 +63,15 @@ def problems(draw: st.DrawFn) -> AssignmentProblem:
                     draw(costs),
                     partner,
                     frozenset(after),
+                    tools_of(robot, None if needs[step - 1] else partner),
                 )
             )
         if needs[step - 1]:
             for pose in range(draw(st.integers(1, 3))):
                 robot = draw(st.sampled_from(robots))
-                supports.append(SupportCandidate(step, robot, pose, draw(costs)))
+                supports.append(
+                    SupportCandidate(step, robot, pose, draw(costs), tools_of(robot))
+                )
     pairs = [
         (p, s)
         for p, primary in enumerate(primaries)
@@ -80,6 +91,12 @@ def problems(draw: st.DrawFn) -> AssignmentProblem:
         frozenset(clashes),
         frozenset(unlimited),
         draw(st.sampled_from([0.0, 0.3, 1.0, 5.0])),
+        {robot: draw(st.sampled_from(tools)) for robot, tools in own.items()},
+        {
+            (robot, old, new): ways[old] + ways[new]
+            for robot, tools in own.items()
+            for old, new in permutations(tools, 2)
+        },
     )
 
 
@@ -130,6 +147,12 @@ def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
         ]
         load = [busy.count(robot) for robot in problem.robots]
         total += problem.balance_weight * (max(load) - min(load))
+    on_it = dict(problem.mounted)
+    for choice in plan.choices:
+        for robot, tool in choice.tools:
+            if on_it[robot] != tool:
+                total += problem.changes[robot, on_it[robot], tool]
+                on_it[robot] = tool
     return total
 
 

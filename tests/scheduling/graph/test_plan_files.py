@@ -13,7 +13,10 @@ import numpy as np
 import pytest
 
 from planning.cell.robot_model import RobotModel
+from planning.cell.shape import box_shape
+from planning.cell.workcell import Fixture
 from planning.errors import OutputError
+from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
@@ -58,6 +61,24 @@ def test_a_plan_comes_back_as_it_was(tpg: TemporalPlanGraph, tmp_path: Path) -> 
     loaded = load_plan(tmp_path / "deep" / "run", _models(tpg))
     _same(tpg, loaded)
     check_invariant(DerivedTpg(loaded))
+
+
+def test_the_colour_of_a_fixture_goes_with_its_plan(
+    tpg: TemporalPlanGraph, tmp_path: Path
+) -> None:
+    shape = box_shape("box", (0.1, 0.1, 0.1))
+    fixtures = (
+        Fixture("red", shape, translation(5, 0, 0), colour=(255, 0, 10)),
+        Fixture("plain", shape, translation(6, 0, 0)),
+    )
+    painted = dataclasses.replace(
+        tpg, cell=dataclasses.replace(tpg.cell, fixtures=fixtures)
+    )
+    save_plan(painted, tmp_path)
+    _same(painted, load_plan(tmp_path, _models(tpg)))
+    written = json.loads((tmp_path / "plan.json").read_text())["cell"]["fixtures"]
+    assert written[0]["colour"] == [255, 0, 10]
+    assert "colour" not in written[1]
 
 
 def test_the_same_plan_makes_the_same_bytes(

@@ -99,6 +99,29 @@ def test_engines_and_planning_agree_on_compounds(first, second, at, there):
         assert seen >= min(true, NEAR) - 2.0 * out - 1e-5
 
 
+@pytest.mark.parametrize(
+    ("radius", "length", "ball"), [(0.125, 0.125, 0.125), (0.15, 0.01, 0.1)]
+)
+def test_a_ball_in_the_middle_of_a_disc_leaves_it_through_an_end(radius, length, ball):
+    eye = np.eye(4)
+    shapes = [
+        shape_of(name, [Element(form, eye)])
+        for name, form in (
+            ("disc", Cylinder(radius, length)),
+            ("ball", Capsule(ball, 0.0)),
+        )
+    ]
+    disc, inside = (
+        CellObject(s, "part", shape, eye)
+        for s, shape in zip(("one", "other"), shapes, strict=True)
+    )
+    depth = pytest.approx(-(0.5 * length + ball), abs=1e-5)
+    assert exact(disc, inside) == depth
+    world = open_world(Workcell((), (), (disc, inside)), "coal")
+    assert engine_distance(world) == depth
+    world.close()
+
+
 def test_a_pin_fits_a_hole_that_is_a_little_wider():
     """Round against flat: exact forms keep apart what polyhedra would let touch."""
     pin = CellObject(

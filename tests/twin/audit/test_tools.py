@@ -161,3 +161,25 @@ def test_a_tool_of_shapes_is_what_it_is(engine: str) -> None:
     assert nearest(0.1, 0.0, 0.12) == pytest.approx(0.03, abs=2e-4)  # the capsule's top
     assert nearest(0.16, 0.0, 0.05) == pytest.approx(0.035, abs=2e-4)  # its side
     world.close()
+
+
+def test_a_description_on_one_long_line_is_read(tmp_path: Path) -> None:
+    """Bullet reads lines of 8 kB: what is longer it breaks where it happens to be."""
+    links = "".join(
+        f'<link name="plate{k}"><collision><geometry><box size="0.01 0.01 0.01"/></geometry>'
+        f'</collision></link><joint name="fix{k}" type="fixed"><parent link="palm"/>'
+        f'<child link="plate{k}"/><origin xyz="0 0 0.0{k:02d}"/></joint>'
+        for k in range(25)
+    )
+    path = tmp_path / "gripper.urdf"
+    path.write_text(GRIPPER.replace("</robot>", links + "</robot>").replace("\n", " "))
+    tool = Tool(name="hand", description=path)
+    long = robot_model("ur5e", None, Fitting(tool=tool))
+    flat = tmp_path / "flat.urdf"
+    flat.write_text(" ".join(long.urdf.read_text().split("\n")))
+    arm = robot_model(str(flat))
+    robot = PlacedRobot("arm", arm, np.eye(4), arm.home)
+    for engine in ENGINES:
+        world = open_world(Workcell((robot,), (), ()), engine)
+        assert len(world.robot_shapes) >= 25
+        world.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.errors import TwinError
+from tests.planning.robots.descriptions.vendors import ur5e
 from twin.check.check import CheckReport, check_scenario
 from twin.cli import app
 from twin.planning.pipeline import plan_scenario
@@ -176,7 +178,7 @@ MISTAKES = {
     ),
     "speeds beyond the limits": (
         "{speed_model: joint}",
-        "{speed_rad_s: 5.0}",
+        "{speed_model: l1, speed_rad_s: 5.0}",
         "warning",
         "speed_rad_s 5 is 2.30 times what a joint can do",
         None,
@@ -329,7 +331,7 @@ def test_a_run_ends_before_planning(tmp_path: Path) -> None:
 def test_a_run_keeps_warnings(tmp_path: Path) -> None:
     text = CELL.replace(
         "planning: {speed_model: joint}",
-        "planning: {speed_rad_s: 5.0, shortcut_candidates: 0}",
+        "planning: {speed_model: l1, speed_rad_s: 5.0, shortcut_candidates: 0}",
     )
     file, out = written(tmp_path, text), tmp_path / "run"
     done = CliRunner().invoke(
@@ -340,3 +342,53 @@ def test_a_run_keeps_warnings(tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     (warning,) = summary["warnings"]
     assert "2.30 times what a joint can do" in warning
+
+
+def vendors_arms(folder: Path, height: float, home: str) -> list[str]:
+    """Return what is said of two arms of a vendor that gives no HOME, 1 m apart on a table."""
+    arms = CELL.replace("model: panda", f"model: {ur5e()}{home}").replace(
+        "xyz_m: [-0.6, 0, 0]", f"xyz_m: [-0.5, 0, {height}]"
+    )
+    file = written(folder, arms.replace("xyz_m: [0.6, 0, 0]", "xyz_m: [0.5, 0, 0]"))
+    return [item.message for item in checked(file).findings]
+
+
+def test_where_nobody_gives_a_home_a_free_one_is_named(tmp_path: Path) -> None:
+    (found,) = (m for m in vendors_arms(tmp_path, 0, "") if "at HOME" in m)
+    assert "its joints are at zero, as nobody gives it a HOME" in found
+    home = re.search(r"home_deg: \[[-\d, ]+\]", found)
+    assert home is not None
+    again = vendors_arms(tmp_path, 0, f"\n      {home.group()}")
+    assert not [message for message in again if "at HOME" in message]
+
+
+def test_a_base_drawn_as_balls_is_not_in_the_table_on_which_it_stands(
+    tmp_path: Path,
+) -> None:
+    standing = vendors_arms(tmp_path, 0, "")
+    assert not [message for message in standing if "deep in table" in message]
+    sunk = vendors_arms(tmp_path, -0.02, "")
+    (found,) = (message for message in sunk if "deep in table" in message)
+    assert "the base of left is 20.0 mm deep in table" in found
+
+
+def test_a_full_pallet_has_left_when_the_next_one_is_filled(tmp_path: Path) -> None:
+    """A tray of four, two parts a product, a pallet of one: the second product goes where the first was."""
+    line = re.sub(r"    - name: .*\n(      .*\n)+", "", CELL.split("assembly:")[1])
+    line = line.replace(
+        "  parts:\n  steps: [a, b]\n",
+        """\
+  sources:
+    plate: {kind: tray, pose: {xyz_m: [-0.2, -0.3, 0.0155]}, grid: {counts: [2, 2], pitch_m: [0.06, 0.06]}}
+  parts:
+    - {name: a, size_m: [0.03, 0.03, 0.03], source: plate, goal: {xyz_m: [0, 0.3, 0.1155]}}
+    - {name: b, size_m: [0.03, 0.03, 0.03], source: plate, goal: {xyz_m: [0, 0.3, 0.1465]}}
+  steps: [a, b]
+  products: {count: 6, places: {counts: [1, 1], pitch_m: [0.1, 0.1]}}
+""",
+    )
+    text = CELL.split("assembly:")[0] + "assembly:" + line
+    assert [item.message for item in checked(written(tmp_path, text)).errors] == []
+    sunk = text.replace("0.3, 0.1465]", "0.3, 0.1365]")
+    (found, *_) = checked(written(tmp_path, sunk)).errors
+    assert "b.1 goes where a.1 is by then" in found.message

@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.cell.motion_limits import limits_of
+from planning.robots.descriptions.fitting import Fitting, Limits, Tool
 from planning.robots.overview import flange_doubt, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import identity
@@ -91,6 +92,26 @@ def test_the_robots_of_a_scenario_are_shown_with_their_tools(
     assert {row["velocity"] for row in bare["joints"]} == {"1.25"}
     held = {row["joint"]: row["kind"] for row in pair["joints"]}
     assert held["hand.follow"] == "held at -0.02"
+
+
+def test_limits_are_told_with_where_they_come_from() -> None:
+    (panda,) = json.loads(robots("panda", "--json"))
+    assert any("libfranka" in word for word in panda["notes"])
+    assert [row["acceleration"] for row in panda["joints"][:3]] == ["15", "7.5", "10"]
+    assert panda["joints"][0]["jerk"] == "7500"
+    (ur5e,) = json.loads(robots("ur5e", "--json"))
+    assert {row["acceleration"] for row in ur5e["joints"]} == {"5 (usual)"}
+    assert any("nobody says it" in word for word in ur5e["notes"])
+
+
+def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:
+    own = robot_model("panda")
+    fitted = robot_model("panda", None, Fitting(limits=Limits(velocity=(1.0,))))
+    slower = robot_model("panda", None, Fitting(limits=Limits(acceleration=(2.0,))))
+    for model in (own, fitted):
+        assert limits_of(model).acceleration.tolist()[:3] == [15.0, 7.5, 10.0]
+        assert limits_of(model).jerk.tolist()[-1] == 10000.0
+    assert set(limits_of(slower).acceleration.tolist()) == {2.0}
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_they_move_at_the_speed_of_transits_and_never_vary() -> None:
     scenario = follow_references(load_scenario(CLIFF))
     assert scenario.execution.skill_models() == {}
     turns = plan_in_turns(scenario, CLIFF.parent, StageWatch())
-    speed = scenario.planning.speed_rad_s
+    speed = scenario.planning.l1_rad_s
     seen = set()
     for task, motion in zip(
         turns.motion_plan.tasks, turns.motion_plan.motions, strict=True

@@ -63,6 +63,8 @@ def toy_run(
     return recorded, run
 
 
-def exported(run: RecordedRun, name: str, *, nodes: bool = False) -> dict[str, bytes]:
+def exported(
+    run: RecordedRun, name: str, *, nodes: bool = False, rate_hz: float | None = None
+) -> dict[str, bytes]:
     """Return the files of a run in a format."""
-    return dict(exported_files(run, name, nodes=nodes))
+    return dict(exported_files(run, name, nodes=nodes, rate_hz=rate_hz))

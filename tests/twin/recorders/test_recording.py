@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from planning.cell.workcell import PlacedRobot
+from planning.cell.forms import Cylinder
+from planning.cell.shape import Element, box_shape, shape_of
+from planning.cell.workcell import Fixture, PlacedRobot
 from planning.kinematics.kinematics import joint_poses_of
+from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
-from planning.transforms import from_quat_wxyz, from_rpy
+from planning.transforms import from_quat_wxyz, from_rpy, identity, translation
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
 from tests.twin.recorders.recorded_toys import rows, static
@@ -116,6 +119,23 @@ def test_lanes_say_what_each_robot_does_and_whom_it_waits_for(recorded: tuple) -
     assert waits > 0
 
 
+def test_fixtures_have_the_colours_that_they_are_given(tmp_path: Path) -> None:
+    tpg = gp4_tpg()
+    box = box_shape("box", (0.1, 0.1, 0.1))
+    pin = shape_of("pin", (Element(Cylinder(0.1, 0.2), identity()),))
+    looks = [("red", box, (255, 0, 10)), ("round", pin, (1, 2, 3)), ("grey", box, None)]
+    fixtures = tuple(
+        Fixture(name, shape, identity(), colour=colour) for name, shape, colour in looks
+    )
+    painted = replace(tpg, cell=replace(tpg.cell, fixtures=fixtures))
+    path = tmp_path / "run.rrd"
+    write_recording(path, painted, simulate(painted, VARIED, seed=1), [], name="toy")
+    assert static(path, "/fixtures/red", "Boxes3D:colors") == [0xFF000AFF]
+    assert static(path, "/fixtures/round", "Mesh3D:albedo_factor") == [0x010203FF]
+    (grey,) = static(path, "/fixtures/grey", "Boxes3D:colors")
+    assert grey not in (0xFF000AFF, 0x010203FF)
+
+
 def test_objects_hang_on_what_holds_them(recorded: tuple) -> None:
     tpg, run, _, path = recorded
     placements = object_placements(tpg, run)
@@ -176,6 +196,34 @@ def test_meshes_of_other_packages_are_found(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     write_recording(path, tpg, simulate(tpg, VARIED, seed=0), ())
     assert path.stat().st_size > 2_000_000
+
+
+def test_an_arm_that_shows_nothing_is_seen_beside_a_tool_that_does(
+    tmp_path: Path,
+) -> None:
+    """A description may have shapes to collide with only; a tool of shapes shows itself."""
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(
+        """<robot name="bare"><link name="base"/>
+        <link name="bar"><collision><geometry><box size="0.1 0.1 0.5"/></geometry></collision></link>
+        <joint name="slide" type="prismatic"><parent link="base"/><child link="bar"/><axis xyz="1 0 0"/>
+        <limit lower="-1" upper="1" velocity="1"/></joint></robot>"""
+    )
+    cup = Element(Cylinder(0.02, 0.1), translation(0, 0, 0.3))
+    tool = Tool(name="cup", shapes=(cup,), tcp=translation(0, 0, 0.35))
+    model = robot_model(str(arm), None, Fitting(tool=tool))
+    tpg = random_tpg(3, dofs=(1,), tasks=2)
+    robot = PlacedRobot("robot_0", model, np.eye(4), model.home)
+    tpg = replace(tpg, cell=replace(tpg.cell, robots=(robot,)))
+    path = tmp_path / "run.rrd"
+    write_recording(path, tpg, simulate(tpg, VARIED, seed=0), ())
+    drawn = {
+        str(chunk.entity_path)
+        for chunk in RrdReader(path).store().stream()
+        if "visual_geometries" in str(chunk.entity_path)
+    }
+    assert any("/bar/" in entity for entity in drawn), drawn
+    assert any("cup" in entity for entity in drawn), drawn
 
 
 def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ FILES: dict[str, set[str]] = {
     "taskboard": {"driver.urdf"},
     "shapes": {"shapes_housing.stl"},
     "gearbox": set(),
+    "machine_tending": {"tools/gripper.urdf"},
 }
 """Scenarios that name files, with some of them."""
 

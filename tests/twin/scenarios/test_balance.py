@@ -79,6 +79,19 @@ def test_a_prop_or_a_joint_keeps_it_up(
     assert trial.passed
 
 
+def test_the_centre_of_mass_decides_what_falls(tmp_path: Path) -> None:
+    there = "goal: {xyz_m: [0.04, 0, 0.076]}"
+    heavy_end = f"centre_of_mass_m: [-0.04, 0, 0], {there}"
+    file = tmp_path / "cantilever.yaml"
+    file.write_text(SCENARIO.replace(there, heavy_end).replace("beam, prop]", "beam]"))
+    given = load_scenario(file)
+    planned = plan_scenario(given)
+    assert try_plan(given, planned.tpg, _folder(tmp_path)).passed
+    file.write_text(file.read_text().replace("[-0.04,", "[0.01,"))
+    with pytest.raises(InfeasibleStepError, match="beam would not stand"):
+        plan_scenario(load_scenario(file))
+
+
 def test_what_hangs_on_a_joint_hangs_for_the_audit_without_it(tmp_path: Path) -> None:
     """The beam stops 5 mm above the post: held by the joint alone."""
     higher = "goal: {xyz_m: [0.04, 0, 0.081]}"

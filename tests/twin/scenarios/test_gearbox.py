@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from planning.tasks.task import HOLD
+from planning.tasks.task import HOLD, LEAVE_TOOL, TAKE_TOOL
 from scheduling.verification.verify import verify_plan
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
@@ -39,11 +39,25 @@ def test_it_is_built_and_found_clean(
 def test_the_driver_screws_while_the_gripper_holds(planned: Planned) -> None:
     tasks = planned.tpg.tasks
     assert {t.robot for t in tasks if t.kind == "screw"} == {"right"}
-    assert {t.robot for t in tasks if t.kind in ("pick", "place-down", HOLD)} == {
-        "left"
-    }
+    assert {t.robot for t in tasks if t.kind == HOLD} == {"left"}
+    assert {t.robot for t in tasks if t.kind == "pick"} == {"left", "right"}
     assert sum(t.kind == "screw" for t in tasks) == 4
     assert sum(t.kind == HOLD for t in tasks) == 2
+
+
+def test_the_tool_is_changed_once_after_the_last_part_of_its_arm(
+    planned: Planned,
+) -> None:
+    own = [t for t in planned.tpg.tasks if t.robot == "right"]
+    kinds = [t.kind for t in own]
+    assert [t.object for t in own if t.kind in (LEAVE_TOOL, TAKE_TOOL)] == [
+        "right_gripper",
+        "driver",
+    ]
+    last = max(k for k, kind in enumerate(kinds) if kind == "place-down")
+    assert (
+        last < kinds.index(LEAVE_TOOL) < kinds.index(TAKE_TOOL) < kinds.index("screw")
+    )
 
 
 def test_a_run_remembers_its_scenario(gearbox: Scenario) -> None:

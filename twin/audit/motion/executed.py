@@ -19,20 +19,27 @@ WORLD = "world"
 
 @dataclass(frozen=True)
 class RobotRows:
-    """The rows of one robot: straight lines in joint space join them.
+    """The rows of one robot: straight lines in joint space join them, or cubics in time.
 
     Attributes:
         t: times, shape (k,), never falling [s].
         q: configurations, shape (k, n).
         node: node of each row, shape (k,), -1 before the first.
+        v: joint speeds, shape (k, n), in a run whose robots keep to limits of acceleration; the
+            motion between two rows is the cubic of time that has them at both.
+        a: accelerations, likewise.
     """
 
     t: Array
     q: Array
     node: Indices
+    v: Array | None = None
+    a: Array | None = None
 
     def at(self, times: Array) -> Array:
         """Return configurations at some times, shape (m, n)."""
+        if self.v is not None and len(self.t) > 1:
+            return self._cubic_at(self.v, times)
         k = np.clip(np.searchsorted(self.t, times), 1, max(len(self.t) - 1, 1))
         if len(self.t) == 1:
             return np.repeat(self.q, len(times), axis=0)
@@ -43,6 +50,15 @@ class RobotRows:
         before, after = self.q[k - 1], self.q[k]
         # Written so that a standing robot keeps exactly the same values.
         return np.asarray(before + (after - before) * np.clip(share, 0, 1)[:, None])
+
+    def _cubic_at(self, v: Array, times: Array) -> Array:
+        after = np.clip(np.searchsorted(self.t, times), 1, len(self.t) - 1)
+        k, span = after - 1, (self.t[after] - self.t[after - 1])[:, None]
+        x = np.clip((times[:, None] - self.t[k, None]) / span, 0.0, 1.0)
+        begin, way = self.q[k], self.q[after] - self.q[k]
+        bend = (v[k] * span - way) * (1.0 - x) + (way - v[after] * span) * x
+        # Written so that a standing robot keeps exactly the same values.
+        return np.asarray(begin + way * x + x * (1.0 - x) * bend)
 
     def nodes_at(self, t: float) -> Indices:
         """Return the nodes at a time [s]: two where one ends, and while the robot stands."""
@@ -110,11 +126,21 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
                 np.zeros(1), robot.home[None, :], np.full(1, -1)
             )
             continue
-        columns = [f"q_{j}" for j in range(robot.model.dof)]
-        q = np.stack([np.asarray(moves[c], dtype=float)[mine] for c in columns], axis=1)
+        names_of = {
+            kind: [f"{kind}_{j}" for j in range(robot.model.dof)] for kind in "qva"
+        }
+        values = {
+            kind: np.stack(
+                [np.asarray(moves[c], dtype=float)[mine] for c in own], axis=1
+            )
+            for kind, own in names_of.items()
+            if kind == "q" or "v_0" in moves
+        }
         node = np.asarray(moves["node"], dtype=np.int64)[mine]
-        _check_rows(folder, robot.name, t, q)
-        robots[robot.name] = RobotRows(t, q, node)
+        for kind, given in values.items():
+            _check_rows(folder, robot.name, t, given, jumps=kind != "q")
+        q = values.pop("q")
+        robots[robot.name] = RobotRows(t, q, node, **values)
     table = _read(folder / "objects.parquet")
     boxes = {box.name for box in cell.objects}
     _reject(folder, set(table["object"]) - boxes, "object", boxes)
@@ -154,11 +180,11 @@ def _reject(folder: Path, unknown: set[str], what: str, known: set[str]) -> None
         )
 
 
-def _check_rows(folder: Path, robot: str, t: Array, q: Array) -> None:
+def _check_rows(folder: Path, robot: str, t: Array, q: Array, *, jumps: bool) -> None:
     if not np.all(np.isfinite(q)) or np.any(np.diff(t) < 0):
         raise OutputError(
             f"{folder}: rows of robot {robot!r} are incomplete or unordered"
         )
     jump = (np.diff(t) == 0) & np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
-    if np.any(jump):
+    if np.any(jump) and not jumps:
         raise OutputError(f"{folder}: robot {robot!r} jumps at {t[:-1][jump][0]:.6f} s")

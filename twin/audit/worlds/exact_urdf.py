@@ -68,6 +68,8 @@ def one_shape_a_link(
             shapes.append(ShapeLink(name, owner, inflated))
             robot.append(_shape_link(name, collision))
             robot.append(_mount(name, owner, collision.find("origin")))
+    # Bullet breaks lines of more than 8 kB, in the midst of a word.
+    ElementTree.indent(robot)
     return ElementTree.tostring(robot, encoding="unicode"), tuple(shapes)
 
 

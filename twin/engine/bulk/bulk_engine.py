@@ -1,8 +1,9 @@
-"""Bulk engine: many replications of a plan side by side, as longest paths.
+"""Bulk engine: many replications of a plan at once, without events.
 
-It gives the same integer nanoseconds as the event engine, wherever completion times are longest
-paths at all: messages take no time, and nothing happens at times of the run's clock. What the
-policies make of a plan is in ``policy_graph``.
+It gives the same integer nanoseconds as the event engine wherever messages take no time and nothing
+happens at times of the run's clock: completion times are longest paths then, or follow node by node
+from what robots know at the borders (``driven_times``). What the policies make of a plan is in
+``policy_graph``.
 """
 
 from __future__ import annotations
@@ -15,10 +16,17 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations import Nanoseconds, to_nanoseconds
-from twin.engine.bulk.max_plus import makespans
+from twin.engine.bulk.driven_times import drive_arrays, driven_times
+from twin.engine.bulk.max_plus import (
+    Completions,
+    completions,
+    explain,
+    makespans,
+)
 from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
-from twin.engine.execution_model import ExecutionModel
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
@@ -56,10 +64,15 @@ class BulkEngine:
     """
 
     def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
-        self._sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
-        self.contraction: Contraction = contract(tpg)
+        free = at_full_speed(tpg)
+        self._sampler = NodeTimeSampler(free, model.durations, model.disturbances)
+        self.contraction: Contraction = bulk_contraction(tpg)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
-        self._draws = model.durations.bind(tpg)
+        self._drive = drive_arrays(tpg, self.graph) if is_driven(tpg) else None
+        # By the planned clock nobody asks for anything.
+        messages = Messages() if model.policy == "open-loop" else model.messages
+        self._ahead = messages.ahead(driven=True)
+        self._draws = model.durations.bind(free)
         self._shares = _shares(self._draws, self.contraction)
         self._undisturbed = model.disturbances == Disturbances()
 
@@ -73,6 +86,28 @@ class BulkEngine:
         return self._sampler.sample_segments(
             self.contraction, seed=seed, replications=numbers
         )
+
+    def execute(self, times: SegmentTimes) -> Completions:
+        """Return when everything happens in replications in which no task fails."""
+        if self._drive is None:
+            return completions(self.graph, times.busy_ns)
+        return explain(self.graph, *self._driven(times))
+
+    def makespans(self, times: SegmentTimes) -> Nanoseconds:
+        """Return the makespan of every such replication, shape (replications,) [ns]."""
+        if self._drive is None:
+            return makespans(self.graph, times.busy_ns)
+        _, end = self._driven(times)
+        return np.asarray(end.max(axis=0, initial=0), dtype=np.int64)
+
+    def _driven(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
+        """Return start and end of every node, shape (nodes, replications) [ns]."""
+        assert self._drive is not None
+        stood = times.stood_ns()
+        motion = np.ascontiguousarray((times.busy_ns - stood).T)
+        stand = np.ascontiguousarray(stood.T)
+        start, end = driven_times(self.graph, self._drive, motion, stand, self._ahead)
+        return start.T, end.T
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
@@ -88,8 +123,15 @@ class BulkEngine:
         totals = np.zeros((len(self._draws.tasks), 1), dtype=np.int64)
         for model, rows in self._draws.groups:
             totals[rows] = to_nanoseconds(model.minimum)
-        busy = self._busy(totals)
-        return int(makespans(self.graph, busy)[0])
+        times = SegmentTimes(self._busy(totals), np.zeros(1, dtype=np.bool_))
+        return int(self.makespans(times)[0])
+
+
+def bulk_contraction(tpg: TemporalPlanGraph) -> Contraction:
+    """Return a graph as the bulk engine executes it: joined nodes, where robots pass no borders at speed."""
+    if not is_driven(tpg):
+        return contract(tpg)
+    return Contraction(tpg, tuple(np.arange(len(chain) + 1) for chain in tpg.chains))
 
 
 def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:

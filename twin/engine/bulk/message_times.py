@@ -38,7 +38,6 @@ class Past(NamedTuple):
     not_before_ns: Nanoseconds
 
 
-@kernel
 def end_times(
     graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
 ) -> Nanoseconds:
@@ -54,6 +53,14 @@ def end_times(
     Returns:
         Shape (nodes, replications) [ns].
     """
+    ahead = messages.ahead(driven=False)
+    return _end_times(graph, busy_ns, messages._replace(queue_depth=ahead), past)
+
+
+@kernel
+def _end_times(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
+) -> Nanoseconds:
     end, released = np.empty_like(busy_ns), np.empty_like(busy_ns)
     now = np.int64(past.now_ns)
     for n in graph.order:

@@ -42,7 +42,8 @@ def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
 
 def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
     """Yield what waits for what in an earlier copy."""
-    picks = {task.object: task.index for task in tasks if task.kind == "pick"}
+    # A part that is put down on its way is picked again: it has left the source by then.
+    picks = {t.object: t.index for t in reversed(tasks) if t.kind == "pick"}
     come: dict[str, list[int]] = {}
     arrive: dict[str, list[int]] = {}
     leave: list[int] = []
@@ -59,7 +60,9 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             arrive.setdefault(task.robot, []).append(task.index)
         elif task.kind == LEAVE:
             leave.append(task.index)
-        elif is_done_to_a_product(task) and not leave:
+        elif leave or task.step in line.supply.elsewhere:
+            continue
+        elif is_done_to_a_product(task):
             first.append(task.index)
     if leave:
         yield from ((leave[-1], task, 1) for task in first)

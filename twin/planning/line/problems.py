@@ -57,5 +57,17 @@ def machine_names(section: PartsSection) -> Found:
         at: KeyPath = ("assembly", "sources", name)
         for machine in dict.fromkeys((name, presenter(name, source))):
             yield at, machine
+    for name in section.machines:
+        yield ("assembly", "machines", name), name
+    for name, process in section.processes.items():
+        if process.unattended:
+            yield ("assembly", "processes", name), name
     if section.products is not None:
         yield ("assembly", "products"), OUTFEED
+
+
+def disturbed_machines(section: PartsSection) -> Iterator[str]:
+    """Yield the names of the machines that may be disturbed; what nobody does is none."""
+    for at, machine in machine_names(section):
+        if at[1] != "processes":
+            yield machine

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -13,6 +13,7 @@ from planning.tasks.supplies import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, quat_wxyz, readonly, translation
 from scheduling.repetition.pattern import numbered
 from twin.durations import AnyDuration, SkillOverride
+from twin.planning.line.machine_jobs import MachineJob, machine_jobs
 from twin.scenario.sections.balance import JoinedSection
 from twin.scenario.sections.line import (
     ConveyorSection,
@@ -39,6 +40,7 @@ class Line:
         products: how many there are to be.
         period: how many are written out.
         numbers: part and product by name of a numbered part.
+        jobs: what does the steps that no robot does, by their numbers from 1.
     """
 
     section: PartsSection
@@ -47,6 +49,7 @@ class Line:
     products: int = 1
     period: int = 1
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    jobs: Mapping[int, MachineJob] = field(default_factory=dict)
 
     @property
     def repeats(self) -> bool:
@@ -58,6 +61,7 @@ class Line:
         refills = list(self.supply.refills.values())
         names = [item.arrivals for item in refills] + [item.machine for item in refills]
         names += [item.machine for item in self.supply.leaves.values()]
+        names += [item.machine for item in self.jobs.values()]
         return tuple(dict.fromkeys(name for name in names if name is not None))
 
 
@@ -71,7 +75,7 @@ def written_out(section: PartsSection, *, whole: bool = False) -> Line:
     return (
         _written_out(section.model_dump_json(), whole)
         if _has_line(section)
-        else (Line(section))
+        else Line(section, jobs=machine_jobs(section, 1))
     )
 
 
@@ -132,7 +136,7 @@ class _Writer:
         self.products = 1 if products is None else products.count
         self.slots = {name: slots(item) for name, item in section.sources.items()}
         self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
-        for name in section.placed:
+        for name in section.taken:
             if (source := self.parts[name].source) is not None:
                 self.taken[source].append(name)
         grid = None if products is None else products.places
@@ -143,7 +147,7 @@ class _Writer:
         handled = set(self.section.placed)
         parts = [part for part in self.section.parts if part.name not in handled]
         later: set[str] = set()
-        refills: dict[str, Refill] = {}
+        refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
         for source, names in self.taken.items():
             if not names:
@@ -160,7 +164,7 @@ class _Writer:
                 if q >= size:
                     later.add(name)
                 if q >= size and q % size == 0:
-                    refills[self._taken(names, q - 1)] = self._refill(source, q)
+                    refills[self._taken_in(names, q - 1)] = self._refill(source, q)
         for name in self.section.placed:
             if self.parts[name].source is None:
                 parts.append(self._part(name, 1, None))
@@ -177,13 +181,19 @@ class _Writer:
         section = self.section.model_copy(
             update={"parts": tuple(parts), "steps": steps, "joined": joined}
         )
+        jobs = machine_jobs(section, self.period)
+        if section.products is not None:
+            for job in jobs.values():
+                if job.door is not None and job.part is not None:
+                    numbers[job.door] = job.part, job.product
         return Line(
             section,
-            Supply(refills, dict(self._leaves())),
+            Supply(refills, dict(self._leaves()), _elsewhere(steps)),
             frozenset(later),
             self.products,
             self.period,
             numbers,
+            jobs,
         )
 
     def _period(self) -> int:
@@ -202,6 +212,11 @@ class _Writer:
 
     def _taken(self, names: list[str], q: int) -> str:
         return self._name(names[q % len(names)], q // len(names) + 1)
+
+    def _taken_in(self, names: list[str], q: int) -> int:
+        """Return the number of the step in which a part of a source is taken, counted from 0."""
+        steps = [step.place for step in self.section.steps]
+        return q // len(names) * len(steps) + steps.index(names[q % len(names)]) + 1
 
     def _part(self, name: str, product: int, slot: Transform | None) -> PartSection:
         part = self.parts[name]
@@ -267,12 +282,28 @@ class _Writer:
             update["place"] = self._name(step.place, product)
         if step.name is not None:
             update["name"] = numbered(step.name, product)
+        if step.until is not None:
+            update["until"] = numbered(step.until, product)
         if step.hold is not None:
             update["hold"] = self._name(step.hold, product)
         if step.at is not None and step.at.part is not None:
             part = self._name(step.at.part, product)
             update["at"] = step.at.model_copy(update={"part": part})
         return step.model_copy(update=update)
+
+
+def _elsewhere(steps: Sequence[StepSection]) -> frozenset[int]:
+    """Return the numbers of the steps in which parts are put down on their way, or worked at there."""
+    on_the_way: set[str] = set()
+    found = set()
+    for number, step in enumerate(steps, start=1):
+        if step.place is not None and step.at is None:
+            on_the_way.discard(step.place)
+        elif step.place is not None:
+            on_the_way.add(step.place)
+        if (step.place or (step.at and step.at.part)) in on_the_way:
+            found.add(number)
+    return frozenset(found)
 
 
 def _pose(transform: Transform) -> PoseSection:

@@ -27,13 +27,14 @@ def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
     for k, fixture in enumerate(cell.fixtures):
         # The first one, mostly the table, is told apart from all that stand on it.
         grey = ground if k == 0 else others[(k - 1) % len(others)]
+        colour = fixture.colour or grey
         entity = entity_path(layout.FIXTURES, fixture.name)
         if not fixture.shape.is_box:
             frame = f"@{fixture.name}"
             rec.log(
                 entity,
                 rr.CoordinateFrame(frame),
-                rr.Mesh3D.from_fields(**_mesh_fields(fixture.shape, grey)),
+                rr.Mesh3D.from_fields(**_mesh_fields(fixture.shape, colour)),
                 static=True,
             )
             pose = fixed_pose(fixture.pose, WORLD_FRAME, frame)
@@ -47,7 +48,7 @@ def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
                 sizes=[fixture.size + 0.0004 * (k % 6)],
                 centers=[fixture.pose[:3, 3]],
                 quaternions=[quat_xyzw(fixture.pose)],
-                colors=[grey],
+                colors=[colour],
                 fill_mode=rr.components.FillMode.Solid,
             ),
             static=True,

@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 import rerun as rr
 
+from scheduling.graph.machine_chains import working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.layout import entity_path
@@ -57,12 +58,13 @@ def log_lanes(
     events: Sequence[Event],
     words: PlanWords,
 ) -> None:
-    """Show what each robot does as a lane of coloured states, idle when it is done."""
+    """Show what each robot and each machine that works does as a lane, idle when it is done."""
     told = robot_activities(tpg, events)
     index = tpg.chain_index
-    for robot in tpg.cell.robots:
-        lane = told.get(robot.name, ())
-        said = [(item, _text(words, run, index[robot.name], item)) for item in lane]
+    names = [robot.name for robot in tpg.cell.robots]
+    for name in (*names, *(tpg.chains[k].robot for k in working_machines(tpg))):
+        lane = told.get(name, ())
+        said = [(item, _text(words, run, index[name], item)) for item in lane]
         changes = []
         states = {IDLE: IDLE}
         for text, same in groupby(said, key=lambda pair: pair[1]):
@@ -74,7 +76,7 @@ def log_lanes(
             changes.append((end_ns, IDLE))
         changes.append((run.makespan_ns, ""))
         rec.send_columns(
-            draw_lane(rec, robot.name, states, plan_colours(tpg)),
+            draw_lane(rec, name, states, plan_colours(tpg)),
             indexes=[time_column([t for t, _ in changes])],
             columns=rr.StateChange.columns(state=[text for _, text in changes]),
         )

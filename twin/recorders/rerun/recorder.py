@@ -124,7 +124,7 @@ def _log_progress(
             chain.robot,
             rgb(colours[chain.robot]),
         )
-    waits = run.waits()
+    waits = [wait for wait in run.waits() if wait.chain not in machines]
     times = np.array([0, *(w.start_ns for w in waits), *(w.end_ns for w in waits)])
     change = np.repeat([0, 1, -1], [1, len(waits), len(waits)])
     order = np.argsort(times, kind="stable")

@@ -10,7 +10,6 @@ from collections.abc import Iterable
 
 import rerun as rr
 
-from planning.tasks.supply_tasks import GONE
 from twin.recorders.rerun.robots import name_entity
 from twin.recorders.rerun.time_and_pose import time_column
 from twin.run.trajectory import Placement
@@ -22,19 +21,20 @@ class RobotNames:
     def __init__(self, rec: rr.RecordingStream, robots: Iterable[str]) -> None:
         """Begin with empty hands."""
         self._rec = rec
-        self._holder: dict[str, str] = {}
-        self._rows = {robot: [(0, robot)] for robot in robots}
+        self._held: dict[str, list[str]] = {robot: [] for robot in robots}
+        self._rows = {robot: [(0, robot)] for robot in self._held}
 
     def take(self, placement: Placement) -> None:
         """Take note that an object has changed hands."""
-        before = self._holder.pop(placement.object, None)
-        if before is not None:
-            self._rows[before].append((placement.t_ns, before))
-        robot = placement.holder
-        if robot not in (None, GONE):
-            name = f"{robot}: {placement.object}"
-            self._rows[robot].append((placement.t_ns, name))
-            self._holder[placement.object] = robot
+        for robot, held in self._held.items():
+            had = placement.object in held
+            if had:
+                held.remove(placement.object)
+            if robot == placement.holder:
+                held.append(placement.object)
+            if had or robot == placement.holder:
+                name = f"{robot}: {', '.join(held)}" if held else robot
+                self._rows[robot].append((placement.t_ns, name))
 
     def send(self) -> None:
         """Write what there is since the last time."""

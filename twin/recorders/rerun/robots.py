@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -153,5 +154,25 @@ def _write_painted(robot: PlacedRobot, colour: str, path: Path) -> None:
         found = find_mesh(mesh.get("filename", ""), robot.model.package_dirs)
         if found is not None:
             mesh.set("filename", str(found.resolve()))
+    _show_hidden(robot, tree.getroot())
     paint(tree.getroot(), rgb(colour))
     tree.write(path)
+
+
+def _show_hidden(robot: PlacedRobot, root: ElementTree.Element) -> None:
+    """Have an arm or a tool of which a URDF shows nothing shown by what it collides with."""
+    groups: dict[str, set[str]] = {}
+    for part in robot.model.parts:
+        groups.setdefault(part.group, set()).add(part.body.name.rpartition("_")[0])
+    links = root.findall("link")
+    for names in groups.values():
+        own = [link for link in links if link.get("name") in names]
+        if any(link.find("visual") is not None for link in own):
+            continue
+        for link in own:
+            for collision in link.findall("collision"):
+                shown = copy.deepcopy(collision)
+                shown.tag = "visual"
+                looks = ElementTree.SubElement(shown, "material", name="shown")
+                ElementTree.SubElement(looks, "color", rgba="0.7 0.7 0.7 1")
+                link.append(shown)

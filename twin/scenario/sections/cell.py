@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from planning.errors import ScenarioError
 from twin.scenario.document.section import Name, Section, Two
-from twin.scenario.sections.poses import Configuration, Coordinate, PoseSection
+from twin.scenario.sections.poses import Colour, Configuration, Coordinate, PoseSection
 from twin.scenario.sections.shapes import ShapedSection
 from twin.scenario.sections.tools import (
     HeldJoints,
@@ -39,7 +39,7 @@ class RobotSection(Section):
     Attributes:
         name: unique in the cell.
         model: a name that ``twin robots`` lists, or the path of a URDF or MJCF file, relative to
-            the scenario's.
+            the scenario's; package://NAME/PATH is a file of a package of Python or ROS.
         base: pose of the base in the world; that of a mobile robot is the origin of the ground
             it drives on.
         home_deg: HOME of a robot with revolute joints only [deg]; default: the model's.
@@ -47,6 +47,8 @@ class RobotSection(Section):
         parked: where a mobile robot stands at HOME; its arm is as in the model's HOME.
         tool: a tool of the cell, or one of those that the model comes with, such as slim for a gp4;
             default: the one that the model names.
+        tools: tools of the cell that it changes at their racks, in place of ``tool``; it has the
+            first on it at the start.
         flange: link whose frame is the flange; default: tool0, else flange, else the last link.
         limits: of its joints, in place of the model's.
         joints: joints of the model that are held, such as fingers, and at what values [rad or m];
@@ -57,6 +59,7 @@ class RobotSection(Section):
     name: Name
     model: Annotated[str, Field(min_length=1, max_length=4096)]
     tool: Name | None = None
+    tools: Annotated[tuple[Name, ...], Field(max_length=20)] = ()
     flange: JointName | None = None
     limits: LimitsSection = LimitsSection()
     joints: HeldJoints = Field(default_factory=dict)
@@ -65,6 +68,23 @@ class RobotSection(Section):
     home_rad_or_m: Configuration | None = None
     parked: ParkedSection | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _tool_or_tools(self) -> RobotSection:
+        if self.tools and self.tool is not None:
+            raise ValueError("give tool or tools, not both")
+        if len(set(self.tools)) < len(self.tools) or len(self.tools) == 1:
+            raise ValueError("tools are two or more, each named once")
+        return self
+
+    @property
+    def outfits(self) -> tuple[RobotSection, ...]:
+        """The robot with each of its tools as the only one; itself where it changes none."""
+        if not self.tools:
+            return (self,)
+        return tuple(
+            self.model_copy(update={"tool": name, "tools": ()}) for name in self.tools
+        )
 
     @model_validator(mode="after")
     def _one_home(self) -> RobotSection:
@@ -151,11 +171,13 @@ class FixtureSection(ShapedSection):
         pose: of the frame of its shape in the world; of a box, its centre.
         frames: places on it where processes are done, by name: poses in the frame of its shape;
             their z axes point out of it.
+        colour: red, green, blue, for pictures; default: a grey.
     """
 
     name: Name
     pose: PoseSection
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
+    colour: Colour | None = None
 
 
 class ClearanceSection(Section):

@@ -7,8 +7,14 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Several, Two
-from twin.scenario.sections.parts import Colour
-from twin.scenario.sections.poses import Coordinate, Mass, PoseSection, Size3, Vector3
+from twin.scenario.sections.poses import (
+    Colour,
+    Coordinate,
+    Mass,
+    PoseSection,
+    Size3,
+    Vector3,
+)
 
 Length = Annotated[float, Field(ge=0.001, le=100)]
 Face = Literal["+x", "-x", "+y", "-y", "+z", "-z"]

@@ -44,7 +44,8 @@ class ExecutionSection(Disturbances):
         policy: ``asynchronous`` releases a node as soon as what it waits for is complete;
             ``sequential`` runs one task at a time; ``synchronous`` runs a plan made in slots
             slot by slot; in ``open-loop`` every robot follows the planned clock and nobody waits.
-        queue_depth: nodes that a robot may have been given ahead.
+        queue_depth: nodes that a robot may have been given ahead; default: 1, and as many as are
+            safe with speed_model limits, where robots brake before the last one they were given.
         latency_s: time that a message takes between a robot and the dispatcher [s].
         report_latency_s: the same from robot to dispatcher only [s].
         release_latency_s: the same from dispatcher to robot only [s].
@@ -56,7 +57,7 @@ class ExecutionSection(Disturbances):
     policy: Literal["asynchronous", "sequential", "synchronous", "open-loop"] = (
         "asynchronous"
     )
-    queue_depth: Annotated[int, Field(ge=1, le=100_000)] = 1
+    queue_depth: Annotated[int, Field(ge=1, le=100_000)] | None = None
     latency_s: Latency = 0.0
     report_latency_s: Latency | None = None
     release_latency_s: Latency | None = None
@@ -152,7 +153,7 @@ class ExecutionSection(Disturbances):
         ]
         if self.emergency_stops:
             reasons.append("emergency_stops happen at times of the run's clock")
-        if self.breakdowns is not None and self.breakdowns.clock == "run":
+        if self.breaks_by_clock:
             reasons.append("breakdowns happen at times of the run's clock")
         return reasons
 

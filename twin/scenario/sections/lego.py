@@ -22,8 +22,7 @@ from twin.scenario.sections.drawn_structure import (
     StructureBrickSection,
     StructureSection,
 )
-from twin.scenario.sections.parts import Colour
-from twin.scenario.sections.poses import PoseSection
+from twin.scenario.sections.poses import Colour, PoseSection
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
 

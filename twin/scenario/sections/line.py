@@ -47,7 +47,7 @@ class _Refilled(Section):
 
     @model_validator(mode="after")
     def _one_time(self) -> _Refilled:
-        if self.refill is not None and "refill_s" in self.model_fields_set:
+        if self.refill is not None and self.refill_s:
             raise ValueError("give refill_s or refill, not both")
         return self
 
@@ -173,7 +173,7 @@ class ProductsSection(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> ProductsSection:
-        if self.leave is not None and "leave_s" in self.model_fields_set:
+        if self.leave is not None and self.leave_s:
             raise ValueError("give leave_s or leave, not both")
         if isinstance(self.due, tuple) and len(self.due) != self.count:
             raise ValueError(

@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twin.durations import AnyDuration
-from twin.scenario.document.section import Name, Section, Several, Three, with_tuples
+from twin.scenario.document.section import Name, Section, Several, with_tuples
 from twin.scenario.sections.balance import BalanceSection, JoinedParts
 from twin.scenario.sections.line import ProductsSection, SourceSection
-from twin.scenario.sections.poses import Mass, PoseSection, Vector3
+from twin.scenario.sections.machines import MachineSection
+from twin.scenario.sections.poses import Colour, Mass, PoseSection, Vector3
 from twin.scenario.sections.shapes import ShapedSection
 
 
@@ -27,7 +28,6 @@ Margin = Annotated[float, Field(ge=0, le=1)]
 Steepest = Annotated[float, Field(ge=0, le=180)]
 Tilt = Annotated[float, Field(gt=-90, lt=90)]
 Around = Annotated[float, Field(ge=1, le=360)]
-Colour = Three[Annotated[int, Field(ge=0, le=255)]]
 
 
 class PartSection(ShapedSection):
@@ -40,6 +40,8 @@ class PartSection(ShapedSection):
         source: name of the source that it is taken from.
         goal: pose of that frame once it is in place; a part without one stays where it is.
         mass_kg: its mass.
+        centre_of_mass_m: its centre of mass in the frame of its shape; that of a body that is
+            equally dense throughout when not given.
         colour: red, green, blue.
         frames: places on it where processes are done, by name: poses in the frame of its shape;
             their z axes point out of the part.
@@ -55,6 +57,7 @@ class PartSection(ShapedSection):
     source: Name | None = None
     goal: PoseSection | None = None
     mass_kg: Mass = 0.0
+    centre_of_mass_m: Vector3 | None = None
     colour: Colour = (190, 140, 90)
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     grips: PartGripSection | None = None
@@ -141,14 +144,17 @@ class GripSection(Section):
 
 
 class ProcessSection(Section):
-    """A process that robots do at parts, fixtures or places of the world.
+    """A process that robots do at parts, fixtures or places of the world, or machines at parts.
 
     The tool comes to a frame with its own z axis opposite to the frame's, straight along it, then
-    follows the path if there is one, and stays or moves for as long as the process takes.
+    follows the path if there is one, and stays or moves for as long as the process takes. A machine
+    works at a part where that lies, and no robot is needed.
 
     Attributes:
         duration: how long it takes, from when the tool is there until it goes back;
             ``execution.skills`` may say another.
+        machine: name of the machine that does it.
+        unattended: whether nobody does it, such as glue that cures: any number of parts at once.
         tool: name of the tool that a robot must have; any when not given.
         frame: tool frame that comes to the place.
         approach_m: straight way to the place, and back from it.
@@ -159,6 +165,8 @@ class ProcessSection(Section):
     """
 
     duration: AnyDuration | None = None
+    machine: Name | None = None
+    unattended: bool = False
     tool: Name | None = None
     frame: Name = "tool"
     approach_m: Distance = 0.05
@@ -166,9 +174,24 @@ class ProcessSection(Section):
     turn_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     turns: Annotated[int, Field(ge=1, le=72)] = 8
 
+    @model_validator(mode="after")
+    def _of_robots_or_not(self) -> ProcessSection:
+        if self.machine is not None and self.unattended:
+            raise ValueError("give machine or unattended, not both")
+        if self.without_robot:
+            for key in ("tool", "frame", "approach_m", "path", "turn_deg", "turns"):
+                if getattr(self, key) != type(self).model_fields[key].default:
+                    raise ValueError(f"{key} is of a robot, and no robot does this")
+        return self
+
+    @property
+    def without_robot(self) -> bool:
+        """True if a machine does it, or nobody."""
+        return self.machine is not None or self.unattended
+
 
 class PlaceOfWork(Section):
-    """A frame at which a process is done: of a part, of a fixture, or of the world.
+    """Where a process is done, or a part is put down: a frame of a part, a fixture or the world.
 
     Attributes:
         part: part to which it belongs.
@@ -191,23 +214,23 @@ class PlaceOfWork(Section):
                 "of which part or fixture is this frame? Give part or fixture, or a pose in the"
                 " world"
             )
-        if self.frame is None and self.pose is None:
-            raise ValueError("give a frame, a pose or both")
         return self
 
 
 class StepSection(Section):
-    """A step: a part is put in its place, or a process is done.
+    """A step: a part is put somewhere, or a process is done.
 
     Attributes:
         place: name of the part that is put in its place.
         process: name of the process that is done.
-        at: where it is done.
-        name: what other steps call it in ``after``; the name of the part that it places.
+        at: where it is done; for a part, where it is put down on its way: its frame comes there.
+        name: what other steps call it in ``after``; the name of the part that it puts in place.
         after: names of steps that must be complete before its part is put down, or its process
             begins.
         robots: who may do it; anyone when not given.
         hold: part that another robot grips, where it lies, for as long as this is done.
+        until: name of a later step; whoever places the part keeps hold of it until that one is
+            complete. What a later step joins, and would fall without, is kept hold of anyway.
         path: of this step, in place of that of the process.
         turn_deg: of this step, in place of that of the process.
     """
@@ -219,6 +242,7 @@ class StepSection(Section):
     after: tuple[Name, ...] = ()
     robots: Several[Name] | None = None
     hold: Name | None = None
+    until: Name | None = None
     path: tuple[PoseSection, ...] | None = None
     turn_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
 
@@ -230,7 +254,17 @@ class StepSection(Section):
             raise ValueError(
                 f"where is {self.process} done? Give at: {{part: NAME, frame: NAME}}"
             )
-        for key in ("at", "path", "turn_deg"):
+        if self.process is not None and self.until is not None:
+            raise ValueError(
+                "until is of a step that places a part: a process holds nothing; hold: PART lets"
+                " another robot hold one meanwhile"
+            )
+        if self.until is not None and self.at is not None:
+            raise ValueError(
+                "until is of a step that puts its part in its place, and this one puts it down on its"
+                " way"
+            )
+        for key in ("path", "turn_deg"):
             if self.place is not None and getattr(self, key) is not None:
                 raise ValueError(f"{key} is of a process, and this step places a part")
         return self
@@ -238,7 +272,7 @@ class StepSection(Section):
     @property
     def known_as(self) -> str | None:
         """What other steps call it."""
-        return self.name or self.place
+        return self.name or (self.place if self.at is None else None)
 
 
 def _spelt_out(step: Any) -> Any:
@@ -259,7 +293,8 @@ class PartsSection(Section):
         parts: everything that can be handled.
         sources: where parts come from that have no ``start`` of their own, by name.
         products: how many products are made, one after another; one when not given.
-        processes: what robots do besides placing parts, by name.
+        processes: what robots do besides placing parts, and what machines do, by name.
+        machines: what works at parts without a robot, by name.
         steps: names of parts that are put in place, and steps in full.
         order: ``listed`` does the steps in their order, ``find`` in one that is found.
         approach_m: straight way towards a part before it is gripped, and straight down with
@@ -270,6 +305,8 @@ class PartsSection(Section):
         grips: which grips are tried.
         balance: friction under which everything must stand after every step.
         joined: pairs of parts, or of a part and a fixture, that are joined.
+        joined_overlap_m: deepest that these may be in each other in their places, such as bars
+            that meet in a node.
     """
 
     kind: Literal["assembly"]
@@ -277,6 +314,7 @@ class PartsSection(Section):
     sources: dict[Name, SourceSection] = Field(default_factory=dict)
     products: ProductsSection | None = None
     processes: dict[Name, ProcessSection] = Field(default_factory=dict)
+    machines: dict[Name, MachineSection] = Field(default_factory=dict)
     steps: Several[Step]
     order: Literal["listed", "find"] = "listed"
     approach_m: Distance = 0.06
@@ -285,8 +323,14 @@ class PartsSection(Section):
     grips: GripSection = GripSection()
     balance: BalanceSection = BalanceSection()
     joined: tuple[JoinedParts, ...] = ()
+    joined_overlap_m: Annotated[float, Field(ge=0, le=0.05)] = 0.002
 
     @property
     def placed(self) -> tuple[str, ...]:
         """Names of the parts that are put in place, in the order of the steps."""
-        return tuple(step.place for step in self.steps if step.place is not None)
+        return tuple(step.place for step in self.steps if step.place and not step.at)
+
+    @property
+    def taken(self) -> tuple[str, ...]:
+        """Names of these parts in the order in which they are taken first."""
+        return tuple(dict.fromkeys(step.place for step in self.steps if step.place))

@@ -16,6 +16,7 @@ Vector3 = Three[Coordinate]
 Vector4 = Annotated[tuple[Coordinate, ...], Field(min_length=4, max_length=4)]
 # Bodies thinner than a tenth of a millimetre have no volume that could be reckoned with.
 Size3 = Three[Annotated[float, Field(ge=1e-4, le=1000)]]
+Colour = Three[Annotated[int, Field(ge=0, le=255)]]
 Mass = Annotated[float, Field(ge=0, le=1e6)]
 Configuration = Annotated[tuple[Coordinate, ...], Field(min_length=1, max_length=100)]
 

@@ -18,6 +18,8 @@ from pydantic import (
 )
 
 from planning.errors import ScenarioError
+from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
+from twin.durations import SkillOverride
 from twin.scenario.document.section import Name, Section
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
@@ -36,13 +38,22 @@ AssemblySection = Annotated[
 """Assembly of a scenario, by ``kind``."""
 
 
+SpeedModelName = Literal["limits", "joint", "l1"]
+
+_OF_THE_PAPERS: Mapping[str, SpeedModelName] = {"lego": "l1", "construction": "joint"}
+"""Speed models of the kinds of assemblies that the papers are about."""
+
+
 class PlanningSection(Section):
     """Settings of the planner.
 
     Attributes:
-        speed_model: ``l1`` moves at a constant sum of joint speeds, as APEX-MR does; ``joint``
-            keeps each joint within its own limit.
-        speed_rad_s: the speed of the ``l1`` model [rad/s]; the path of a plan is as long as its
+        speed_model: ``limits`` keeps each joint within its limits of speed, acceleration and jerk,
+            as controllers do; ``joint`` within its limit of speed alone; ``l1`` moves at a constant
+            sum of joint speeds, as APEX-MR does. Default: ``limits``, but for the kinds lego (``l1``)
+            and construction (``joint``), which are planned as in the papers.
+        speed_rad_s: the speed of the ``l1`` model, 1 by default, and where it is given the greatest
+            sum of joint speeds of the ``limits`` model [rad/s]; the path of a plan is as long as its
             time, so slower ones than 0.01 take more memory than a plan is worth.
         step_s: time between the waypoints of a path [s].
         attempts: transit searches, each longer than the one before, until the planner gives up.
@@ -57,8 +68,8 @@ class PlanningSection(Section):
         improve_order: whether that search may put the steps into another order.
     """
 
-    speed_model: Literal["l1", "joint"] = "l1"
-    speed_rad_s: Annotated[float, Field(ge=0.01, le=100)] = 1.0
+    speed_model: SpeedModelName | None = None
+    speed_rad_s: Annotated[float, Field(ge=0.01, le=100)] | None = None
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
@@ -68,6 +79,11 @@ class PlanningSection(Section):
     improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     improve_tries: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     improve_order: bool = True
+
+    @property
+    def l1_rad_s(self) -> float:
+        """Speed of the ``l1`` model [rad/s]."""
+        return 1.0 if self.speed_rad_s is None else self.speed_rad_s
 
     @property
     def improves(self) -> bool:
@@ -113,10 +129,27 @@ class Scenario(Section):
         return self.model_copy(update={"execution": execution})
 
     @property
+    def speed_model(self) -> SpeedModelName:
+        """How fast robots are: as the planning section says, or as is usual for the kind."""
+        given = self.planning.speed_model
+        return given or _OF_THE_PAPERS.get(self.assembly.kind, "limits")
+
+    @property
     def processes(self) -> Mapping[str, ProcessSection]:
         """The processes that the assembly names."""
         own = self.assembly
         return own.processes if isinstance(own, PartsSection) else {}
+
+    @property
+    def tool_durations(self) -> tuple[SkillOverride, ...]:
+        """How long it takes to leave and to take tools, where ``execution.skills`` does not say."""
+        racks = {name: tool.rack for name, tool in self.cell.tools.items() if tool.rack}
+        return tuple(
+            SkillOverride(skill=skill, object=name, duration=rack.change_time)
+            for skill in (LEAVE_TOOL, TAKE_TOOL)
+            if skill not in self.execution.skills
+            for name, rack in racks.items()
+        )
 
     @model_validator(mode="after")
     def _slots_to_execute(self) -> Scenario:

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from planning.cell.robot_model import ToolGrip
+from twin.durations import AnyDuration, Fixed
 from twin.scenario.document.section import Name, Section, Several
 from twin.scenario.sections.poses import Coordinate, PoseSection
 from twin.scenario.sections.shapes import Length, PlacedShapeSection
@@ -15,6 +17,31 @@ JointName = Annotated[str, Field(min_length=1, max_length=256)]
 HeldJoints = dict[JointName, Coordinate]
 
 _Limit = Annotated[float, Field(gt=0, le=1e6)]
+
+
+class RackSection(PoseSection):
+    """Place of a tool in its rack, and how a robot takes it from there.
+
+    Attributes:
+        approach_m: straight way of the robot along its flange's axis into the rack, and out of it.
+        change_s: time that it takes to lock the tool on the flange, and to let go of it.
+        change: distribution of that time, in place of ``change_s``.
+    """
+
+    approach_m: Annotated[float, Field(ge=0.001, le=1)] = 0.1
+    change_s: Annotated[float, Field(ge=0, le=1e6)] = 2.0
+    change: AnyDuration | None = None
+
+    @model_validator(mode="after")
+    def _one_time(self) -> RackSection:
+        if self.change is not None and "change_s" in self.model_fields_set:
+            raise ValueError("give change_s or change, not both")
+        return self
+
+    @property
+    def change_time(self) -> AnyDuration:
+        """Time that it takes to lock the tool, and to let go of it."""
+        return self.change or Fixed(value_s=self.change_s)
 
 
 class ToolSection(Section):
@@ -36,6 +63,8 @@ class ToolSection(Section):
             nothing. Without it, and without suction, what assembly.grips says holds.
         suction: whether it holds by suction, at one face.
         frames: further frames by name, each a pose in the frame of its root link.
+        rack: pose of its root link where it lies while no robot has it on it; for tools that are
+            changed.
     """
 
     description: Annotated[str, Field(min_length=1, max_length=4096)] | None = None
@@ -48,6 +77,7 @@ class ToolSection(Section):
     opening_m: Several[Opening] | Opening | None = None
     suction: bool = False
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
+    rack: RackSection | None = None
 
     @model_validator(mode="after")
     def _something(self) -> ToolSection:
@@ -76,6 +106,11 @@ class ToolSection(Section):
         if isinstance(self.opening_m, tuple):
             return self.opening_m[0], self.opening_m[1]
         return None if self.opening_m is None else (0.0, self.opening_m)
+
+    def grip(self, name: str) -> ToolGrip | None:
+        """Return how the tool holds, under its name; None where nothing is said."""
+        opening = self.opening
+        return ToolGrip(opening, name) if self.suction or opening is not None else None
 
 
 class LimitsSection(Section):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,20 +38,8 @@ class Draws:
     @classmethod
     def completing(cls, numbers: Indices, times: SegmentTimes) -> Draws:
         """Keep the replications in which no task fails for good."""
-        well = ~times.fails
-        place = np.cumsum(well) - 1
-        kept = []
-        for group in times.standstills:
-            own = well[group.column]
-            kept.append(
-                Standstills(
-                    group.cause,
-                    group.node[own],
-                    place[group.column[own]],
-                    group.duration_ns[own],
-                )
-            )
-        return cls(numbers[well], times.busy_ns[:, well], tuple(kept))
+        kept = times.completing()
+        return cls(numbers[~times.fails], kept.busy_ns, kept.standstills)
 
     @cached_property
     def work_ns(self) -> Nanoseconds:
@@ -60,6 +48,33 @@ class Draws:
         for group in self.standstills:
             np.subtract.at(work, (group.node, group.column), group.duration_ns)
         return work
+
+    def times(
+        self, busy_ns: Nanoseconds, lever: Lever | None = None, share: float = 0.0
+    ) -> SegmentTimes:
+        """Return times of nodes as engines take them, with shorter standstills if these are the lever.
+
+        Args:
+            busy_ns: of each node, shape (nodes, r) [ns].
+            lever: what takes less.
+            share: by how much.
+        """
+        groups = self.standstills
+        if lever is not None and lever.causes:
+            groups = tuple(
+                replace(
+                    group,
+                    duration_ns=np.where(
+                        np.isin(group.node, lever.rows),
+                        shortened(group.duration_ns, share),
+                        group.duration_ns,
+                    ),
+                )
+                if group.cause in lever.causes
+                else group
+                for group in groups
+            )
+        return SegmentTimes(busy_ns, np.zeros(busy_ns.shape[1], np.bool_), groups)
 
     def stood_ns(self, lever: Lever) -> Nanoseconds:
         """Return the standstills that a lever is, shape (nodes, r) [ns]."""

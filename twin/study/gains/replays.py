@@ -12,11 +12,14 @@ from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.turn_order import with_turns
+from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import Completions, completions, explain, makespans
 from twin.engine.bulk.message_times import Past, end_times
 from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
+from twin.engine.driven import DrivenExecution
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.processes import Execution
 from twin.study.gains.draws import Draws, shortened
@@ -25,7 +28,12 @@ from twin.study.replications.workload import Workload
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.halts import sample_halts
-from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
+from twin.uncertainty.node_times import (
+    NodeTimes,
+    NodeTimeSampler,
+    SegmentTimes,
+    Standstill,
+)
 from twin.uncertainty.skill_durations import nominal_ns
 
 
@@ -61,6 +69,8 @@ def replay_of(load: Workload, numbers: Indices) -> Replay:
         numbers: of the replications.
     """
     if not load.reasons:
+        if is_driven(load.tpg):
+            return DrivenReplay(load, numbers)
         return PathReplay(load, numbers)
     return (
         EventReplay(load, numbers)
@@ -73,7 +83,9 @@ def needs_events(load: Workload) -> bool:
     """Tell whether a plan can be executed again by the event engine only."""
     model = load.execution
     return bool(load.reasons) and (
-        model.disturbances.at_absolute_times or model.policy == "synchronous"
+        is_driven(load.tpg)
+        or model.disturbances.at_absolute_times
+        or model.policy == "synchronous"
     )
 
 
@@ -86,7 +98,7 @@ def replay_cost(load: Workload) -> int:
 def _in_segments(load: Workload) -> bool:
     """Tell whether joined nodes give the same times: no messages, no planned clock."""
     by_clock = needs_events(load) and load.execution.policy == "open-loop"
-    return load.execution.messages.instant and not by_clock
+    return load.execution.messages.instant and not by_clock and not is_driven(load.tpg)
 
 
 class PathReplay:
@@ -110,6 +122,27 @@ class PathReplay:
             return eased_makespans(self.graph, self.draws.busy_ns, lever.edges, share)
         with self.draws.less(lever, share) as busy_ns:
             return makespans(self.graph, busy_ns)
+
+
+class DrivenReplay:
+    """Robots that keep to limits of acceleration, node by node: messages take no time."""
+
+    eases_waits = False
+
+    def __init__(self, load: Workload, numbers: Indices) -> None:
+        self._engine = engine = BulkEngine(load.tpg, load.execution)
+        self.tpg, self.graph = load.tpg, engine.graph
+        times = engine.sample(seed=load.seed, replications=numbers)
+        self.draws = Draws.completing(numbers, times)
+
+    def base(self) -> Completions:
+        """Return what came of the replications as they were drawn."""
+        return self._engine.execute(self.draws.times(self.draws.busy_ns))
+
+    def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
+        """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
+        with self.draws.less(lever, share) as busy_ns:
+            return self._engine.makespans(self.draws.times(busy_ns, lever, share))
 
 
 def eased_makespans(
@@ -196,10 +229,13 @@ class EventReplay:
     def __init__(self, load: Workload, numbers: Indices) -> None:
         self._model, self._seed = load.execution, load.seed
         policy = load.execution.policy
+        self._driven = is_driven(load.tpg)
         cut = contract(load.tpg) if _in_segments(load) else _node_by_node(load.tpg)
         self.tpg, self.graph = cut.tpg, policy_graph(cut.tpg, policy)
         self.draws = _drawn(load, cut, numbers)
         barred = with_barriers(cut.tpg) if policy == "synchronous" else cut.tpg
+        if policy == "sequential" and self._driven:
+            barred = with_turns(barred)
         self._tpg, self._dispatcher = barred, Dispatcher(barred)
         self._planned = None
         if policy == "open-loop":
@@ -207,7 +243,7 @@ class EventReplay:
 
     def base(self) -> Completions:
         """Return what came of the replications as they were drawn."""
-        runs = self._runs(self.draws.busy_ns, self._model)
+        runs = self._runs(self.draws.times(self.draws.busy_ns), self._model)
         shape = self.draws.busy_ns.shape
         start, end = (
             np.array([np.concatenate(run[k]) for run in runs], dtype=np.int64)
@@ -224,37 +260,56 @@ class EventReplay:
             fewer = _shorter_stops(model.disturbances, lever.stops, share)
             model = replace(model, disturbances=fewer)
         with self.draws.less(lever, share) as busy_ns:
-            runs = self._runs(busy_ns, model)
+            runs = self._runs(self.draws.times(busy_ns, lever, share), model)
         return np.array([max(map(max, end)) for _, end in runs], dtype=np.int64)
 
     def _runs(
-        self, busy_ns: Nanoseconds, model: ExecutionModel
+        self, times: SegmentTimes, model: ExecutionModel
     ) -> list[tuple[list[list[int]], list[list[int]]]]:
         """Return start and end of every node in each replication."""
         cuts = self.graph.first[1:-1]
+        stood_ns = times.stood_ns()
         runs = []
         for column, number in enumerate(self.draws.numbers.tolist()):
-            busy = tuple(np.split(busy_ns[:, column], cuts))
-            times = NodeTimes(
-                tuple(np.zeros_like(row) for row in busy),
-                busy,
-                ((),) * len(busy),
-                (-1,) * len(busy),
-                sample_halts(
-                    self._tpg, model.disturbances, seed=self._seed, replication=number
-                ),
+            stall = np.split(stood_ns[:, column], cuts)
+            motion = np.split((times.busy_ns - stood_ns)[:, column], cuts)
+            halts = sample_halts(
+                self._tpg, model.disturbances, seed=self._seed, replication=number
             )
-            execution = Execution(
-                self._tpg,
-                times,
-                self._dispatcher.copy(),
-                model.messages,
-                sequential=model.policy == "sequential",
-                planned=self._planned,
+            drawn = NodeTimes(
+                tuple(motion),
+                tuple(stall),
+                tuple(_standing(own) for own in stall),
+                (-1,) * len(stall),
+                halts,
             )
+            execution = self._execution(drawn, model)
             execution.execute()
             runs.append((execution.start, execution.end))
         return runs
+
+    def _execution(self, times: NodeTimes, model: ExecutionModel) -> Execution:
+        dispatcher, messages = self._dispatcher.copy(), model.messages
+        if self._driven:
+            return DrivenExecution(
+                self._tpg, times, dispatcher, messages, planned=self._planned
+            )
+        return Execution(
+            self._tpg,
+            times,
+            dispatcher,
+            messages,
+            sequential=model.policy == "sequential",
+            planned=self._planned,
+        )
+
+
+def _standing(stall: Nanoseconds) -> tuple[Standstill, ...]:
+    """Return the standstills of the nodes of a robot."""
+    return tuple(
+        Standstill(node, "stall", int(stall[node]))
+        for node in np.flatnonzero(stall).tolist()
+    )
 
 
 def quicker(messages: Messages, share: float) -> Messages:
@@ -286,6 +341,7 @@ def _node_by_node(tpg: TemporalPlanGraph) -> Contraction:
 
 def _drawn(load: Workload, cut: Contraction, numbers: Indices) -> Draws:
     model = load.execution
-    sampler = NodeTimeSampler(load.tpg, model.durations, model.disturbances)
+    free = at_full_speed(load.tpg)
+    sampler = NodeTimeSampler(free, model.durations, model.disturbances)
     times = sampler.sample_segments(cut, seed=load.seed, replications=numbers)
     return Draws.completing(numbers, times)

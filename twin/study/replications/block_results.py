@@ -63,11 +63,12 @@ class ReplicationRows:
         replication: number of each, shape (r,).
         outcome: ``completed``, ``failed``, ``aborted`` or ``error``, shape (r,).
         makespan_ns: shape (r,) [ns]; -1 for an error.
-        busy_ns: work and stalls of each robot, shape (robots, r) [ns]; -1 where unknown.
+        busy_ns: work and stalls of each robot, then of each machine that works at parts, shape
+            (robots and machines, r) [ns]; -1 where unknown.
         waited_ns: waits of all robots by cause, shape (3, r) [ns]; -1 where unknown.
         engine: ``bulk`` or ``events``.
         error: what went wrong, empty where nothing did, shape (r,).
-        robots: their names.
+        robots: names of robots and machines.
     """
 
     replication: Indices
@@ -84,6 +85,7 @@ class ReplicationRows:
         which: npt.NDArray[np.bool_],
         found: Completions,
         chains: Sequence[int] | slice = slice(None),
+        machines: Sequence[int] = (),
     ) -> None:
         """Enter what came of replications that completed.
 
@@ -91,11 +93,13 @@ class ReplicationRows:
             which: those rows, shape (r,).
             found: their times.
             chains: of the robots.
+            machines: chains of the machines that work at parts.
         """
         self.outcome[which] = COMPLETED
         self.makespan_ns[which] = found.makespan_ns
         waited = found.waited_ns[chains]
-        self.busy_ns[:, which] = found.chain_end_ns[chains] - waited.sum(axis=1)
+        busy = found.chain_end_ns - found.waited_ns.sum(axis=1)
+        self.busy_ns[:, which] = np.vstack([busy[chains], busy[list(machines)]])
         self.waited_ns[:, which] = waited.sum(axis=0)
 
     def makespans_s(self) -> npt.NDArray[np.float64]:

@@ -17,11 +17,11 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import Completions, completions, explain
+from twin.engine.bulk.max_plus import Completions, explain
 from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
@@ -104,13 +104,13 @@ class Engines:
         """Execute a block side by side; replications in which a task fails go by events."""
         load = self.workload
         bulk = self.bulk
-        robots = robot_names(load.tpg)
+        robots = worker_names(load.tpg)
         numbers = np.asarray(block.replications, dtype=np.int64)
         times = bulk.sample(seed=load.seed, replications=numbers)
         well = ~times.fails
-        found = completions(bulk.graph, times.busy_ns[:, well])
+        found = bulk.execute(times.completing())
         rows = empty_rows(numbers, robots, engine="bulk")
-        rows.fill(well, found, robot_chains(load.tpg))
+        rows.fill(well, found, *self._workers)
         for place in np.flatnonzero(~well).tolist():
             self._by_event(rows, place)
         tally = self._segment_groups.tally(numbers[well], found)
@@ -121,7 +121,7 @@ class Engines:
         """Execute a block with the event engine, one replication after the other."""
         load = self.workload
         graph = self._node_graph
-        robots = robot_names(load.tpg)
+        robots = worker_names(load.tpg)
         numbers = np.asarray(block.replications, dtype=np.int64)
         rows = empty_rows(numbers, robots, engine="events")
         runs = [self._by_event(rows, place) for place in range(len(numbers))]
@@ -132,7 +132,7 @@ class Engines:
         start = _columns([run.start_ns for run in done], len(graph.order))
         end = _columns([run.end_ns for run in done], len(graph.order))
         found = explain(graph, start, end)
-        rows.fill(well, found, robot_chains(load.tpg))
+        rows.fill(well, found, *self._workers)
         tally = self._node_groups.tally(numbers[well], found)
         products = _product_times(self._node_products, found)
         return BlockResult(block, rows, tally, products)
@@ -146,6 +146,11 @@ class Engines:
     def simulator(self) -> Simulator:
         """The event engine."""
         return Simulator(self.workload.tpg, self.workload.execution)
+
+    @cached_property
+    def _workers(self) -> tuple[Sequence[int], Sequence[int]]:
+        """Chains of the robots, and of the machines that work at parts."""
+        return robot_chains(self.workload.tpg), working_machines(self.workload.tpg)
 
     @cached_property
     def _segment_groups(self) -> TaskGroups:
@@ -185,9 +190,10 @@ class Engines:
         return run
 
 
-def robot_names(tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return the names of the robots that have work, in the order of the chains."""
-    return tuple(tpg.chains[k].robot for k in robot_chains(tpg))
+def worker_names(tpg: TemporalPlanGraph) -> tuple[str, ...]:
+    """Return the names of the robots that have work, then of the machines that work at parts."""
+    chains = (*robot_chains(tpg), *working_machines(tpg))
+    return tuple(tpg.chains[k].robot for k in chains)
 
 
 def robot_chains(tpg: TemporalPlanGraph) -> list[int]:
@@ -219,7 +225,10 @@ def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     models = {robot.name: robot.model for robot in tpg.cell.robots}
     return replace(
         tpg,
-        cell=bare_cell({item.name: item.kind for item in tpg.cell.objects}),
+        cell=replace(
+            bare_cell({item.name: item.kind for item in tpg.cell.objects}),
+            machines=tpg.cell.machines,
+        ),
         tasks=tuple(replace(t, path=np.zeros((0, 0)), handlings=()) for t in tpg.tasks),
         chains=tuple(
             _bare_chain(chain, models.get(chain.robot)) for chain in tpg.chains

@@ -80,6 +80,14 @@ def _skills(result: StudyResult) -> Iterator[str]:
         yield f"as the scenario says: {', '.join(own)} in the mean"
     if reference:
         yield f"as long as their reference paths: {', '.join(reference)}"
+    base = result.request.base
+    tools = [
+        f"{item.skill} of {item.object} {item.duration.located(base).mean:.2f} s"
+        for item in result.request.scenario.tool_durations
+        if item.skill in kinds
+    ]
+    if tools:
+        yield f"as the racks of tools say: {', '.join(tools)} in the mean"
     if execution.skill_overrides:
         yield f"{len(execution.skill_overrides)} exceptions for robots or objects"
 
@@ -93,16 +101,19 @@ def _model(model: DurationModel) -> str:
 
 
 def _motions(result: StudyResult) -> str:
-    planning = result.request.scenario.planning
-    if (
-        planning.speed_model == "joint"
-        or Subject(result.request.scenario, result.request.base).kind.at_once
-    ):
+    scenario = result.request.scenario
+    model = scenario.speed_model
+    if model == "limits":
+        return (
+            "planned and executed with each joint within its limits of speed, acceleration and jerk"
+            " (speed_model limits)"
+        )
+    if model == "joint" or Subject(scenario, result.request.base).kind.at_once:
         speed = "each joint within its own speed limit (speed_model joint)"
     else:
         speed = (
-            f"joint speeds that add up to {planning.speed_rad_s:g} rad/s, none beyond its own limit"
-            " (speed_model l1)"
+            f"joint speeds that add up to {scenario.planning.l1_rad_s:g} rad/s, none beyond its own"
+            " limit (speed_model l1)"
         )
     return f"planned with {speed}; joints have no limit of acceleration"
 
@@ -127,6 +138,18 @@ def _disturbances(own: ExecutionSection) -> Iterator[str]:
             f"breakdowns of {who} every {own.breakdowns.mtbf_s:g} s of {own.breakdowns.clock}"
             f" time, repaired in {own.breakdowns.mttr_s:g} s (means)"
         )
+    for name, machine in own.machines.items():
+        breaks, stalls = machine.breakdowns, machine.stalls
+        if breaks is not None:
+            yield (
+                f"breakdowns of {name} every {breaks.mtbf_s:g} s of {breaks.clock} time, repaired"
+                f" in {breaks.mttr_s:g} s (means)"
+            )
+        length = _model(stalls.model)
+        if stalls.rate_per_h:
+            yield f"{stalls.rate_per_h:g} stalls an hour of {name}'s work, each {length}"
+        if stalls.count_per_robot:
+            yield f"{stalls.count_per_robot} stalls of {name}, each {length}"
     for skill, failure in own.failures.items():
         yield (
             f"{100 * failure.probability:g} % of attempts at {skill} fail, {failure.retries}"
@@ -140,7 +163,5 @@ def _disturbances(own: ExecutionSection) -> Iterator[str]:
 def _messages(own: ExecutionSection) -> str:
     if not (own.report_s or own.release_s):
         return ""
-    return (
-        f"{own.report_s:g} s from a robot to the dispatcher, {own.release_s:g} s back,"
-        f" {own.queue_depth} nodes given ahead"
-    )
+    ahead = "" if own.queue_depth is None else f", {own.queue_depth} nodes given ahead"
+    return f"{own.report_s:g} s from a robot to the dispatcher, {own.release_s:g} s back{ahead}"

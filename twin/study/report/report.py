@@ -25,6 +25,7 @@ from twin.study.gains.candidates import task_names
 from twin.study.line import product_times
 from twin.study.replications.block_results import TaskTally, cell_tally
 from twin.study.report.assumptions import assumptions, warnings
+from twin.study.report.busy import busy_table
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
 from twin.study.report.fixing import HONEST, critical_tasks_table, gains_tables
@@ -225,6 +226,8 @@ def _whole_study(result: StudyResult) -> Pieces:
         yield heading(f"What {key} does")
         name = "response-" + key.replace(".", "-")
         yield _drawn(result, draw_response(summary, key, policies), name)
+    yield heading("How busy robots and machines are")
+    yield busy_table(summary)
     yield heading("What the robots wait for")
     yield _drawn(result, draw_waits(summary), "waits")
 

@@ -14,6 +14,7 @@ from rich.text import Text
 from twin.study.folder import REPORT
 from twin.study.layouts import words
 from twin.study.replications.statistics import Interval
+from twin.study.report.busy import busy_rows
 from twin.study.report.fixing import LESS, P90
 from twin.study.report.lines import line_rows
 from twin.study.report.ranking import behind_words, ranking_rows, told_apart
@@ -92,16 +93,17 @@ def _print_rest(console: Console, result: StudyResult) -> None:
 
 
 def _print_lines(console: Console, summary: Mapping[str, Any]) -> None:
-    """Print throughput, takt and lateness, where several products are made."""
+    """Print throughput, takt, lateness and who is busy, where several products are made."""
     head, rows = line_rows(summary)
     if not rows:
         return
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in head:
-        table.add_column(name, justify="left" if name == head[0] else "right")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    for names, lines in ((head, rows), busy_rows(summary)):
+        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for name in names:
+            table.add_column(name, justify="left" if name == names[0] else "right")
+        for line in lines:
+            table.add_row(*line)
+        console.print(table)
 
 
 def _print_ranking(

@@ -1,0 +1,227 @@
+"""Changes of tools at racks: the ways there, what they cost, and the tasks that they are.
+
+A tool is left in its rack, or taken from there, with the flange where it is when the tool lies in
+the rack. The robot comes straight along its flange's axis and goes back the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import permutations
+
+import numpy as np
+
+from planning.cell.workcell import (
+    Attachment,
+    CellObject,
+    PlacedRobot,
+    RackTool,
+    Workcell,
+)
+from planning.errors import InfeasibleStepError
+from planning.geometry.robot_bodies import entity
+from planning.skills.contacts import NOTHING, Pairs, SkillContacts, touching
+from planning.skills.joint_paths import (
+    Obstruction,
+    SkillPath,
+    joint_distance,
+    skill_postures,
+    unreachable,
+)
+from planning.skills.outfits import fitted_out, rack_tools
+from planning.skills.step_builder import StepBuilder
+from planning.skills.subgoals import SkillTargets, Subgoal, straight_way
+from planning.skills.surroundings import SkillScene, find_obstruction
+from planning.tasks.assignment import StepChoice
+from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
+from planning.transforms import Transform, inverse, translation
+
+
+@dataclass(frozen=True)
+class RackWay:
+    """The way of a robot into a rack.
+
+    Attributes:
+        tool: that has its place there.
+        path: straight to where the tool is left and taken.
+        touched: fixtures that the tool touches in its rack.
+    """
+
+    tool: RackTool
+    path: SkillPath
+    touched: frozenset[str]
+
+
+@dataclass(frozen=True)
+class ToolChanges:
+    """How the robots of a cell change their tools.
+
+    Attributes:
+        cell: with robots as plans know them.
+        ways: by robot and tool.
+    """
+
+    cell: Workcell
+    ways: Mapping[tuple[str, str], RackWay]
+
+    @property
+    def mounted(self) -> dict[str, str]:
+        """The tools that robots which change some have on them at the start."""
+        return {r.name: str(r.tool) for r in self.cell.robots if r.tools}
+
+    @cached_property
+    def costs(self) -> dict[tuple[str, str, str], float]:
+        """Costs of changes by robot, tool on it before, and after: joint distance [rad].
+
+        The time that it takes to let go and to lock counts as motion at 1 rad/s.
+        """
+        found = {}
+        for robot in self.cell.robots:
+            for old, new in permutations(robot.tools, 2):
+                ends = [
+                    self.ways[robot.name, tool.name].path.contact for tool in (old, new)
+                ]
+                stops = [robot.home, *ends, robot.home]
+                way = sum(
+                    joint_distance(a, b) for a, b in zip(stops, stops[1:], strict=False)
+                )
+                found[robot.name, old.name, new.name] = way + old.seconds + new.seconds
+        return found
+
+    def mounted_before(self, choices: Iterable[StepChoice]) -> dict[str, str]:
+        """Return which tools are on the robots after some steps."""
+        found = self.mounted
+        for choice in choices:
+            found |= dict(choice.tools)
+        return found
+
+    def begin(self, build: StepBuilder) -> None:
+        """Write that robots have tools on them from the start."""
+        for robot in self.cell.robots:
+            for tool in robot.tools:
+                if tool.name == robot.tool:
+                    mounted = Handling(tool.name, 0, robot.name, tool.mount)
+                    build.stand(robot, f"with {tool.name}", mounted)
+
+    def change(self, build: StepBuilder, robot: str, old: str, new: str) -> None:
+        """Write how a robot leaves one tool and takes another."""
+        self._at_rack(build, self.ways[robot, old], leave=True)
+        self._at_rack(build, self.ways[robot, new], leave=False)
+        build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}", None)
+
+    def _at_rack(self, build: StepBuilder, way: RackWay, *, leave: bool) -> None:
+        name, path = way.tool.name, way.path
+        stop = path.path[-1:]
+        build.lead_in(path, f"to the rack of {name}", None)
+        into = build.skill(path, f"into the rack of {name}", name)
+        kind = LEAVE_TOOL if leave else TAKE_TOOL
+        change = SkillPath(kind, path.robot, stop, stop, 1)
+        holder = None if leave else path.robot
+        pose = way.tool.rack if leave else way.tool.mount
+        done = build.skill(
+            change, f"{'leave' if leave else 'take'} {name}", name, holder, pose
+        )
+        back = SkillPath(STRAIGHT, path.robot, stop, path.waypoints[-2::-1])
+        out = build.skill(back, f"out of the rack of {name}", name)
+        build.allow(_at_rack(path.robot, way), into, done, out)
+
+    def allow_mounted(self, build: StepBuilder, mounted: Mapping[str, str]) -> None:
+        """Allow robots to touch the tools that they have on them, in all tasks written so far.
+
+        Args:
+            build: has the tasks.
+            mounted: tools on the robots before the first of them.
+        """
+        tools = {tool.name for tool in rack_tools(self.cell)}
+        now: dict[str, str | None] = {**mounted}
+        for task in build.tasks:
+            on_it = {now.get(task.robot)}
+            for handling in task.handlings:
+                if handling.object in tools:
+                    now[task.robot] = handling.object if handling.holder else None
+            for name in {*on_it, now.get(task.robot)} - {None}:
+                flange = entity(task.robot, "tool")
+                build.allow(touching(flange, [str(name)]), task.index)
+
+
+def find_tool_changes(
+    cell: Workcell,
+    goals: Mapping[str, Transform],
+    touched: Mapping[str, frozenset[str]],
+) -> ToolChanges:
+    """Return how robots change their tools, whatever has been built by then.
+
+    On the way to a rack everything is in the way that may ever be there: parts where they lie at the
+    start and in their places, other tools in their racks.
+
+    Args:
+        cell: with robots as plans know them.
+        goals: of the parts.
+        touched: fixtures that each tool touches in its rack.
+
+    Raises:
+        InfeasibleStepError: a robot cannot come to a rack, or cannot stand there; says why.
+    """
+    ways = {}
+    around = fitted_out(cell, frozenset())
+    for robot in cell.robots:
+        robots = [robot if r.name == robot.name else r for r in around.robots]
+        here = replace(around, robots=tuple(robots))
+        for tool in robot.tools:
+            touches = touched.get(tool.name, frozenset())
+            ways[robot.name, tool.name] = _rack_way(here, robot, tool, goals, touches)
+    return ToolChanges(cell, ways)
+
+
+def _at_rack(robot: str, way: RackWay) -> Pairs:
+    """Return what may touch while a robot is at a rack."""
+    name = way.tool.name
+    return touching(entity(robot, "tool"), [name]) | touching(name, way.touched)
+
+
+def _rack_way(
+    cell: Workcell,
+    robot: PlacedRobot,
+    tool: RackTool,
+    goals: Mapping[str, Transform],
+    touched: frozenset[str],
+) -> RackWay:
+    lying: dict[str, tuple[CellObject, Attachment]] = {
+        item.name: (item, Attachment(None, item.start))
+        for item in cell.objects
+        if not item.later
+    }
+    for name, goal in goals.items():
+        lying[f"{name} in its place"] = cell.object(name), Attachment(None, goal)
+    near = tool.rack @ inverse(tool.mount)
+    far = near @ translation(0.0, 0.0, -tool.approach)
+    subgoals = straight_way("flange", "rack", far, near)
+    targets = SkillTargets(
+        STRAIGHT, (*subgoals, Subgoal("rack", "flange", near)), len(subgoals)
+    )
+    in_hand = Attachment(robot.name, tool.mount)
+    on_it = touching(entity(robot.name, "tool"), [tool.name])
+    found = unreachable(targets)
+    for path in skill_postures(robot, targets):
+        if isinstance(path, Obstruction):
+            found = path
+            continue
+        way = RackWay(tool, replace(path, change_at=None), touched)
+        # In with nothing on the flange, out with the tool: in with it is the same the other way.
+        both = np.vstack([path.path, path.waypoints[-2::-1]])
+        scene = SkillScene(
+            cell,
+            lying,
+            {r.name: r.home for r in cell.robots},
+            SkillContacts(NOTHING, _at_rack(robot.name, way), on_it),
+            (tool.name, in_hand),
+        )
+        blocked = find_obstruction(replace(path, path=both), scene)
+        if blocked is None:
+            return way
+        found = blocked
+    raise InfeasibleStepError(
+        f"{robot.name} cannot change {tool.name} at its rack: {found.words}"
+    )

@@ -1,0 +1,162 @@
+"""Times of nodes within the robots' limits of speed, acceleration and jerk.
+
+The nodes of a temporal plan graph are pieces of paths; here they get the times that robots need
+for them when nobody makes them wait. What robots do when somebody does is up to the engines, by
+the same functions of ``planning.timing.ramps``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.motion_limits import MotionLimits
+from planning.kernels import kernel
+from planning.timing.ramps import exit_bound, pass_through
+from planning.timing.smooth_path import SmoothPath, smooth_path
+from planning.timing.stretch import straight_stretch
+from planning.transforms import Array
+from scheduling.graph.drive import Drive
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+
+_STILL = 1e-12
+"""Joint values that differ by less are the same [rad or m]."""
+
+_TURN = 1e-7
+"""Unit directions that differ by less are the same straight line."""
+
+
+def within_limits(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return a graph whose nodes take the times that their robots' limits ask for.
+
+    Order, paths and edges stay as they are. Chains of robots without limits, and of machines, too.
+    """
+    limits = {robot.name: robot.limits for robot in tpg.cell.robots}
+    chains = []
+    for k, chain in enumerate(tpg.chains):
+        own = limits.get(chain.robot)
+        chains.append(chain if own is None else _timed(tpg, k, own))
+    return replace(tpg, chains=tuple(chains))
+
+
+def is_driven(tpg: TemporalPlanGraph) -> bool:
+    """Tell whether some robot of a graph keeps to limits of acceleration."""
+    return any(chain.drive is not None for chain in tpg.chains)
+
+
+def at_full_speed(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return a graph in which pose nodes take as long as at full speed, and no node less than it may.
+
+    It is what durations are drawn of; the engines make nodes longer where robots speed up or slow
+    down.
+    """
+    chains = []
+    for chain in tpg.chains:
+        drive = chain.drive
+        if drive is None:
+            chains.append(chain)
+            continue
+        duration = np.where(drive.ramp > 0.0, drive.cruise, chain.duration)
+        chains.append(replace(chain, duration=duration, least=drive.cruise))
+    return replace(tpg, chains=tuple(chains))
+
+
+def skill_motion(
+    tpg: TemporalPlanGraph, k: int, node: int, limits: MotionLimits
+) -> SmoothPath:
+    """Return how a robot moves along the reference path of one of its skill nodes.
+
+    Args:
+        tpg: the graph.
+        k: index of the chain.
+        node: the skill node.
+        limits: of the robot.
+    """
+    chain = tpg.chains[k]
+    stops = {h.waypoint for h in tpg.handlings if h.robot == k and h.node == node}
+    return smooth_path(limits, node_path(chain, node), stops)
+
+
+def node_path(chain: NodeChain, node: int) -> Array:
+    """Return the path of a node with the configuration that it starts from, shape (w, n)."""
+    low, high = int(chain.first[node]), int(chain.first[node + 1])
+    begin = chain.start if low == 0 else chain.waypoints[low - 1]
+    return np.vstack([begin, chain.waypoints[low:high]])
+
+
+def _timed(tpg: TemporalPlanGraph, k: int, limits: MotionLimits) -> NodeChain:
+    """Return a chain with the times that its robot's limits ask for."""
+    chain = tpg.chains[k]
+    stretch, way = _stretches(tpg, k)
+    count = len(chain)
+    cruise, ramp, lag = np.zeros(count), np.zeros(count), np.zeros(count)
+    fraction = chain.fraction.copy()
+    duration = chain.duration.copy()
+    for number in range(stretch[-1] + 1 if count else 0):
+        nodes = np.flatnonzero(stretch == number)
+        if chain.skill[nodes[0]]:
+            motion = skill_motion(tpg, k, int(nodes[0]), limits)
+            cruise[nodes] = motion.seconds
+            duration[nodes] = np.maximum(duration[nodes], motion.seconds)
+            if motion.seconds > 0.0:
+                own = slice(chain.first[nodes[0]], chain.first[nodes[-1] + 1])
+                fraction[own] = motion.passed[1:] / motion.seconds
+            continue
+        found = straight_stretch(limits, way[nodes].sum(axis=0))
+        if found.cruise > 0.0:
+            lengths = np.linalg.norm(way[nodes], axis=1)
+            cruise[nodes] = found.cruise * lengths / lengths.sum()
+            ramp[nodes], lag[nodes] = found.ramp, found.lag
+    rests = np.append(np.diff(stretch) > 0, True)[:count]
+    drive = Drive(cruise, ramp, lag, rests)
+    moving = ramp > 0.0
+    duration[moving] = _nominal(cruise, ramp, lag, rests)[moving]
+    duration[~moving & ~chain.skill] = 0.0
+    return replace(chain, duration=duration, fraction=fraction, drive=drive)
+
+
+def _stretches(tpg: TemporalPlanGraph, k: int) -> tuple[npt.NDArray[np.int64], Array]:
+    """Return the number of each node's stretch, from 0, and how far each pose node goes.
+
+    Nodes that are no part of a stretch have a number of their own.
+    """
+    chain = tpg.chains[k]
+    ends = np.vstack([chain.start[None], chain.waypoints[chain.first[1:] - 1]])
+    way = np.diff(ends, axis=0)
+    length = np.linalg.norm(way, axis=1)
+    moves = (length > _STILL) & ~chain.skill
+    unit = way / np.maximum(length, _STILL)[:, None]
+    joined = moves[1:] & moves[:-1]
+    joined &= np.abs(np.diff(unit, axis=0)).max(axis=1, initial=0.0) < _TURN
+    for handling in tpg.handlings:
+        # What changes hands does so at rest.
+        if handling.robot == k and not chain.skill[handling.node]:
+            border = handling.node - (handling.waypoint == 0)
+            if 0 <= border < len(joined):
+                joined[border] = False
+    return np.concatenate([[0], np.cumsum(~joined)])[: len(chain)], way
+
+
+@kernel
+def _nominal(
+    cruise: Array, ramp: Array, lag: Array, rests: npt.NDArray[np.bool_]
+) -> Array:
+    """Return the durations of nodes of which none has to wait within its stretch."""
+    out = np.zeros_like(cruise)
+    top = np.ones_like(cruise)
+    begin = 0
+    for end in range(len(cruise)):
+        if not rests[end]:
+            continue
+        speed = 0.0
+        for node in range(begin, end + 1):
+            if ramp[node] > 0.0:
+                bound = exit_bound(cruise, top, node, end, ramp[node])
+                out[node], speed, _ = pass_through(
+                    cruise[node], 1.0, speed, bound, ramp[node]
+                )
+        out[begin] += lag[begin]
+        begin = end + 1
+    return out

@@ -1,0 +1,135 @@
+"""Quickest motions along lines and polylines: within limits, on the path, and not slower than need be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.cell.motion_limits import MotionLimits
+from planning.timing.smooth_path import STRAY, SmoothPath, smooth_path
+from planning.timing.stretch import straight_stretch
+
+
+def drawn(
+    seed: int, *, gentle: bool = False, jerk: bool = True
+) -> tuple[MotionLimits, np.ndarray]:
+    """Return limits and a polyline."""
+    rng = np.random.default_rng(seed)
+    n, w = int(rng.integers(1, 8)), int(rng.integers(2, 9))
+    limits = MotionLimits(
+        rng.uniform(0.5, 3.0, n),
+        rng.uniform(1.0, 10.0, n),
+        rng.uniform(20.0, 500.0, n) if jerk else np.full(n, np.inf),
+    )
+    if gentle:
+        steps = np.tile(rng.normal(size=n), (w, 1)) * rng.uniform(0.02, 0.3, (w, 1))
+        return limits, np.cumsum(steps + rng.normal(size=(w, n)) * 0.003, axis=0)
+    scale = 10.0 ** rng.uniform(-3, 0)
+    return limits, np.cumsum(rng.normal(size=(w, n)) * scale, axis=0)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.booleans(), st.booleans())
+def test_no_limit_is_passed(seed: int, gentle: bool, jerk: bool) -> None:
+    limits, path = drawn(seed, gentle=gentle, jerk=jerk)
+    motion = smooth_path(limits, path)
+    span = np.diff(motion.t)[:, None]
+    assert np.all(span > 0.0)
+    assert np.max(np.abs(motion.v) / limits.velocity) <= 1.0 + 1e-9
+    assert np.max(np.abs(motion.a) / limits.acceleration) <= 1.0 + 1e-6
+    jerks = np.abs(np.diff(motion.a, axis=0)) / span / limits.jerk
+    assert np.max(jerks) <= 1.0 + 1e-6
+    # What is said of speeds and accelerations is what positions do.
+    a0, a1, v0 = motion.a[:-1], motion.a[1:], motion.v[:-1]
+    assert np.allclose(np.diff(motion.v, axis=0), span * (a0 + a1) / 2, atol=1e-8)
+    moved = span * v0 + span**2 * (2 * a0 + a1) / 6
+    assert np.allclose(np.diff(motion.q, axis=0), moved, atol=1e-8)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.booleans())
+def test_it_stays_on_the_path_but_for_gentle_corners(seed: int, gentle: bool) -> None:
+    limits, path = drawn(seed, gentle=gentle)
+    motion = smooth_path(limits, path)
+    assert np.allclose(motion.q[0], path[0])
+    assert np.allclose(motion.q[-1], path[-1])
+    times = np.linspace(0.0, motion.seconds, 400)
+    far = [distance_to(path, q) for q in positions(motion, times)]
+    assert max(far) <= STRAY * 1.01 + 1e-9
+
+
+def positions(motion: SmoothPath, times: np.ndarray) -> np.ndarray:
+    """Integrate the motion from its rows."""
+    k = np.clip(np.searchsorted(motion.t, times) - 1, 0, len(motion.t) - 2)
+    h = (times - motion.t[k])[:, None]
+    span = (motion.t[k + 1] - motion.t[k])[:, None]
+    jerk = (motion.a[k + 1] - motion.a[k]) / span
+    return motion.q[k] + h * motion.v[k] + h**2 * motion.a[k] / 2 + h**3 * jerk / 6
+
+
+def distance_to(path: np.ndarray, q: np.ndarray) -> float:
+    """Return the distance of a configuration from a polyline, all joints added up."""
+    best = np.inf
+    for a, b in zip(path, path[1:], strict=False):
+        way = b - a
+        share = np.clip((q - a) @ way / max(float(way @ way), 1e-30), 0.0, 1.0)
+        best = min(best, float(np.abs(q - a - share * way).sum()))
+    return best
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6))
+def test_it_stops_where_it_is_told_to(seed: int) -> None:
+    limits, path = drawn(seed, gentle=True)
+    stops = set(range(1, len(path) - 1))
+    motion = smooth_path(limits, path, stops)
+    for k in stops:
+        row = int(np.argmin(np.abs(motion.t - motion.passed[k])))
+        assert np.allclose(motion.q[row], path[k], atol=1e-9)
+        assert np.allclose(motion.v[row], 0.0, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.booleans())
+def test_a_straight_line_takes_as_long_as_its_smooth_path_at_most(
+    seed: int, jerk: bool
+) -> None:
+    limits, path = drawn(seed, jerk=jerk)
+    line = path[[0, -1]]
+    stretch = straight_stretch(limits, line[1] - line[0])
+    smooth = smooth_path(limits, line).seconds
+    assert stretch.seconds <= smooth * (1 + 1e-6) + 1e-5
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6))
+def test_without_a_limit_of_jerk_it_is_the_trapezoid(seed: int) -> None:
+    limits, path = drawn(seed, jerk=False)
+    way = path[-1] - path[0]
+    v = np.min(limits.velocity / np.abs(way))
+    a = np.min(limits.acceleration / np.abs(way))
+    expected = 1 / v + v / a if v * v <= a else 2 / np.sqrt(a)
+    found = straight_stretch(limits, way).seconds
+    assert found == pytest.approx(expected, abs=2e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6))
+def test_no_way_is_much_slower_than_the_least_time_with_jerk(seed: int) -> None:
+    ruckig = pytest.importorskip("ruckig")
+    limits, path = drawn(seed)
+    way = path[-1] - path[0]
+    profile = ruckig.Ruckig(1)
+    ask = ruckig.InputParameter(1)
+    ask.current_position, ask.target_position = [0.0], [1.0]
+    ask.max_velocity = [float(np.min(limits.velocity / np.abs(way)))]
+    ask.max_acceleration = [float(np.min(limits.acceleration / np.abs(way)))]
+    ask.max_jerk = [float(np.min(limits.jerk / np.abs(way)))]
+    out = ruckig.Trajectory(1)
+    profile.calculate(ask, out)
+    stretch = straight_stretch(limits, way)
+    assert stretch.seconds >= out.duration * (1 - 1e-9)
+    # The lag covers the worst of what may be commanded on the way, not only this motion.
+    assert stretch.seconds <= out.duration + stretch.lag

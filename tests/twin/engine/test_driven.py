@@ -1,0 +1,272 @@
+"""Robots that keep to limits: only ever inside cleared nodes, whatever the delays, and never too fast."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.rollout import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import at_full_speed
+from tests.twin.drawn_runs import ANYTHING, VARIED
+from tests.twin.driven_toys import DRIVEN_TPGS, driven_tpg
+from tests.twin.simulated import simulate
+from twin.durations import NANOSECONDS, Fixed, Uniform
+from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.driven import DrivenExecution
+from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel, Messages
+from twin.recorders.observers import MemoryRecorder
+from twin.run.run_record import Policy, Run
+from twin.run.trajectory import Trajectory, robot_trajectories
+from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
+from twin.uncertainty.node_times import NodeTimeSampler
+from twin.uncertainty.skill_durations import SkillDurations
+
+NOMINAL = SkillDurations({})
+MESSAGES = st.builds(
+    Messages.of_seconds,
+    st.sampled_from([None, 1, 3]),
+    st.sampled_from([0.0, 0.05, 0.5]),
+    st.sampled_from([0.0, 0.05]),
+)
+QUIET = st.builds(
+    Disturbances,
+    jitter=st.sampled_from([None, Uniform(low_s=0.0, high_s=0.1)]),
+    stalls=st.builds(
+        Stalls,
+        count_per_robot=st.sampled_from([0, 2]),
+        rate_per_h=st.sampled_from([0.0, 400.0]),
+        duration=st.sampled_from([None, Fixed(value_s=0.3)]),
+    ),
+)
+
+
+def travelled(motion: Trajectory, t_ns: np.ndarray) -> np.ndarray:
+    """Return how far along its path a robot is at some times: every row in between is looked at."""
+    times = np.unique(np.concatenate([motion.t_ns, t_ns]))
+    q = motion.at(times)
+    way = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    return np.interp(t_ns, times, np.concatenate([[0.0], np.cumsum(way)]))
+
+
+def path_borders(tpg: TemporalPlanGraph, k: int) -> np.ndarray:
+    """Return how far along the path of a chain each node begins, and the end."""
+    chain = tpg.chains[k]
+    points = np.vstack([chain.start[None], chain.waypoints])
+    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(way)])[chain.first]
+
+
+def assert_within_limits(tpg: TemporalPlanGraph, run: Run) -> None:
+    """Check speeds, accelerations and jerks of all motions, and that rows say what positions do."""
+    for motion in robot_trajectories(tpg, run):
+        limits = tpg.cell.robot(motion.robot).limits
+        assert limits is not None
+        assert motion.v is not None
+        assert motion.a is not None
+        span = np.diff(motion.t_ns)[:, None] / NANOSECONDS
+        assert np.all(span > 0.0)
+        assert np.max(np.abs(motion.v) / limits.velocity) <= 1.0 + 1e-6
+        assert np.max(np.abs(motion.a) / limits.acceleration) <= 1.0 + 1e-6
+        rise = np.abs(np.diff(motion.a, axis=0))
+        assert np.all(rise <= limits.jerk * span * (1.0 + 1e-6) + 1e-7)
+        gained = span * (motion.a[:-1] + motion.a[1:]) / 2
+        assert np.allclose(np.diff(motion.v, axis=0), gained, atol=1e-6)
+        moved = span * motion.v[:-1] + span**2 * (2 * motion.a[:-1] + motion.a[1:]) / 6
+        assert np.allclose(np.diff(motion.q, axis=0), moved, atol=1e-6)
+
+
+def assert_inside_cleared_nodes(
+    tpg: TemporalPlanGraph, run: Run, late_ns: int = 0
+) -> None:
+    """Check of every edge that the first is left, and known to be, before the second is entered."""
+    motions = {motion.robot: motion for motion in robot_trajectories(tpg, run)}
+    for r, u, s, v in tpg.edges.tolist():
+        done = int(run.end_ns[r][u])
+        if done < 0:
+            continue
+        first = motions[tpg.chains[r].robot]
+        left = travelled(first, np.array([done]))[0]
+        # Gentle corners of skills are cut by less than this.
+        assert left >= path_borders(tpg, r)[u + 1] - 1e-3
+        then = motions[tpg.chains[s].robot]
+        here = travelled(then, np.array([min(done + late_ns, run.makespan_ns)]))[0]
+        assert here <= path_borders(tpg, s)[v] + 1e-3
+
+
+@settings(max_examples=60, deadline=None)
+@given(DRIVEN_TPGS, MESSAGES, QUIET, st.integers(0, 99))
+def test_robots_keep_to_limits_inside_cleared_nodes(
+    tpg: TemporalPlanGraph, messages: Messages, disturbances: Disturbances, seed: int
+) -> None:
+    run = simulate(tpg, VARIED, seed=seed, messages=messages, disturbances=disturbances)
+    assert run.outcome == "completed"
+    assert_within_limits(tpg, run)
+    assert_inside_cleared_nodes(tpg, run, messages.report_ns + messages.release_ns)
+
+
+class Jumbled(DrivenExecution):
+    """Messages take random times, those to one robot in order."""
+
+    rng = np.random.default_rng(0)
+
+    def _enqueue(self, chain: int, node: int) -> None:
+        late = int(self.rng.integers(0, 400_000_000))
+        arrives = max(self.now_ns + late, self._arrives.get(chain, 0))
+        self._arrives[chain] = arrives
+        message = self.env.timeout(arrives - self.now_ns)
+        message.callbacks.append(lambda _: super(Jumbled, self)._enqueue(chain, node))
+
+    @property
+    def _arrives(self) -> dict[int, int]:
+        return self.__dict__.setdefault("_arrivals", {})
+
+
+@settings(max_examples=30, deadline=None)
+@given(DRIVEN_TPGS, QUIET, st.integers(0, 99))
+def test_the_order_of_messages_makes_no_difference(
+    tpg: TemporalPlanGraph, disturbances: Disturbances, seed: int
+) -> None:
+    sampler = NodeTimeSampler(at_full_speed(tpg), VARIED, disturbances)
+    times = sampler.sample(seed=seed)
+    run = simulate(tpg, VARIED, seed=seed, disturbances=disturbances)
+    execution = Jumbled(tpg, times, Dispatcher(tpg), Messages())
+    Jumbled.rng = np.random.default_rng(seed)
+    assert execution.execute() == "completed"
+    driven = execution.driven_times()
+    jumbled = replace(
+        run,
+        start_ns=tuple(map(np.array, execution.start)),
+        end_ns=tuple(map(np.array, execution.end)),
+        makespan_ns=max((max(end) for end in execution.end if end), default=0),
+        duration_ns=driven.motion,
+        stall_ns=driven.stall,
+        standstills=driven.standstills,
+        commands=execution.commands(),
+    )
+    assert_within_limits(tpg, jumbled)
+    assert_inside_cleared_nodes(tpg, jumbled)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    DRIVEN_TPGS,
+    QUIET,
+    st.sampled_from(["asynchronous", "sequential", "open-loop"]),
+    st.sampled_from([None, 1, 4]),
+    st.integers(0, 99),
+)
+def test_both_engines_give_the_same_nanoseconds(
+    tpg: TemporalPlanGraph,
+    disturbances: Disturbances,
+    policy: Policy,
+    depth: int | None,
+    seed: int,
+) -> None:
+    messages = Messages.of_seconds(depth)
+    model = ExecutionModel(VARIED, policy, messages, disturbances)
+    engine = BulkEngine(tpg, model)
+    found = engine.execute(engine.sample(seed=seed, replications=range(4)))
+    simulator = Simulator(tpg, model)
+    for k in range(4):
+        run = simulator.run(seed=seed, replication=k)
+        assert np.concatenate(run.start_ns).tolist() == found.start_ns[:, k].tolist()
+        assert np.concatenate(run.end_ns).tolist() == found.end_ns[:, k].tolist()
+
+
+@settings(max_examples=60, deadline=None)
+@given(DRIVEN_TPGS, st.integers(0, 99))
+def test_nobody_who_is_cleared_in_time_takes_longer_than_planned(
+    tpg: TemporalPlanGraph, seed: int
+) -> None:
+    free = replace(
+        tpg, edges=tpg.edges[:0], cause=tpg.cause[:0], dependencies=tpg.dependencies[:0]
+    )
+    run = simulate(free, NOMINAL, seed=seed)
+    planned = earliest_times(free)
+    for end, nominal in zip(run.end_ns, planned.end, strict=True):
+        assert np.allclose(end / NANOSECONDS, nominal, atol=1e-7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(DRIVEN_TPGS, ANYTHING, MESSAGES, st.integers(0, 99))
+def test_whatever_happens_the_record_is_whole(
+    tpg: TemporalPlanGraph, disturbances: Disturbances, messages: Messages, seed: int
+) -> None:
+    recorder = MemoryRecorder()
+    run = simulate(
+        tpg,
+        VARIED,
+        seed=seed,
+        messages=messages,
+        disturbances=disturbances,
+        recorders=[recorder],
+    )
+    for start, end, took, stall in zip(
+        run.start_ns, run.end_ns, run.duration_ns, run.stall_ns, strict=True
+    ):
+        done = end >= 0
+        assert np.all(start[1:][done[1:]] >= end[:-1][done[1:]])
+        assert np.all(took[done] >= 0)
+        assert np.all(end[done] - start[done] >= took[done] + stall[done])
+    times = [event.t_ns for event in recorder.events]
+    assert all(a <= b for a, b in pairwise(times))
+    assert_inside_cleared_nodes(tpg, run)
+
+
+def test_a_stop_by_the_clock_brakes_along_the_way_and_stands_inside_a_node() -> None:
+    tpg = driven_tpg(3, dofs=(2,), tasks=1, nodes_per_transit=30, edges=0)
+    free = simulate(tpg, NOMINAL, seed=0)
+    at_s = 0.4 * free.makespan_s
+    stop = EmergencyStop(at_s=at_s, duration_s=2.0)
+    run = simulate(
+        tpg, NOMINAL, seed=0, disturbances=Disturbances(emergency_stops=(stop,))
+    )
+    assert_within_limits(tpg, run)
+    motion = robot_trajectories(tpg, run)[0]
+    assert motion.v is not None
+    stands = (motion.t_ns > (at_s + 1.0) * 1e9) & (motion.t_ns < (at_s + 2.0) * 1e9)
+    assert np.allclose(motion.v[stands], 0.0)
+    # What braking gains, speeding up again loses.
+    assert run.makespan_s == pytest.approx(free.makespan_s + 2.0, abs=0.05)
+
+
+def test_a_robot_that_is_not_cleared_in_time_brakes_before_the_border() -> None:
+    tpg = driven_tpg(5, dofs=(2, 2), tasks=2, nodes_per_transit=20, edges=0)
+    waits = np.array([[1, len(tpg.chains[1]) - 1, 0, 10]])
+    tpg = replace(tpg, edges=waits, cause=np.ones(1, dtype=np.uint8))
+    run = simulate(tpg, NOMINAL, seed=0)
+    alone = simulate(
+        replace(tpg, edges=waits[:0], cause=tpg.cause[:0]), NOMINAL, seed=0
+    )
+    assert run.end_ns[1][-1] > alone.end_ns[0][9]
+    assert run.end_ns[0][-1] > alone.end_ns[0][-1]
+    motion = robot_trajectories(tpg, run)[0]
+    before = travelled(motion, run.end_ns[1][-1:])
+    assert before[0] == pytest.approx(path_borders(tpg, 0)[10], abs=1e-6)
+    assert_within_limits(tpg, run)
+
+
+def test_a_queue_of_one_node_stops_at_every_border() -> None:
+    tpg = driven_tpg(7, dofs=(2,), tasks=1, nodes_per_transit=10, edges=0)
+    whole = simulate(tpg, NOMINAL, seed=0)
+    single = simulate(tpg, NOMINAL, seed=0, messages=Messages.of_seconds(1))
+    assert single.makespan_s > 1.5 * whole.makespan_s
+    assert single.makespan_s == pytest.approx(
+        sum(_alone(tpg, node) for node in range(len(tpg.chains[0]))), rel=0.2
+    )
+
+
+def _alone(tpg: TemporalPlanGraph, node: int) -> float:
+    """Return the least time of a node from rest to rest, as commanded [s]."""
+    drive = tpg.chains[0].drive
+    assert drive is not None
+    cruise, ramp = float(drive.cruise[node]), float(drive.ramp[node])
+    return cruise + ramp if cruise >= ramp else 2.0 * (cruise * ramp) ** 0.5

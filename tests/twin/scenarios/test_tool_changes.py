@@ -1,0 +1,335 @@
+"""One robot changes its tools at a rack, in random lists of steps and in the shipped gearbox."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from planning.errors import InfeasibleStepError
+from planning.motion.motion_plan import MotionPlan
+from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
+from scheduling.verification.verify import verify_plan
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.scenario.sections.scenario import resolved, restored
+from twin.trial.trial import try_plan
+
+TOOLS = ("gripper", "driver", "nozzle")
+
+SCENARIO = """\
+version: 1
+name: changer
+cell:
+  tools:
+    gripper:
+      shapes:
+        - {box: [0.06, 0.1, 0.06], pose: {xyz_m: [0, 0, 0.03]}}
+        - {box: [0.02, 0.01, 0.06], pose: {xyz_m: [0, 0.045, 0.09]}}
+        - {box: [0.02, 0.01, 0.06], pose: {xyz_m: [0, -0.045, 0.09]}}
+      tcp: {xyz_m: [0, 0, 0.115]}
+      opening_m: 0.08
+      rack: {xyz_m: [-0.35, 0.3, 0.2], rpy_deg: [180, 0, 0]}
+    driver:
+      shapes: [{cylinder: {radius_m: 0.02, length_m: 0.14}, pose: {xyz_m: [0, 0, 0.07]}}]
+      tcp: {xyz_m: [0, 0, 0.14]}
+      opening_m: 0
+      rack: {xyz_m: [-0.2, 0.3, 0.2], rpy_deg: [180, 0, 0], change_s: 3}
+    nozzle:
+      shapes: [{cylinder: {radius_m: 0.015, length_m: 0.1}, pose: {xyz_m: [0, 0, 0.05]}}]
+      tcp: {xyz_m: [0, 0, 0.1]}
+      frames: {side: {xyz_m: [0, 0, 0.1]}}
+      opening_m: 0
+      rack: {xyz_m: [-0.05, 0.3, 0.2], rpy_deg: [180, 0, 0]}
+  robots:
+    - {name: arm, model: ur5e, tools: [gripper, driver, nozzle], base: {xyz_m: [-0.4, 0, 0]}}
+  fixtures:
+    - name: table
+      size_m: [1.8, 1.2, 0.04]
+      pose: {xyz_m: [0, 0, -0.02]}
+      frames:
+        a: {xyz_m: [0, 0.1, 0.02]}
+        b: {xyz_m: [0.1, -0.1, 0.02]}
+assembly:
+  kind: assembly
+  grips: {depth_m: 0.02, positions: 3}
+  parts:
+    - {name: block, size_m: [0.06, 0.04, 0.04], start: {xyz_m: [-0.1, -0.3, 0.02]}, goal: {xyz_m: [0.05, 0, 0.02]}}
+  processes:
+    screw: {duration: {kind: fixed, value_s: 1}, tool: driver}
+    seal: {duration: {kind: fixed, value_s: 1}, tool: nozzle, frame: side}
+    look: {duration: {kind: fixed, value_s: 1}, turns: 2}
+  steps: [STEPS]
+planning: {speed_model: joint, shortcut_candidates: 200}
+execution:
+  skills: {pick: {kind: fixed, value_s: 1}, place-down: {kind: fixed, value_s: 1}}
+"""
+
+WORK = ("screw", "seal", "look")
+
+
+def scenario_text(steps: list[str]) -> str:
+    """Return a scenario with these steps: the block is placed, or work is done somewhere."""
+    spots = "ab"
+    written = [
+        name
+        if name == "block"
+        else f"{{process: {name}, at: {{fixture: table, frame: {spots[k % 2]}}}}}"
+        for k, name in enumerate(steps)
+    ]
+    return SCENARIO.replace("STEPS", ", ".join(written))
+
+
+def planned_steps(steps: list[str], folder: Path) -> Planned:
+    file = folder / "changer.yaml"
+    file.write_text(scenario_text(steps))
+    return plan_scenario(load_scenario(file), folder)
+
+
+def tools_on(plan: MotionPlan) -> Iterator[tuple[Task, str | None]]:
+    """Yield every task with the tool that the arm has on it as the task begins.
+
+    Every tool is in one place only: on the arm, or in its rack, and there for whoever takes it.
+    """
+    arm = plan.cell.robots[0]
+    racks = {tool.name: tool.rack for tool in arm.tools}
+    lies: dict[str, bool] = dict.fromkeys(racks, True)
+    on_it: str | None = None
+    for task in plan.tasks:
+        yield task, on_it
+        for handling in task.handlings:
+            if handling.object not in racks:
+                continue
+            if handling.holder is None:
+                assert on_it == handling.object
+                assert (handling.pose == racks[handling.object]).all()
+                on_it, lies[handling.object] = None, True
+            else:
+                assert on_it is None
+                assert lies[handling.object]
+                on_it, lies[handling.object] = handling.object, False
+
+
+def least_changes(steps: list[str]) -> int:
+    """Return the fewest changes: a step that any tool can do needs none."""
+    needs = {"block": "gripper", "screw": "driver", "seal": "nozzle"}
+    needed = [needs[name] for name in steps if name in needs]
+    return sum(a != b for a, b in zip(["gripper", *needed], needed, strict=False))
+
+
+@settings(
+    max_examples=6,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(
+    st.lists(st.sampled_from(WORK), min_size=1, max_size=4),
+    st.integers(0, 4),
+)
+def test_every_step_is_done_with_its_tool(
+    tmp_path: Path, work: list[str], at: int
+) -> None:
+    steps = [*work[:at], "block", *work[at:]]
+    planned = planned_steps(steps, tmp_path)
+    needs = {"screw": {"driver"}, "seal": {"nozzle"}, "look": set(TOOLS)}
+    needs |= {kind: {"gripper"} for kind in ("pick", "place-down")}
+    done: list[str] = []
+    kinds = []
+    for task, tool in tools_on(planned.motion_plan):
+        kinds.append(task.kind)
+        if task.kind in needs:
+            assert tool in needs[task.kind]
+            done.append(task.kind)
+    wanted = [
+        k for s in steps for k in (("pick", "place-down") if s == "block" else (s,))
+    ]
+    assert done == wanted
+    assert kinds.count(TAKE_TOOL) == kinds.count(LEAVE_TOOL) == least_changes(steps)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("changer")
+
+
+@pytest.fixture(scope="module")
+def planned(folder: Path) -> Planned:
+    return planned_steps(["screw", "block", "seal"], folder)
+
+
+def audited(planned: Planned, folder: Path, name: str, **changed: object) -> list[str]:
+    """Return what the audit finds in a run of a plan with some fields changed."""
+    out = folder / name
+    out.mkdir()
+    scenario = load_scenario(folder / "changer.yaml")
+    tpg = replace(planned.tpg, **changed)
+    trial = try_plan(scenario, tpg, out, base=folder, recording=False)
+    return [
+        f"{v['kind']}: {v['first']} {v['detail']}"
+        for v in trial.summary["audit"]["violations"]
+    ]
+
+
+def test_a_plan_with_changes_is_clean_and_safe(planned: Planned, folder: Path) -> None:
+    assert audited(planned, folder, "good") == []
+    assert verify_plan(planned.tpg).ok
+
+
+def test_changes_take_the_time_of_their_racks(planned: Planned) -> None:
+    took = {}
+    for task, motion in zip(
+        planned.motion_plan.tasks, planned.motion_plan.motions, strict=True
+    ):
+        if task.kind in (TAKE_TOOL, LEAVE_TOOL):
+            took[task.object] = motion.time[-1] - motion.time[0]
+    assert took == pytest.approx({"gripper": 2.0, "driver": 3.0, "nozzle": 2.0})
+
+
+def test_the_audit_finds_work_with_the_wrong_tool(
+    planned: Planned, folder: Path
+) -> None:
+    """The arm goes to the racks and changes nothing there: it screws with its gripper."""
+    kept = tuple(
+        h
+        for h in planned.tpg.handlings
+        if h.object not in ("driver", "nozzle")
+        and not (h.object == "gripper" and (h.node, h.waypoint) > (0, 0))
+    )
+    found = audited(planned, folder, "kept", handlings=kept)
+    assert any("was done with gripper, not driver" in line for line in found)
+    assert any("was done with gripper, not nozzle" in line for line in found)
+
+
+def test_the_audit_finds_two_tools_on_one_robot(planned: Planned, folder: Path) -> None:
+    both = tuple(
+        h
+        for h in planned.tpg.handlings
+        if not (h.object == "gripper" and h.holder is None)
+    )
+    found = audited(planned, folder, "both", handlings=both)
+    assert any(
+        line.startswith("tool: driver is on arm along with gripper") for line in found
+    )
+
+
+def test_the_audit_finds_a_tool_that_is_left_elsewhere(
+    planned: Planned, folder: Path
+) -> None:
+    moved = []
+    for handling in planned.tpg.handlings:
+        pose = handling.pose.copy()
+        if handling.object == "driver" and handling.holder is None:
+            pose[0, 3] += 0.01
+        moved.append(replace(handling, pose=pose))
+    found = audited(planned, folder, "moved", handlings=tuple(moved))
+    assert any("tool: driver is 10.00 mm off its rack" in line for line in found)
+
+
+@pytest.mark.parametrize(
+    ("change", "with_", "says"),
+    [
+        (
+            "tools: [gripper, driver, nozzle]",
+            "tools: [gripper, drivver]",
+            "did you mean",
+        ),
+        ("tools: [gripper, driver, nozzle]", "tools: [gripper]", "two or more"),
+        (
+            "model: ur5e, tools",
+            "model: ur5e, tool: driver, tools",
+            "give tool or tools",
+        ),
+        (
+            ", change_s: 3}",
+            ", change_s: 3, change: {kind: fixed, value_s: 1}}",
+            "not both",
+        ),
+        (
+            "      rack: {xyz_m: [-0.2, 0.3, 0.2], rpy_deg: [180, 0, 0], change_s: 3}\n",
+            "",
+            "driver has no rack: give cell.tools.driver.rack",
+        ),
+        (
+            "  fixtures:\n",
+            "    - {name: other, model: ur5e, tool: driver, base: {xyz_m: [1, 0, 0]}}\n  fixtures:\n",
+            "driver is changed by arm",
+        ),
+        ("name: block, size", "name: driver, size", "'driver' is already taken"),
+        ("pick: {kind", "take-tol: {kind", "did you mean 'take-tool'"),
+        ("screw: {duration", "take-tool: {duration", "cannot be called 'take-tool'"),
+    ],
+)
+def test_what_cannot_be_is_said(
+    tmp_path: Path, change: str, with_: str, says: str
+) -> None:
+    text = scenario_text(["block"])
+    assert change in text
+    file = tmp_path / "bad.yaml"
+    file.write_text(
+        text.replace(change, with_).replace("steps: [driver]", "steps: [block]")
+    )
+    with pytest.raises(InvalidScenarioError) as caught:
+        load_scenario(file)
+    assert says in str(caught.value)
+
+
+def test_what_is_written_down_reads_as_the_same_scenario(tmp_path: Path) -> None:
+    file = tmp_path / "changer.yaml"
+    file.write_text(scenario_text(["block"]))
+    scenario = load_scenario(file)
+    assert restored(resolved(scenario)) == scenario
+
+
+def test_a_rack_that_is_out_of_reach_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "far.yaml"
+    file.write_text(
+        scenario_text(["screw"]).replace("[-0.2, 0.3, 0.2]", "[1.2, 0.3, 0.2]")
+    )
+    with pytest.raises(
+        InfeasibleStepError, match=r"arm cannot change driver at its rack: .*reach"
+    ):
+        plan_scenario(load_scenario(file), tmp_path)
+
+
+def two_armed() -> str:
+    """Return a cell in which a second arm has tools of its own, and holds what the other works at."""
+    one = scenario_text(["block"])
+    mine = one[one.index("    gripper:") : one.index("  robots:")]
+    racks = [line for line in mine.splitlines() if "rack:" in line]
+    other = mine
+    for name in TOOLS:
+        other = other.replace(f"    {name}:", f"    other_{name}:")
+    for line in racks:
+        other = other.replace(line, line.replace("xyz_m: [-", "xyz_m: ["))
+    long = one.replace(mine, mine + other)
+    long = long.replace(
+        "  fixtures:\n",
+        "    - {name: second, model: ur5e, tools: [other_driver, other_gripper],"
+        " base: {xyz_m: [0.5, 0, 0], rpy_deg: [0, 0, 180]}}\n  fixtures:\n",
+    )
+    long = long.replace(
+        "{name: block, size_m: [0.06, 0.04, 0.04], start: {xyz_m: [-0.1, -0.3, 0.02]},"
+        " goal: {xyz_m: [0.05, 0, 0.02]}}",
+        "{name: block, size_m: [0.3, 0.06, 0.04], start: {xyz_m: [-0.2, -0.3, 0.02]},"
+        " goal: {xyz_m: [0, 0, 0.02]}, frames: {end: {xyz_m: [-0.12, 0, 0.02]}}}",
+    )
+    work = "{process: screw, at: {part: block, frame: end}, hold: block}"
+    return long.replace("steps: [block]", f"steps: [block, {work}]").replace(
+        "execution:\n", "execution:\n  latency_s: 0.05\n"
+    )
+
+
+def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
+    """One takes a driver, and the other the gripper with which it holds what is worked at."""
+    file = tmp_path / "changer.yaml"
+    file.write_text(two_armed())
+    found = plan_scenario(load_scenario(file), tmp_path)
+    taken = [(t.robot, t.object) for t in found.tpg.tasks if t.kind == TAKE_TOOL]
+    assert taken == [("arm", "driver"), ("second", "other_gripper")]
+    assert audited(found, tmp_path, "run") == []
+    assert verify_plan(found.tpg).ok

@@ -1,0 +1,158 @@
+"""Bars that meet in nodes: how deep they may be in each other, and who keeps hold of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from planning.errors import InfeasibleStepError
+from scheduling.verification.verify import verify_plan
+from twin.audit.audit import audit_run
+from twin.planning.kind import assembly_kind
+from twin.planning.pipeline import Planned, plan_scenario
+from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.file import load_scenario
+from twin.trial.trial import Trial, try_plan
+
+NODE = """\
+version: 1
+name: node
+cell:
+  robots:
+    - {name: arm, model: panda, base: {xyz_m: [-0.5, 0, 0]}}
+  fixtures:
+    - {name: table, size_m: [1.6, 1.4, 0.02], pose: {xyz_m: [0, 0, -0.01]}}
+assembly:
+  kind: assembly
+  grips: {positions: 3, depth_m: 0.012}
+  parts:
+    - name: first
+      shape: {cylinder: {radius_m: 0.012, length_m: 0.2}}
+      start: {xyz_m: [-0.1, 0.3, 0.0125], rpy_deg: [0, 90, 0]}
+      goal: {xyz_m: [0, 0.1, 0.0125], rpy_deg: [0, 90, 0]}
+    - name: second
+      shape: {cylinder: {radius_m: 0.012, length_m: 0.2}}
+      start: {xyz_m: [-0.1, -0.3, 0.0125], rpy_deg: [0, 90, 0]}
+      goal: {xyz_m: [0.04, -0.006, 0.0125], rpy_deg: [0, 90, 90]}
+  joined: [[first, second]]
+  joined_overlap_m: 0.007
+  steps: [first, second]
+planning: {speed_model: l1, speed_rad_s: 4.0, shortcut_candidates: 0}
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    file = folder / "node.yaml"
+    file.write_text(text)
+    return file
+
+
+def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
+    tmp_path: Path,
+) -> None:
+    given = load_scenario(write(tmp_path, NODE))
+    planned = plan_scenario(given)
+    out = tmp_path / "run"
+    out.mkdir()
+    assert try_plan(given, planned.tpg, out, recording=False).passed
+    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    strict = audit_run(out, wanted=replace(wanted, joined_overlap_m=0.002))
+    assert {v.kind for v in strict.violations} == {"contact"}
+    assert {n for v in strict.violations for n in (v.first, v.second)} == {
+        "first",
+        "second",
+    }
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("  joined_overlap_m: 0.007\n", "", "say joined_overlap_m: 0.006"),
+        (
+            "  joined: [[first, second]]\n",
+            "",
+            r"join them \(joined: \[\[first, second\]\]\)$",
+        ),
+    ],
+)
+def test_bars_that_are_too_deep_in_each_other_are_refused_with_the_remedy(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    assert old in NODE
+    given = load_scenario(write(tmp_path, NODE.replace(old, new)))
+    with pytest.raises(InfeasibleStepError, match=said):
+        plan_scenario(given)
+
+
+KEPT = """\
+version: 1
+name: kept
+cell:
+  robots:
+    - {name: left, model: panda, base: {xyz_m: [-0.5, 0, 0]}}
+    - {name: right, model: panda, base: {xyz_m: [0.5, 0, 0], rpy_deg: [0, 0, 180]}}
+  fixtures:
+    - {name: table, size_m: [1.6, 1.4, 0.02], pose: {xyz_m: [0, 0, -0.01]}}
+assembly:
+  kind: assembly
+  grips: {positions: 3, depth_m: 0.012}
+  parts:
+    - {name: post, size_m: [0.03, 0.03, 0.06], start: {xyz_m: [-0.1, 0.3, 0.0305]}, goal: {xyz_m: [0.05, 0, 0.0305]}}
+    - {name: beam, size_m: [0.2, 0.03, 0.03], start: {xyz_m: [-0.2, -0.3, 0.0155]}, goal: {xyz_m: [-0.04, 0, 0.076]}}
+    - {name: cap, size_m: [0.03, 0.03, 0.03], start: {xyz_m: [0.2, -0.3, 0.0155]}, goal: {xyz_m: [-0.12, 0, 0.107]}}
+  processes:
+    weld: {duration: {kind: fixed, value_s: 3}}
+  steps:
+    - post
+    - beam
+    - {process: weld, at: {pose: {xyz_m: [0.05, 0, 0.0915]}}, after: [beam], name: neck}
+    - cap
+  joined: [[table, post], {parts: [post, beam], by: neck}]
+planning: {speed_model: l1, speed_rad_s: 4.0, shortcut_candidates: 20}
+"""
+
+
+@pytest.fixture(scope="module")
+def kept_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Planned, Trial]:
+    folder = tmp_path_factory.mktemp("kept")
+    given = load_scenario(write(folder, KEPT))
+    planned = plan_scenario(given)
+    out = folder / "run"
+    out.mkdir()
+    return planned, try_plan(given, planned.tpg, out, recording=False)
+
+
+def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
+    kept_run: tuple[Planned, Trial],
+) -> None:
+    planned, trial = kept_run
+    assert trial.summary["audit"]["violations"] == []
+    assert trial.passed
+    tasks = planned.tpg.tasks
+    place = next(t for t in tasks if t.kind == "place-down" and t.object == "beam")
+    weld = next(t for t in tasks if t.kind == "weld")
+    back = next(t for t in tasks if t.label == "let go of beam")
+    assert place.robot == back.robot != weld.robot
+    own = [t.index for t in tasks if t.robot == place.robot]
+    assert own.index(back.index) == own.index(place.index) + 1
+    assert (weld.index, back.index) in {tuple(d) for d in planned.tpg.dependencies}
+    assert verify_plan(planned.tpg).problems == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("    - beam\n", "    - {place: beam, until: nect}\n", "unknown step 'nect'"),
+        ("    - beam\n", "    - {place: beam, until: post}\n", "post is listed before"),
+        ("    - beam\n", "    - {place: beam, until: beam}\n", "beam is this step"),
+        ("name: neck}", "name: neck, until: cap}", "until is of a step that places"),
+    ],
+)
+def test_until_names_a_later_step(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    assert old in KEPT
+    with pytest.raises(InvalidScenarioError, match=said):
+        load_scenario(write(tmp_path, KEPT.replace(old, new)))

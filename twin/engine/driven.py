@@ -1,0 +1,182 @@
+"""Execution of a plan by robots that speed up and slow down within their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import simpy
+from simpy.events import EventPriority
+
+from planning.transforms import Array
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import Nanoseconds
+from twin.engine.execution_model import Messages
+from twin.engine.passage import Passage, drive_times
+from twin.engine.processes import Execution, Steps
+from twin.recorders.observers import Observers
+from twin.run.events import EventKind
+from twin.uncertainty.node_times import NodeTimes, Standstill
+
+_AFTER_MESSAGES = EventPriority(8)
+"""Priority of decisions at borders: what arrives at the same time counts."""
+
+
+class DrivenExecution(Execution):
+    """State of one run in progress, in which robots pass borders of nodes at speed.
+
+    At each border a robot takes the next node as fast as it can while it is still able to stop at
+    the end of the last node that it is cleared for. What is executed is ``lag`` behind what is
+    commanded, so a node counts as left, and is reported complete, that much later.
+    """
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        times: NodeTimes,
+        dispatcher: Dispatcher,
+        messages: Messages,
+        *,
+        planned: Sequence[Nanoseconds] | None = None,
+        observers: Observers | None = None,
+    ) -> None:
+        """Set the cell up at time 0; see Execution, and ``at_full_speed`` for the durations."""
+        super().__init__(
+            tpg, times, dispatcher, messages, planned=planned, observers=observers
+        )
+        self.ahead = messages.ahead(driven=True)
+        self._drives = [
+            drive_times(chain, motion)
+            for chain, motion in zip(tpg.chains, times.motion, strict=True)
+        ]
+        self._passages = [Passage(drive) for drive in self._drives]
+        self._given: list[dict[int, list[Standstill]]] = []
+        for own in times.standstills:
+            by_node: dict[int, list[Standstill]] = {}
+            for item in own:
+                by_node.setdefault(item.node, []).append(item)
+            self._given.append(by_node)
+        self._stood: list[list[Standstill]] = [[] for _ in tpg.chains]
+
+    def driven_times(self) -> NodeTimes:
+        """Return how long nodes took, and where robots stood: some nodes after they began to brake."""
+        motions, stalls, stands = [], [], []
+        for k, own in enumerate(self._given):
+            length = self._drives[k].length
+            stood = [x for node in own if length[node] <= 0.0 for x in own[node]]
+            stood = sorted([*stood, *self._stood[k]], key=lambda item: item.node)
+            stall = np.zeros(len(length), dtype=np.int64)
+            for item in stood:
+                stall[item.node] += item.duration_ns
+            start, end = np.array(self.start[k]), np.array(self.end[k])
+            took = end - start - stall
+            if self.halts is not None:
+                spans = zip(start.tolist(), end.tolist(), strict=True)
+                took -= [self.halts[k].stopped_between(a, b) for a, b in spans]
+            moved = (end >= 0) & (length > 0.0)
+            motions.append(np.where(moved, took, self.times.motion[k]))
+            stalls.append(stall)
+            stands.append(tuple(stood))
+        return replace(
+            self.times,
+            motion=tuple(motions),
+            stall=tuple(stalls),
+            standstills=tuple(stands),
+        )
+
+    def commands(self) -> tuple[Array, ...]:
+        """Return what each robot was told, see ``Commands.rows``."""
+        return tuple(passage.commands.rows() for passage in self._passages)
+
+    def _robot(self, chain: int) -> Steps:
+        drive = self._drives[chain]
+        length, last = drive.length.tolist(), drive.last.tolist()
+        for node in range(len(length)):
+            opens = node == 0 or last[node - 1] != last[node]
+            if length[node] <= 0.0:
+                yield from self._until_released(chain, node)
+                if (yield from self._fails(chain, node)):
+                    return
+            else:
+                yield from self._drive(chain, node, opens=opens)
+        self._finish(chain)
+
+    def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
+        """Pass a node of a stretch.
+
+        Args:
+            chain: the robot.
+            node: of it.
+            opens: whether a stretch begins with it.
+        """
+        env, passage, drive = self.env, self._passages[chain], self._drives[chain]
+        lag = int(drive.lag[node])
+        halts = None if self.halts is None else self.halts[chain]
+        if passage.speed > 0.0:
+            if self.planned is None:
+                self.queue[chain].popleft()
+        elif opens or self.planned is None:
+            yield from self._until_released(chain, node)
+        yield self._after_messages()
+        if passage.speed <= 0.0:
+            passage.rest(self.now_ns if halts is None else halts.after(self.now_ns))
+        late = 0 if opens else lag
+        self.start[chain][node] = passage.now_ns + late
+        self._soon(late + passage.now_ns - self.now_ns, "started", chain, node)
+        given = self._given[chain].get(node, ())
+        stood = passage.go(node, self._cleared(chain, node), given, halts)
+        self._stood[chain] += [item for _, item in stood]
+        for begin, item in stood:
+            self._soon(begin + lag - self.now_ns, item, chain, node)
+        if (wait := passage.now_ns - self.now_ns) > 0:
+            yield env.timeout(wait)
+        self._complete(chain, node, lag)
+        self._soon(lag, "completed", chain, node)
+        if node == drive.last[node]:
+            passage.speed = 0.0
+            if lag:
+                yield env.timeout(lag)
+
+    def _cleared(self, chain: int, node: int) -> int:
+        """Return the last node that a robot may enter as far as it knows."""
+        if self.planned is not None:
+            return int(self._drives[chain].last[node])
+        return node + len(self.queue[chain])
+
+    def _after_messages(self) -> simpy.Event:
+        """Return an event after all others at this time."""
+        event = self.env.event()
+        event._ok, event._value = True, None
+        self.env.schedule(event, priority=_AFTER_MESSAGES)
+        return event
+
+    def _soon(
+        self, delay_ns: int, what: EventKind | Standstill, chain: int, node: int
+    ) -> None:
+        """Tell of an event of a node, or of a standstill in it, when it is executed."""
+        narrator = self.narrator
+        if narrator is None:
+            return
+
+        def tell(_: object = None) -> None:
+            if isinstance(what, Standstill):
+                narrator.stands(chain, node, what)
+                self._soon_over(what, chain, node)
+            else:
+                narrator.emit(what, chain, node)
+
+        if delay_ns <= 0:
+            tell()
+        else:
+            message = self.env.timeout(delay_ns)
+            message.callbacks.append(tell)
+
+    def _soon_over(self, item: Standstill, chain: int, node: int) -> None:
+        """Tell when a robot that stands goes on."""
+        narrator = self.narrator
+        if narrator is None:
+            return
+        over = self.env.timeout(item.duration_ns)
+        over.callbacks.append(lambda _: narrator.goes_on(chain, node, item, 0))

@@ -1,0 +1,219 @@
+"""How one robot passes its nodes within limits: told at each border how far it is cleared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planning.timing.ramps import braked, exit_bound, pass_through
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import NodeChain
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.commands import Commands
+from twin.uncertainty.halts import Halts
+from twin.uncertainty.node_times import Standstill
+
+_ROUNDING_NS = 1.0
+"""Drawn durations are whole nanoseconds; this near to full speed is full speed."""
+
+
+@dataclass(frozen=True)
+class DriveTimes:
+    """The drive of a chain in nanoseconds, with the speeds of one replication.
+
+    Attributes:
+        length: time of each node at full speed; 0 for what is no part of a stretch [ns].
+        top: greatest speed in each node, at most 1.
+        ramp: time from rest to full speed [ns].
+        lag: of what is executed behind what is commanded [ns].
+        last: last node of each node's stretch.
+    """
+
+    length: Array
+    top: Array
+    ramp: Array
+    lag: Nanoseconds
+    last: Nanoseconds
+
+
+def drive_times(chain: NodeChain, motion: Nanoseconds) -> DriveTimes:
+    """Return the drive of a chain in nanoseconds.
+
+    Args:
+        chain: its nodes.
+        motion: durations that were drawn of them, at full speed, shape (nodes,) or (nodes,
+            replications) [ns]; ``top`` has the same shape.
+    """
+    drive = chain.drive
+    count = len(chain)
+    if drive is None:
+        none = np.zeros(count)
+        whole = np.zeros(count, dtype=np.int64)
+        return DriveTimes(none, np.ones(motion.shape), none, whole, np.arange(count))
+    ramp = drive.ramp * NANOSECONDS
+    length = np.where(ramp > 0.0, drive.cruise * NANOSECONDS, 0.0)
+    lag = np.ceil(drive.lag * NANOSECONDS).astype(np.int64)
+    column = length.reshape(-1, *[1] * (motion.ndim - 1))
+    slower = motion > column + _ROUNDING_NS
+    top = np.where(slower, column / np.maximum(motion, 1), 1.0)
+    ends = np.flatnonzero(drive.rests)
+    last = ends[np.searchsorted(ends, np.arange(count))] if count else ends
+    return DriveTimes(length, top, ramp, lag, last)
+
+
+@dataclass
+class Passage:
+    """A robot on its way along its chain, as it is commanded.
+
+    Attributes:
+        times: of its chain.
+        speed: at the border it is at, 0 at rest.
+        base_ns: a whole time from which ``passed`` counts [ns].
+        passed: commanded time since then [ns].
+        pending: standstills that it has begun to brake for.
+        commands: all that it was told.
+    """
+
+    times: DriveTimes
+    speed: float = 0.0
+    base_ns: int = 0
+    passed: float = 0.0
+    pending: list[Standstill] = field(default_factory=list)
+    commands: Commands = field(default_factory=Commands)
+
+    @property
+    def now_ns(self) -> int:
+        """Commanded time [ns]."""
+        return self.base_ns + round(self.passed)
+
+    def rest(self, now_ns: int) -> None:
+        """Begin from rest."""
+        self.base_ns, self.passed, self.speed = now_ns, 0.0, 0.0
+
+    def go(
+        self,
+        node: int,
+        last: int,
+        standstills: Sequence[Standstill] = (),
+        halts: Halts | None = None,
+    ) -> list[tuple[int, Standstill]]:
+        """Take a node, and be at its end afterwards.
+
+        Args:
+            node: the node that begins.
+            last: the last node that the robot is cleared for.
+            standstills: that begin with it.
+            halts: stops by the clock.
+
+        Returns:
+            Standstills within the node, and when each begins [ns].
+        """
+        times = self.times
+        length, ramp = float(times.length[node]), float(times.ramp[node])
+        top = float(times.top[node])
+        end = min(last, int(times.last[node]))
+        bound = exit_bound(times.length, times.top, node, end, ramp)
+        self.pending += standstills
+        gone = 0.0
+        stood: list[tuple[int, Standstill]] = []
+        while True:
+            held = halts is not None and halts.after(self.now_ns) > self.now_ns
+            if self.pending or held:
+                took, leave, way = braked(length - gone, self.speed, ramp)
+                self._tell(node, gone, -1.0 / ramp, took, leave)
+                gone += way
+                if self.speed > 0.0:
+                    return stood
+                stood += self._stand(node, gone, halts)
+            took, leave, peak = pass_through(
+                length - gone, top, self.speed, bound, ramp
+            )
+            if halts is not None:
+                stop = halts.next_edge(self.now_ns)
+                if self.base_ns + self.passed + took > stop:
+                    gone = self._until(
+                        stop, node, gone, (length - gone, leave, peak, ramp)
+                    )
+                    continue
+            self._follow(node, gone, took, (leave, peak, ramp, length - gone))
+            return stood
+
+    def _follow(
+        self, node: int, gone: float, took: float, shape: tuple[float, ...]
+    ) -> None:
+        """Pass what is left of a node, at the speeds that were worked out."""
+        leave, peak, ramp, left = shape
+        speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp
+        covered = 0.5 * speeding * (peak + self.speed)
+        begin = self.base_ns + self.passed
+        tell = self.commands.add
+        if speeding > 0.0:
+            tell(begin, node, gone, self.speed, 1.0 / ramp)
+        if (steady := took - speeding - slowing) > 0.0:
+            tell(begin + speeding, node, gone + covered, peak, 0.0)
+        if slowing > 0.0:
+            before = gone + left - 0.5 * slowing * (peak + leave)
+            tell(begin + speeding + max(steady, 0.0), node, before, peak, -1.0 / ramp)
+        self.passed += took
+        self.speed = leave
+        if leave <= 0.0:
+            tell(self.base_ns + self.passed, node, gone + left, 0.0, 0.0)
+
+    def _tell(
+        self, node: int, gone: float, rate: float, took: float, leave: float
+    ) -> None:
+        if took > 0.0:
+            self.commands.add(self.base_ns + self.passed, node, gone, self.speed, rate)
+        self.passed += took
+        self.speed = leave
+
+    def _stand(
+        self, node: int, gone: float, halts: Halts | None
+    ) -> list[tuple[int, Standstill]]:
+        """Stand for all that is pending, and for as long as the clock has the robot stopped."""
+        now = self.now_ns
+        self.commands.add(float(now), node, gone, 0.0, 0.0)
+        stood = []
+        for item in self.pending:
+            stood.append((now, Standstill(node, item.cause, item.duration_ns)))
+            if halts is None:
+                now += item.duration_ns
+            else:
+                now = halts.advance(halts.after(now), item.duration_ns)
+        self.pending.clear()
+        self.rest(now if halts is None else halts.after(now))
+        return stood
+
+    def _until(
+        self, stop: int, node: int, gone: float, shape: tuple[float, ...]
+    ) -> float:
+        """Follow the way out of a node until the clock stops the robot; return how far it is."""
+        left, leave, peak, ramp = shape
+        time = stop - (self.base_ns + self.passed)
+        speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp
+        covered = 0.5 * speeding * (peak + self.speed)
+        steady = max(0.0, left - covered - 0.5 * slowing * (peak + leave)) / peak
+        tell, begin, entry = self.commands.add, self.base_ns + self.passed, self.speed
+        tell(begin, node, gone, entry, 1.0 / ramp if speeding > 0.0 else 0.0)
+        if time <= speeding:
+            gone += entry * time + 0.5 * time * time / ramp
+            self.speed = entry + time / ramp
+        else:
+            tell(begin + speeding, node, gone + covered, peak, 0.0)
+            braking_for = max(0.0, time - speeding - steady)
+            at = min(time - speeding, steady)
+            if braking_for > 0.0:
+                tell(
+                    begin + speeding + steady,
+                    node,
+                    gone + covered + peak * steady,
+                    peak,
+                    -1.0 / ramp,
+                )
+            gone += covered + peak * at
+            gone += peak * braking_for - 0.5 * braking_for * braking_for / ramp
+            self.speed = max(0.0, peak - braking_for / ramp)
+        self.base_ns, self.passed = stop, 0.0
+        return gone

@@ -1,0 +1,195 @@
+"""Assemblies of parts of a scenario: from their section to data of planning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planning.contacts.precedence import Overlaps
+from planning.parts.assembly import GripRules, PartAssembly, PartWays
+from planning.parts.steps import AnyStep, MachineWork, Place, Process, Stop, Work
+from planning.statics.joined import BalanceRules, Joined
+from planning.statics.standing import Joint, StandingRules
+from planning.transforms import Transform, readonly
+from twin.planning.line.machine_jobs import MachineJob
+from twin.planning.line.written_out import Line, written_out
+from twin.scenario.document.section import plain_values
+from twin.scenario.sections.parts import (
+    GripSection,
+    PartSection,
+    PartsSection,
+    PlaceOfWork,
+    StepSection,
+)
+from twin.scenario.sections.poses import build_transform
+
+
+def build_assembly(section: PartsSection) -> PartAssembly:
+    """Return goals, steps, grips and supplies of a section, its products written out."""
+    return assembly_of(written_out(section))
+
+
+def assembly_of(line: Line) -> PartAssembly:
+    """Return goals, steps, grips and supplies of what is written out."""
+    section = line.section
+    grips = _grip_rules(section.grips)
+    return PartAssembly(
+        goals={
+            part.name: readonly(build_transform(part.goal))
+            for part in section.parts
+            if part.goal is not None
+        },
+        steps=tuple(
+            _step(section, step, line.jobs.get(number))
+            for number, step in enumerate(section.steps, start=1)
+        ),
+        grips=grips,
+        own_ways={
+            part.name: _ways(part, section, grips)
+            for part in section.parts
+            if not _ordinary(part)
+        },
+        **plain_values(
+            section,
+            without=(
+                *("kind", "parts", "sources", "products", "processes"),
+                *("machines", "steps", "order", "grips", "balance", "joined"),
+                "joined_overlap_m",
+            ),
+        ),
+        balance=_balance(section),
+        overlaps=Overlaps(joined_pairs(section), section.joined_overlap_m),
+        supply=line.supply,
+    )
+
+
+def joined_pairs(section: PartsSection) -> frozenset[frozenset[str]]:
+    """Return the pairs that are joined."""
+    return frozenset(frozenset(item.parts) for item in section.joined)
+
+
+def _balance(section: PartsSection) -> BalanceRules | None:
+    """Return what an assembly must stand by; None where that is not looked at."""
+    own = section.balance
+    if not own.check:
+        return None
+    rules = StandingRules(own.friction, np.deg2rad(own.tilt_deg), section.touch_m)
+    joined = (
+        Joined(
+            Joint(first, second, item.force_n or np.inf, item.torque_nm or np.inf),
+            item.by,
+        )
+        for item in section.joined
+        for first, second in [item.parts]
+    )
+    return BalanceRules(rules, tuple(joined))
+
+
+def _grip_rules(section: GripSection) -> GripRules:
+    values = plain_values(section)
+    values["directions"] = tuple(_unit(d) for d in values["directions"])
+    return GripRules(**values)
+
+
+def _ordinary(part: PartSection) -> bool:
+    """Tell whether a part is handled as the assembly says."""
+    own = (part.grips, part.approach_m, part.leave_m)
+    down, up = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+    return own == (None,) * 3 and (part.insert, part.take_out) == (down, up)
+
+
+def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartWays:
+    """Return how one part is handled: as it says, else as the assembly says."""
+    if part.grips is not None:
+        given = plain_values(part.grips)
+        own = {key: value for key, value in given.items() if value is not None}
+        if "directions" in own:
+            own["directions"] = tuple(_unit(d) for d in own["directions"])
+        rules = replace(rules, **own)
+    return PartWays(
+        rules,
+        part.approach_m or section.approach_m,
+        part.leave_m or section.leave_m,
+        _unit(part.insert),
+        _unit(part.take_out),
+    )
+
+
+def _unit(direction: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (np.asarray(direction) / np.linalg.norm(direction)).tolist()
+    return x, y, z
+
+
+def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> AnyStep:
+    if step.place is not None:
+        return Place(
+            name=step.known_as,
+            after=step.after,
+            robots=step.robots,
+            hold=step.hold,
+            part=step.place,
+            until=step.until,
+            stop=None if step.at is None else _stop(step.at),
+        )
+    assert step.process is not None
+    assert step.at is not None
+    if job is not None:
+        assert step.at.part is not None
+        return MachineWork(
+            name=step.name,
+            after=step.after,
+            process=step.process,
+            machine=job.machine,
+            part=step.at.part,
+            door=job.door,
+        )
+    owner = step.at.part or step.at.fixture
+    frames = {part.name: part.frames for part in section.parts}
+    pose: Transform = np.eye(4)
+    if step.at.part is not None and step.at.frame is not None:
+        pose = build_transform(frames[step.at.part][step.at.frame])
+    if step.at.pose is not None:
+        pose = pose @ build_transform(step.at.pose)
+    return Work(
+        name=step.name,
+        after=step.after,
+        robots=step.robots,
+        hold=step.hold,
+        process=_process(section, step),
+        at=_words(step.at),
+        owner=owner,
+        frame=step.at.frame if step.at.fixture is not None else None,
+        pose=readonly(pose),
+    )
+
+
+def _stop(at: PlaceOfWork) -> Stop:
+    pose = np.eye(4) if at.pose is None else build_transform(at.pose)
+    return Stop(_words(at), at.fixture, at.frame, readonly(pose))
+
+
+def _process(section: PartsSection, step: StepSection) -> Process:
+    """Return the process of a step, with what the step says of it."""
+    assert step.process is not None
+    own = section.processes[step.process]
+    turn = own.turn_deg if step.turn_deg is None else step.turn_deg
+    turns = np.arange(own.turns) * 360.0 / own.turns if turn is None else [turn]
+    path = own.path if step.path is None else step.path
+    return Process(
+        name=step.process,
+        tool=own.tool,
+        frame=own.frame,
+        approach=own.approach_m,
+        path=tuple(readonly(build_transform(pose)) for pose in path),
+        turns=tuple(np.deg2rad(turns).tolist()),
+    )
+
+
+def _words(at: PlaceOfWork) -> str:
+    """Return a place of work in words: its owner and frame, else where it is."""
+    named = [name for name in (at.part or at.fixture, at.frame) if name is not None]
+    if at.pose is not None and at.frame is None:
+        named.append("(" + ", ".join(f"{v:g}" for v in at.pose.xyz_m) + ")")
+    return "/".join(named)

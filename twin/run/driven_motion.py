@@ -1,0 +1,203 @@
+"""The motion of a robot that keeps to limits, from what it was commanded.
+
+On a stretch, what is executed at a time is the mean of what was commanded during the ``lag`` before
+it. Commanded positions are quadratic between their rows, so executed ones are cubic between those
+rows and the same rows a lag later: such a motion is given by positions and speeds at these times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.motion_times import node_path, skill_motion
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.cubic_motion import cubic_at
+from twin.run.run_record import Run
+
+_STANDS = 1e-7
+"""Share of full speed at which a robot stands."""
+
+_BESIDE = 1e-6
+"""Share of a stretch by which rounding may keep a robot that stands from a border."""
+
+_AT_BORDER = 1e-9
+"""Share of a stretch that is no way beyond a border."""
+
+Rows = tuple[Nanoseconds, Array, Array, Array, Indices]
+"""Times [ns], configurations, joint speeds and accelerations, and the node of each row."""
+
+
+def driven_rows(tpg: TemporalPlanGraph, run: Run, k: int) -> Rows:
+    """Return the rows of a robot's motion: cubic in time between them.
+
+    Args:
+        tpg: what was executed.
+        run: of it.
+        k: index of the robot's chain.
+    """
+    chain = tpg.chains[k]
+    parts: list[Rows] = [_row(0, chain.start, -1)]
+    assert chain.drive is not None
+    begins = np.append(0, np.flatnonzero(chain.drive.rests) + 1)
+    commands = run.commands[k]
+    for begin, stop in zip(begins, begins[1:], strict=False):
+        if run.start_ns[k][begin] < 0 or run.failed_nodes[k] == begin:
+            break
+        nodes = slice(int(begin), int(stop))
+        if chain.drive.ramp[begin] > 0.0:
+            low, high = np.searchsorted(commands[:, 1], [begin, stop])
+            parts.append(_stretch_rows(chain, nodes, commands[low:high]))
+        else:
+            parts += _skill_rows(tpg, run, k, int(begin))
+    t, q, v, a, node = (np.concatenate(column) for column in zip(*parts, strict=True))
+    # Where one node ends as the next begins, the robot is still in the one.
+    kept = np.append(True, np.diff(t) > 0)
+    return t[kept], q[kept], v[kept], a[kept], node[kept]
+
+
+def _row(t_ns: int, q: Array, node: int) -> Rows:
+    still = np.zeros_like(q[None])
+    return np.array([t_ns]), q[None], still, still, np.array([node])
+
+
+def _skill_rows(tpg: TemporalPlanGraph, run: Run, k: int, node: int) -> Iterator[Rows]:
+    """Yield the rows of a node from rest to rest, which follows its path as slowly as it lasts."""
+    chain, robot = tpg.chains[k], tpg.cell.robot(tpg.chains[k].robot)
+    pace = run.pace(k)
+    begin = int(pace.own(run.start_ns[k][node : node + 1])[0])
+    begin += int(run.stall_ns[k][node])
+    duration = int(run.duration_ns[k][node])
+    if duration == 0 or not chain.skill[node] or robot.limits is None:
+        q = node_path(chain, node)[-1]
+        real = int(pace.real(np.array([begin]))[0])
+        yield _row(real, q, node)
+        return
+    motion = skill_motion(tpg, k, node, robot.limits)
+    slower = duration / NANOSECONDS / motion.seconds if motion.seconds > 0.0 else 1.0
+    own = begin + np.rint(motion.t * slower * NANOSECONDS).astype(np.int64)
+    q, v, a = motion.q, motion.v / slower, motion.a / slower**2
+    t = pace.real(own)
+    inside = (pace.stops_at > own[0]) & (pace.stops_at < own[-1])
+    for stop in pace.stops_at[inside].tolist():
+        # Within a skill a stop by the clock is at once.
+        since = (own - begin) / NANOSECONDS
+        at, _, _ = cubic_at(since, q, v, np.array([(stop - begin) / NANOSECONDS]))
+        edges = np.array(
+            [pace.real(np.array([stop - 1]))[0] + 1, pace.real(np.array([stop]))[0]]
+        )
+        row = np.searchsorted(t, edges)
+        t = np.insert(t, row, edges)
+        q = np.insert(q, row, at, axis=0)
+        v, a = (np.insert(values, row, 0.0, axis=0) for values in (v, a))
+        own = np.insert(own, row, stop)
+    yield t, q, v, a, np.full(len(t), node)
+
+
+def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:
+    """Return the rows of a stretch.
+
+    Args:
+        chain: its robot's nodes.
+        nodes: those of the stretch.
+        commands: pieces of it, see ``Commands.rows``.
+    """
+    drive = chain.drive
+    assert drive is not None
+    length = drive.cruise[nodes] * NANOSECONDS
+    border = np.concatenate([[0.0], np.cumsum(length)])
+    lag = float(np.ceil(drive.lag[nodes.start] * NANOSECONDS))
+    begin = commands[0, 0]
+    # From here on times and ways count from the beginning of the stretch.
+    at = np.maximum.accumulate(commands[:, 0] - begin)
+    gone = border[commands[:, 1].astype(np.int64) - nodes.start] + commands[:, 2]
+    speed, rate = commands[:, 3], commands[:, 4]
+    last = _end_of(at[-1], gone[-1], speed[-1], rate[-1], border[-1])
+    edges = np.append(at, last)
+    t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
+    way = _Way(edges, gone, speed, rate)
+    late = t - lag
+    done = np.asarray((way.area(t) - way.area(late)) / lag, dtype=np.float64)
+    pace = (way.gone(t) - way.gone(late)) / lag
+    rise = (way.speed(t) - way.speed(late)) / lag
+    low, high = int(chain.first[nodes.start]), int(chain.first[nodes.stop])
+    start = chain.start if low == 0 else chain.waypoints[low - 1]
+    end = chain.waypoints[high - 1]
+    # Times are whole nanoseconds: what stands but for that stands.
+    moves = (pace > _STANDS) | (np.abs(rise) * lag > _STANDS)
+    pace, rise = np.where(moves, pace, 0.0), np.where(moves, rise, 0.0)
+    done = np.where(moves, done, _at_border(border, done))
+    share = np.clip(done / border[-1], 0.0, 1.0)[:, None]
+    q = np.where(share < 1.0, start + share * (end - start), end)
+    full_speed = (end - start) / (border[-1] / NANOSECONDS)
+    v, a = pace[:, None] * full_speed, rise[:, None] * full_speed * NANOSECONDS
+    # At a border, where it may stand, a robot is still in the node before it.
+    inside = done - _AT_BORDER * border[-1]
+    node = np.searchsorted(border[1:-1], inside, side="left") + nodes.start
+    return t.astype(np.int64) + round(begin), q, v, a, node
+
+
+def _at_border(border: Array, done: Array) -> Array:
+    """Return the nearest border to each place at which a robot stands, if it is one."""
+    k = np.clip(np.searchsorted(border, done), 1, len(border) - 1)
+    near = np.where(done - border[k - 1] < border[k] - done, border[k - 1], border[k])
+    return np.where(np.abs(near - done) < _BESIDE * border[-1], near, done)
+
+
+def _end_of(at: float, gone: float, speed: float, rate: float, length: float) -> float:
+    """Return when the last piece of a stretch ends: at rest, or at the end of the stretch."""
+    if rate < 0.0:
+        return float(at - speed / rate)
+    left = max(length - gone, 0.0)
+    if rate == 0.0:
+        return float(at + left / speed) if speed > 0.0 else float(at)
+    return float(at + (np.sqrt(speed * speed + 2.0 * rate * left) - speed) / rate)
+
+
+class _Way:
+    """A commanded way: quadratic in time between its edges, at rest before and after.
+
+    Args:
+        edges: begins of the pieces, and the end of the last one.
+        gone, speed, rate: at the begin of each piece.
+    """
+
+    def __init__(self, edges: Array, gone: Array, speed: Array, rate: Array) -> None:
+        span = np.diff(edges)
+        self._edges = edges
+        self._gone, self._speed, self._rate = gone, speed, rate
+        self._end = float(gone[-1] + span[-1] * (speed[-1] + 0.5 * rate[-1] * span[-1]))
+        # Long sums are taken apart again over a short lag.
+        areas = span.astype(np.longdouble) * (
+            gone + span * (speed / 2.0 + rate * span / 6.0)
+        )
+        self._area = np.concatenate([[0.0], np.cumsum(areas)])
+
+    def _piece(self, t: Array) -> tuple[Indices, Array]:
+        piece = np.searchsorted(self._edges, t, side="right") - 1
+        piece = np.clip(piece, 0, len(self._gone) - 1)
+        since = np.clip(t, self._edges[0], self._edges[-1]) - self._edges[piece]
+        return piece, since
+
+    def gone(self, t: Array) -> Array:
+        """Return the way at some times."""
+        piece, since = self._piece(t)
+        speed, rate = self._speed[piece], self._rate[piece]
+        return np.asarray(self._gone[piece] + since * (speed + 0.5 * rate * since))
+
+    def speed(self, t: Array) -> Array:
+        """Return the speed at some times."""
+        piece, since = self._piece(t)
+        inside = (t >= self._edges[0]) & (t < self._edges[-1])
+        return np.where(inside, self._speed[piece] + self._rate[piece] * since, 0.0)
+
+    def area(self, t: Array) -> Array:
+        """Return the integral of the way up to some times."""
+        piece, since = self._piece(t)
+        speed, rate = self._speed[piece] / 2.0, self._rate[piece] / 6.0
+        own = since * (self._gone[piece] + since * (speed + rate * since))
+        after = np.maximum(t - self._edges[-1], 0.0) * self._end
+        return np.asarray(self._area[piece] + own + after)
