@@ -1,0 +1,1 @@
+"""Transit planning among random boxes, beside another planner."""
