@@ -11,6 +11,7 @@ from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.grips import finger_travel
+from twin.audit.keeping import keeping_violations
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.places import rows_at
 from twin.audit.supports import SUPPORT, stands_still
@@ -55,7 +56,8 @@ def process_violations(
     Each wanted process is one task of its name, in which the tool's frame comes to every pose of
     its path in turn, z opposite to that of the place, relative to where the part or fixture is
     then. A part that is to be held has another robot's tool at it that stands still meanwhile.
-    Steps begin after the end of those that they are to come after.
+    Steps begin after the end of those that they are to come after, and what is to be kept hold of
+    until a step is complete stays in its hand for that long.
 
     Args:
         world: to measure in.
@@ -85,6 +87,7 @@ def process_violations(
             begins[process.name], ends[process.name] = done.begin, done.end
         if process.hold is not None:
             yield from _held(world, recording, wanted, process.hold, done)
+    yield from keeping_violations(tpg, recording, wanted, ends)
     for name, after in wanted.order():
         if name in begins and after in ends and begins[name] < ends[after] - 1e-6:
             detail = f"{name} begins before {after} is complete"

@@ -5,8 +5,8 @@ The audit takes nothing of this from the plan that it judges.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 from planning.cell.robot_model import ToolGrip
@@ -137,6 +137,7 @@ class Wanted:
         rests: where parts lie on their way and are worked at without a robot, in order for each.
         doors: objects that machines hold, so that they rest on nothing.
         tools: that robots change; their racks hold them.
+        keeps: by part, the name of the step until which is complete its robot keeps hold of it.
     """
 
     places: tuple[Place, ...] = ()
@@ -150,6 +151,7 @@ class Wanted:
     rests: tuple[WantedRest, ...] = ()
     doors: frozenset[str] = frozenset()
     tools: tuple[ChangedTool, ...] = ()
+    keeps: Mapping[str, str] = field(default_factory=dict)
 
     def order(self) -> Iterator[tuple[str, str]]:
         """Yield pairs of steps of which the first begins after the end of the second."""

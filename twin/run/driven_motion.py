@@ -77,9 +77,15 @@ def _skill_rows(tpg: TemporalPlanGraph, run: Run, k: int, node: int) -> Iterator
         yield _row(real, q, node)
         return
     motion = skill_motion(tpg, k, node, robot.limits)
-    slower = duration / NANOSECONDS / motion.seconds if motion.seconds > 0.0 else 1.0
-    own = begin + np.rint(motion.t * slower * NANOSECONDS).astype(np.int64)
-    q, v, a = motion.q, motion.v / slower, motion.a / slower**2
+    if motion.seconds > 0.0:
+        slower = duration / NANOSECONDS / motion.seconds
+        own = begin + np.rint(motion.t * slower * NANOSECONDS).astype(np.int64)
+        q, v, a = motion.q, motion.v / slower, motion.a / slower**2
+    else:
+        # A process that is done standing has a row at its end, too: it is where the node is seen.
+        own = np.array([begin, begin + duration])
+        q = np.repeat(motion.q, 2, axis=0)
+        v, a = np.zeros_like(q), np.zeros_like(q)
     t = pace.real(own)
     inside = (pace.stops_at > own[0]) & (pace.stops_at < own[-1])
     for stop in pace.stops_at[inside].tolist():

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import at_full_speed
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.motion_times import at_full_speed, within_limits
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.driven_toys import DRIVEN_TPGS, driven_tpg
 from tests.twin.simulated import simulate
@@ -219,6 +219,32 @@ def test_whatever_happens_the_record_is_whole(
     times = [event.t_ns for event in recorder.events]
     assert all(a <= b for a, b in pairwise(times))
     assert_inside_cleared_nodes(tpg, run)
+
+
+@settings(max_examples=30, deadline=None)
+@given(DRIVEN_TPGS, QUIET, st.integers(0, 99))
+def test_a_process_that_is_done_standing_is_seen_from_begin_to_end(
+    tpg: TemporalPlanGraph, disturbances: Disturbances, seed: int
+) -> None:
+    tpg = within_limits(replace(tpg, chains=tuple(map(_standing, tpg.chains))))
+    run = simulate(tpg, VARIED, seed=seed, disturbances=disturbances)
+    motions = {motion.robot: motion for motion in robot_trajectories(tpg, run)}
+    for k, chain in enumerate(tpg.chains):
+        motion = motions[chain.robot]
+        for node in np.flatnonzero(chain.skill & (run.duration_ns[k] > 0)):
+            rows = motion.t_ns[motion.node == node]
+            begin = run.start_ns[k][node] + run.stall_ns[k][node]
+            assert run.end_ns[k][node] in rows
+            assert begin in motion.t_ns
+
+
+def _standing(chain: NodeChain) -> NodeChain:
+    """Return a chain whose robot stands in its skills."""
+    points = chain.waypoints.copy()
+    for node in np.flatnonzero(chain.skill):
+        low, high = chain.first[node], chain.first[node + 1]
+        points[low:high] = chain.start if low == 0 else points[low - 1]
+    return replace(chain, waypoints=points, drive=None)
 
 
 def test_a_stop_by_the_clock_brakes_along_the_way_and_stands_inside_a_node() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
-from twin.audit.audit import audit_run
+from twin.audit.audit import AuditReport, audit_run
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.problems import InvalidScenarioError
@@ -110,7 +114,7 @@ assembly:
     - {process: weld, at: {pose: {xyz_m: [0.05, 0, 0.0915]}}, after: [beam], name: neck}
     - cap
   joined: [[table, post], {parts: [post, beam], by: neck}]
-planning: {speed_model: l1, speed_rad_s: 4.0, shortcut_candidates: 20}
+planning: {shortcut_candidates: 20}
 """
 
 
@@ -139,6 +143,60 @@ def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
     assert own.index(back.index) == own.index(place.index) + 1
     assert (weld.index, back.index) in {tuple(d) for d in planned.tpg.dependencies}
     assert verify_plan(planned.tpg).problems == ()
+
+
+def kept_report(folder: Path, **keeps: str) -> AuditReport:
+    given = load_scenario(folder.parent / "node.yaml")
+    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    assert wanted.keeps == {}
+    return audit_run(folder, wanted=replace(wanted, keeps=keeps))
+
+
+def test_the_audit_finds_what_is_let_go_of_too_early(
+    kept_run: tuple[Planned, Trial], tmp_path: Path
+) -> None:
+    """The arm that keeps hold goes away a second before the weld is done: no edge tells."""
+    planned, trial = kept_run
+    tpg = planned.tpg
+    weld, back = (
+        next(t for t in tpg.tasks if t.label.startswith(words))
+        for words in ("weld", "let go of beam")
+    )
+    chain = tpg.chains[tpg.chain_index[back.robot]]
+    away = int(np.flatnonzero(chain.task == back.index)[0])
+    table = pq.read_table(trial.folder / "trajectory.parquet")
+    t, node = (np.array(table[name].to_pylist()) for name in ("t_s", "node"))
+    own = np.array(table["robot"].to_pylist()) == back.robot
+    # It stands from when it has placed the part, and now until a second earlier.
+    assert t[own & (node >= away)].min() > t[own & (node < away)].max() + 1.0
+    t[own & (node >= away)] -= 1.0
+    folder = tmp_path / "run"
+    shutil.copytree(trial.folder, folder)
+    shutil.copy(trial.folder.parent / "node.yaml", tmp_path)
+    column = table.column_names.index("t_s")
+    pq.write_table(
+        table.set_column(column, "t_s", pa.array(t)), folder / "trajectory.parquet"
+    )
+    # What it does next comes too early as well, for other checks.
+    (v,) = (v for v in kept_report(folder).violations if v.kind == "support")
+    assert (v.first, v.second) == ("beam", back.robot)
+    assert v.t_end - v.t_start == pytest.approx(1.0, abs=0.01)
+    assert f"before {weld.label} is complete" in v.detail
+
+
+def test_the_audit_takes_from_the_scenario_how_long_a_part_is_kept_hold_of(
+    kept_run: tuple[Planned, Trial],
+) -> None:
+    folder = kept_run[1].folder
+    assert kept_report(folder, beam="neck").violations == ()
+    (v,) = kept_report(folder, post="neck").violations
+    assert (v.kind, v.first) == ("support", "post")
+    assert "before neck is complete" in v.detail
+    said = KEPT.replace("    - beam\n", "    - {place: beam, until: neck}\n")
+    given = load_scenario(write(folder.parent, said))
+    wanted = assembly_kind(given.assembly).wanted(given.cell)
+    assert wanted.keeps == {"beam": "neck"}
+    write(folder.parent, KEPT)
 
 
 @pytest.mark.parametrize(

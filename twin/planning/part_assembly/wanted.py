@@ -63,6 +63,11 @@ def wanted_of(section: PartsSection, cell: CellSection) -> Wanted:
         rests=tuple(_wanted_rests(cell, line, assembly)),
         doors=frozenset(job.door for job in line.jobs.values() if job.door),
         tools=tuple(_changed_tools(cell)),
+        keeps={
+            step.part: step.until
+            for step in assembly.steps
+            if isinstance(step, Place) and step.until is not None
+        },
     )
 
 

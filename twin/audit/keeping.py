@@ -1,0 +1,101 @@
+"""Parts that are kept hold of until they are joined: who placed them stands still until then."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from operator import itemgetter
+
+import numpy as np
+
+from planning.tasks.task import Task
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.motion.executed import Recording, RobotRows
+from twin.audit.supports import STANDING
+from twin.audit.violation import Violation
+from twin.audit.wanted import Wanted
+
+
+def keeping_violations(
+    tpg: TemporalPlanGraph,
+    recording: Recording,
+    wanted: Wanted,
+    ends: Mapping[str, float],
+) -> Iterator[Violation]:
+    """Yield parts that were let go of before what they are to be held for was complete.
+
+    A part is to be kept hold of where the scenario says until when, or where the plan has its
+    robot let go of it after another task. While it was carried its robot's tool was at it, which
+    the grips say, and it does not move any more: so the tool stays at it as long as that robot
+    stands.
+
+    Args:
+        tpg: says what else is kept hold of, and until when.
+        recording: what was executed, to its end.
+        wanted: until when the scenario wants parts to be kept hold of.
+        ends: when steps that have names were complete [s].
+    """
+    asked: dict[str, tuple[float, str]] = {
+        part: (ends[step], step) for part, step in wanted.keeps.items() if step in ends
+    }
+    for part, task, end in _kept_in_plan(tpg, recording):
+        asked[part] = max(asked.get(part, (end, task)), (end, task), key=itemgetter(0))
+    for part, (end, until) in asked.items():
+        placed = _placed(recording, part)
+        if placed is None:
+            continue
+        robot, begin = placed
+        leaves = _leaves(recording.robots[robot], begin)
+        if leaves < end - 1e-6:
+            detail = f"is let go of {end - leaves:.3f} s before {until} is complete"
+            yield Violation(leaves, end, part, robot, 0.0, detail, "support")
+
+
+def _kept_in_plan(
+    tpg: TemporalPlanGraph, recording: Recording
+) -> Iterator[tuple[str, str, float]]:
+    """Yield parts that the plan has let go of after a task of another robot, its words and its end.
+
+    The way back of who keeps hold is a task of its own, about the part, in which nothing changes
+    hands; of all others it belongs to the skill that places.
+    """
+    before: dict[int, Task] = {}
+    latest: dict[str, Task] = {}
+    for task in tpg.tasks:
+        if task.robot in latest:
+            before[task.index] = latest[task.robot]
+        latest[task.robot] = task
+    for first, second in tpg.dependencies.tolist():
+        back, place = tpg.tasks[second], before.get(second)
+        if place is None or back.handlings or back.object is None:
+            continue
+        if not any(
+            (h.object, h.holder) == (back.object, None) for h in place.handlings
+        ):
+            continue
+        chain = tpg.chains[tpg.chain_index[tpg.tasks[first].robot]]
+        rows = recording.robots[chain.robot]
+        at = np.flatnonzero(np.isin(rows.node, np.flatnonzero(chain.task == first)))
+        if len(at):
+            yield back.object, tpg.tasks[first].label, float(rows.t[at[-1]])
+
+
+def _placed(recording: Recording, part: str) -> tuple[str, float] | None:
+    """Return who put a part down last, and when [s]; None if nobody did."""
+    rows = [row for row in recording.objects if row.object == part]
+    for before, row in reversed(list(pairwise(rows))):
+        if row.holder is None and before.holder in recording.robots:
+            assert before.holder is not None
+            return before.holder, row.t
+    return None
+
+
+def _leaves(rows: RobotRows, begin: float) -> float:
+    """Return when a robot that stands at a time begins to move [s]; never is infinity."""
+    here = rows.at(np.array([begin]))[0]
+    after = np.flatnonzero(rows.t > begin)
+    moved = np.any(np.abs(rows.q[after] - here) > STANDING, axis=1)
+    if not moved.any():
+        return float("inf")
+    first = int(after[int(np.argmax(moved))])
+    return float(max(rows.t[first - 1], begin))
