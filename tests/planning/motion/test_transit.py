@@ -28,20 +28,18 @@ class _Discs:
 
     def __init__(self, *discs: tuple[float, float, float]) -> None:
         self.discs = discs
+        rows = np.array(discs).reshape(-1, 3)
+        self._centres, self._radii = rows[:, :2], rows[:, 2]
 
     def configuration_free(self, q: Array) -> bool:
-        return all(np.hypot(q[0] - x, q[1] - y) > r for x, y, r in self.discs)
+        return self.motion_free(q, q)
 
     def motion_free(self, q_a: Array, q_b: Array) -> bool:
         # Exact: pieces of what passes have to pass as well.
-        way = q_b - q_a
-        square = max(float(way @ way), 1e-300)
-        for x, y, r in self.discs:
-            centre = np.array([x, y])
-            share = np.clip(way @ (centre - q_a) / square, 0.0, 1.0)
-            if np.hypot(*(q_a + share * way - centre)) <= r:
-                return False
-        return True
+        way, ahead = q_b - q_a, self._centres - q_a
+        share = np.clip(ahead @ way / max(float(way @ way), 1e-300), 0.0, 1.0)
+        off = ahead - share[:, None] * way
+        return bool(np.all(np.hypot(off[:, 0], off[:, 1]) > self._radii))
 
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
         return all(self.configuration_free(q) for q in (q_b, 0.5 * (q_a + q_b)))
@@ -86,7 +84,7 @@ def test_the_same_seed_gives_the_same_path_whatever_ran_before() -> None:
 
 
 @given(st.integers(0, 2**20), st.integers(1, 12))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_what_only_seems_free_is_gone_around(seed: int, count: int) -> None:
     """Discs far smaller than the steps of the trees, which hardly ever see them."""
     rng = np.random.default_rng(seed)
