@@ -15,6 +15,7 @@ _WRITERS = {
     "parquet": "tables.parquet_files",
     "perfetto": "timelines.perfetto_files",
     "joint-trajectory": "joint_trajectory.joint_trajectory_files",
+    "joint-csv": "joint_csv.joint_csv_files",
     "graphml": "graphs.graphml_files",
     "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
@@ -26,7 +27,7 @@ FORMATS = tuple(_WRITERS)
 _OF_NODES = frozenset({"perfetto", "graphml", "dot"})
 """Formats that can show every node of the temporal plan graph, not one entry a task."""
 
-_AT_A_RATE = frozenset({"joint-trajectory"})
+_AT_A_RATE = frozenset({"joint-trajectory", "joint-csv"})
 """Formats that sample motions."""
 
 FOLDER = "exports"

@@ -42,6 +42,7 @@ FILES = {
     "parquet": [f"{name}.parquet" for name in TABLES],
     "perfetto": ["trace.json"],
     "joint-trajectory": ["joint_trajectories.json"],
+    "joint-csv": ["joints_left.csv", "joints_right.csv"],
     "graphml": ["tpg.graphml"],
     "dot": ["tpg.dot"],
     "task-graph": ["task_graph.graphml"],

@@ -1,0 +1,249 @@
+"""Segments of a run: stretches of one robot's nodes that nothing else can interrupt.
+
+A segment waits for others only before its first node, and others wait for nothing within it but its
+last. Whoever executes a segment when all that it comes after are complete keeps to the temporal plan
+graph, whatever the delays. Robots that keep to limits of acceleration have points of what was
+executed, at a rate, with speeds and accelerations. Other points are timed by the nominal durations,
+and velocities are left to the controller.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from planning.errors import OutputError
+from planning.tasks.task import Task
+from planning.transforms import Array, Indices
+from scheduling.graph.rollout import Rollout, earliest_times
+from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.exports.recorded_run import RecordedRun
+from twin.run.activities import CAUSES
+from twin.run.run_record import waypoint_offsets_ns
+from twin.run.trajectory import Trajectory
+from twin.uncertainty.contraction import Contraction, contract
+
+CONTROLLER_RATES_HZ = (125.0, 1000.0)
+"""Points a second that controllers take [Hz]."""
+
+CONTROLLER_RATE_HZ = 250.0
+"""How many they get unless somebody asks for others [Hz]."""
+
+Span = tuple[int, int]
+"""From when to when [ns]; -1 for what did not happen."""
+
+
+@dataclass(frozen=True)
+class Predecessor:
+    """A segment that must be complete before another one starts.
+
+    Attributes:
+        segment: its id.
+        cause: why.
+    """
+
+    segment: str
+    cause: str
+
+
+@dataclass(frozen=True)
+class Handling:
+    """An object that changes hands within a segment.
+
+    Attributes:
+        object: its name.
+        holder: robot that has it from then on, None at rest.
+        t_ns: when, from the start of the segment [ns].
+    """
+
+    object: str
+    holder: str | None
+    t_ns: int
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of a robot's nodes.
+
+    Attributes:
+        id: the robot and the number among its segments, ``left/3``.
+        robot: its name.
+        joint_names: of the robot.
+        task: that the nodes belong to.
+        nodes: the first and the last of them.
+        after: what must be complete before it starts.
+        nominal: when it happens if everything takes as long as planned.
+        executed: when it happened in this run.
+        motion: from when to when of this run the points are, None where they are those of the plan.
+        handlings: objects that change hands.
+        t_ns: times of the points from the start of the segment, shape (points,) [ns].
+        q: configurations, shape (points, n) [rad or m].
+        v: joint speeds, likewise, None where they are left to the controller.
+        a: accelerations, likewise.
+    """
+
+    id: str
+    robot: str
+    joint_names: tuple[str, ...]
+    task: Task
+    nodes: tuple[int, int]
+    after: tuple[Predecessor, ...]
+    nominal: Span
+    executed: Span
+    motion: Span | None
+    handlings: tuple[Handling, ...]
+    t_ns: Nanoseconds
+    q: Array
+    v: Array | None
+    a: Array | None
+
+
+def require_rate(rate_hz: float, rates_hz: tuple[float, float]) -> None:
+    """Refuse a rate that is out of a range [Hz].
+
+    Raises:
+        OutputError: it is.
+    """
+    low, high = rates_hz
+    if not low <= rate_hz <= high:
+        raise OutputError(f"--rate-hz: {rate_hz:g} is not from {low:g} to {high:g}")
+
+
+def segments(run: RecordedRun, rate_hz: float) -> Iterator[Segment]:
+    """Yield the segments of a run, robot after robot, each robot's in order.
+
+    Args:
+        run: the run.
+        rate_hz: of points where speeds are known [Hz].
+    """
+    found = contract(run.tpg)
+    after = _after(found)
+    nominal = earliest_times(
+        run.tpg, [to_nanoseconds(chain.duration) for chain in run.tpg.chains]
+    )
+    for k, first in enumerate(found.first):
+        yield from _of_chain(run, k, first, after, nominal, rate_hz)
+
+
+def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
+    """Return the segments of other robots that each segment has to wait for."""
+    out: dict[tuple[int, int], list[Predecessor]] = defaultdict(list)
+    chains = found.tpg.chains
+    for edge, cause in zip(
+        found.tpg.edges.tolist(), found.tpg.cause.tolist(), strict=True
+    ):
+        before, source, chain, target = edge
+        name = f"{chains[before].robot}/{source}"
+        out[chain, target].append(Predecessor(name, CAUSES[cause]))
+    return out
+
+
+def _of_chain(
+    run: RecordedRun,
+    k: int,
+    bounds: Indices,
+    after: Mapping[tuple[int, int], list[Predecessor]],
+    nominal: Rollout,
+    rate_hz: float,
+) -> Iterator[Segment]:
+    """Yield the segments of a chain; ``bounds`` are their first nodes, and one more."""
+    tpg, chain = run.tpg, run.tpg.chains[k]
+    durations = to_nanoseconds(chain.duration)
+    begin = np.cumsum(durations) - durations
+    passed = np.repeat(begin, np.diff(chain.first))
+    passed += waypoint_offsets_ns(chain, durations)
+    stands = np.vstack([chain.start[None], chain.waypoints])
+    started, ended = run.node_times_ns[k]
+    smooth = run.smooth_motions.get(chain.robot)
+    changed = _changes(run, chain.robot) if smooth is not None else {}
+    spans = None if smooth is None else _spans(run, k, bounds, smooth)
+    names = tuple(tpg.cell.robot(chain.robot).model.joint_names)
+    for index, (first, end) in enumerate(pairwise(bounds.tolist())):
+        zero = int(begin[first])
+        low, high = int(chain.first[first]), int(chain.first[end])
+        t_ns = np.append(0, passed[low:high] - zero)
+        q, v, a = stands[low : high + 1], None, None
+        motion = None
+        if smooth is not None and spans is not None and np.all(spans[index] >= 0):
+            motion = int(spans[index, 0]), int(spans[index, 1])
+            times = _sample_times(*motion, rate_hz)
+            t_ns = times - motion[0]
+            q, v, a = smooth.states_at(times)
+        handlings = []
+        for item in tpg.handlings:
+            if item.robot == k and first <= item.node < end:
+                at_ns = int(begin[item.node])
+                if item.waypoint:
+                    at_ns = int(passed[chain.first[item.node] + item.waypoint - 1])
+                at_ns -= zero
+                if motion is not None:
+                    at_ns = changed[item.node, item.object] - motion[0]
+                handlings.append(Handling(item.object, item.holder, at_ns))
+        waits = list(after.get((k, index), ()))
+        if index:
+            waits.insert(0, Predecessor(f"{chain.robot}/{index - 1}", "same robot"))
+        yield Segment(
+            id=f"{chain.robot}/{index}",
+            robot=chain.robot,
+            joint_names=names,
+            task=tpg.tasks[int(chain.task[first])],
+            nodes=(first, end - 1),
+            after=tuple(waits),
+            nominal=(int(nominal.start[k][first]), int(nominal.end[k][end - 1])),
+            executed=(int(started[first]), int(ended[end - 1])),
+            motion=motion,
+            handlings=tuple(handlings),
+            t_ns=t_ns,
+            q=q,
+            v=v,
+            a=a,
+        )
+
+
+def _changes(run: RecordedRun, robot: str) -> dict[tuple[int, str], int]:
+    """Return when objects changed hands [ns], by node of a robot and object."""
+    return {
+        (event.node, event.object): event.t_ns
+        for event in run.events
+        if event.robot == robot and event.kind in ("attached", "detached")
+    }
+
+
+def _spans(run: RecordedRun, k: int, bounds: Indices, motion: Trajectory) -> Indices:
+    """Return when the motion of each segment begins and ends, shape (segments, 2); -1 for never.
+
+    A node that is entered at speed counts as begun, and the one before it as complete, when the
+    robot has certainly passed their border, up to a lag after it has: motions are cut where it does.
+    """
+    chain = run.tpg.chains[k]
+    assert chain.drive is not None
+    started, ended = run.node_times_ns[k]
+    spans = np.column_stack([started[bounds[:-1]], ended[bounds[1:] - 1]])
+    border = np.arange(1, len(spans))
+    node = bounds[border]
+    lag = np.ceil(chain.drive.lag[node] * NANOSECONDS).astype(np.int64)
+    begins = (~chain.drive.rests[node - 1]) & (spans[1:, 0] >= 0)
+    border, node, lag = border[begins], node[begins], lag[begins]
+    low, high = spans[border, 0] - lag, spans[border, 0]
+    passes = low < spans[border - 1, 1]
+    spans[border, 0] = low
+    border, node, low, high = (x[passes] for x in (border, node, low, high))
+    at = chain.waypoints[chain.first[node] - 1]
+    ahead = chain.waypoints[chain.first[node + 1] - 1] - at
+    while np.any(high - low > 1):
+        middle = (low + high) // 2
+        past = np.sum((motion.at(middle) - at) * ahead, axis=1) >= 0.0
+        low, high = np.where(past, low, middle), np.where(past, middle, high)
+    spans[border, 0] = spans[border - 1, 1] = high
+    return spans
+
+
+def _sample_times(begin: int, end: int, rate_hz: float) -> Nanoseconds:
+    """Return times of points from a time to another [ns], both included."""
+    count = int((end - begin) * rate_hz / NANOSECONDS) + 1
+    grid = begin + np.rint(np.arange(count) * (NANOSECONDS / rate_hz)).astype(np.int64)
+    return np.unique(np.append(grid[grid < end], [begin, end]))
