@@ -7,6 +7,7 @@ the same functions of ``planning.timing.ramps``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,10 @@ from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
 from planning.timing.ramps import exit_bound, pass_through
 from planning.timing.smooth_path import SmoothPath, smooth_path
-from planning.timing.stretch import straight_stretch
 from planning.transforms import Array
 from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.pace import Pace, Slowing, paces
 
 _STILL = 1e-12
 """Joint values that differ by less are the same [rad or m]."""
@@ -33,12 +34,20 @@ def within_limits(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
     Order, paths and edges stay as they are. Chains of robots without limits, and of machines, too.
     """
-    limits = {robot.name: robot.limits for robot in tpg.cell.robots}
-    chains = []
-    for k, chain in enumerate(tpg.chains):
-        own = limits.get(chain.robot)
-        chains.append(chain if own is None else _timed(tpg, k, own))
-    return replace(tpg, chains=tuple(chains))
+    if all(robot.limits is None for robot in tpg.cell.robots):
+        return tpg
+    chains = tuple(
+        tpg.chains[k] if pace is None else _timed(tpg, k, pace)
+        for k, pace in enumerate(paces(tpg))
+    )
+    return replace(tpg, chains=chains)
+
+
+def slowings(tpg: TemporalPlanGraph) -> Iterator[tuple[int, int, Slowing]]:
+    """Yield chain, first node and slowing of every stretch and skill that keeps to limits."""
+    for k, pace in enumerate(paces(tpg)):
+        if pace is not None:
+            yield from ((k, *found) for found in _slowings(tpg, k, pace))
 
 
 def is_driven(tpg: TemporalPlanGraph) -> bool:
@@ -86,7 +95,7 @@ def node_path(chain: NodeChain, node: int) -> Array:
     return np.vstack([begin, chain.waypoints[low:high]])
 
 
-def _timed(tpg: TemporalPlanGraph, k: int, limits: MotionLimits) -> NodeChain:
+def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
     """Return a chain with the times that its robot's limits ask for."""
     chain = tpg.chains[k]
     stretch, way = _stretches(tpg, k)
@@ -97,14 +106,16 @@ def _timed(tpg: TemporalPlanGraph, k: int, limits: MotionLimits) -> NodeChain:
     for number in range(stretch[-1] + 1 if count else 0):
         nodes = np.flatnonzero(stretch == number)
         if chain.skill[nodes[0]]:
-            motion = skill_motion(tpg, k, int(nodes[0]), limits)
-            cruise[nodes] = motion.seconds
-            duration[nodes] = np.maximum(duration[nodes], motion.seconds)
+            motion = skill_motion(tpg, k, int(nodes[0]), pace.limits)
+            least = motion.seconds * pace.skill(int(nodes[0]), motion).factor
+            cruise[nodes] = least
+            duration[nodes] = np.maximum(duration[nodes], least)
             if motion.seconds > 0.0:
                 own = slice(chain.first[nodes[0]], chain.first[nodes[-1] + 1])
                 fraction[own] = motion.passed[1:] / motion.seconds
             continue
-        found = straight_stretch(limits, way[nodes].sum(axis=0))
+        begin = node_path(chain, int(nodes[0]))[0]
+        found, _ = pace.stretch(int(nodes[0]), begin, way[nodes].sum(axis=0))
         if found.cruise > 0.0:
             lengths = np.linalg.norm(way[nodes], axis=1)
             cruise[nodes] = found.cruise * lengths / lengths.sum()
@@ -115,6 +126,23 @@ def _timed(tpg: TemporalPlanGraph, k: int, limits: MotionLimits) -> NodeChain:
     duration[moving] = _nominal(cruise, ramp, lag, rests)[moving]
     duration[~moving & ~chain.skill] = 0.0
     return replace(chain, duration=duration, fraction=fraction, drive=drive)
+
+
+def _slowings(
+    tpg: TemporalPlanGraph, k: int, pace: Pace
+) -> Iterator[tuple[int, Slowing]]:
+    chain = tpg.chains[k]
+    stretch, way = _stretches(tpg, k)
+    for first in np.flatnonzero(np.diff(stretch, prepend=-1)).tolist():
+        if chain.skill[first]:
+            motion = skill_motion(tpg, k, first, pace.limits)
+            if motion.seconds > 0.0:
+                yield first, pace.skill(first, motion)
+            continue
+        own = way[stretch == stretch[first]].sum(axis=0)
+        found, slowing = pace.stretch(first, node_path(chain, first)[0], own)
+        if found.cruise > 0.0:
+            yield first, slowing
 
 
 def _stretches(tpg: TemporalPlanGraph, k: int) -> tuple[npt.NDArray[np.int64], Array]:

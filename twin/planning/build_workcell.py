@@ -24,7 +24,7 @@ from twin.planning.build_shape import build_shape
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
-from twin.scenario.sections.tools import ToolSection
+from twin.scenario.sections.tools import LimitsSection, ToolSection
 
 _TOOL_COLOUR = (88, 92, 98)
 
@@ -43,7 +43,7 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     clearance = scenario.cell.clearance
     assembly = assembly_kind(scenario.assembly)
     robots = tuple(
-        _within_limits(scenario, _robot(r, scenario.cell.tools, folder))
+        _within_limits(scenario, r.limits, _robot(r, scenario.cell.tools, folder))
         for r in scenario.cell.robots
     )
     return Workcell(
@@ -65,14 +65,19 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
     )
 
 
-def _within_limits(scenario: Scenario, robot: PlacedRobot) -> PlacedRobot:
+def _within_limits(
+    scenario: Scenario, section: LimitsSection, robot: PlacedRobot
+) -> PlacedRobot:
     """Return a robot with the limits that it keeps to, where the speed model asks for them."""
     planning = scenario.planning
     if scenario.speed_model != "limits":
         return robot
-    limits = limits_of(robot.model)
-    if planning.speed_rad_s is not None:
-        limits = dataclasses.replace(limits, sum_of_speeds=planning.speed_rad_s)
+    limits = dataclasses.replace(
+        limits_of(robot.model),
+        sum_of_speeds=planning.speed_rad_s or np.inf,
+        tool_speed=section.tool_speed_m_s or np.inf,
+        loaded_tool_speed=section.loaded_tool_speed_m_s or np.inf,
+    )
     return dataclasses.replace(robot, limits=limits)
 
 

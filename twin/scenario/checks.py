@@ -28,7 +28,7 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
-from twin.scenario.tool_checks import changed_tools, check_tools
+from twin.scenario.tool_checks import changed_tools, check_tool_speeds, check_tools
 
 Found = Iterator[tuple[KeyPath, str]]
 
@@ -57,6 +57,7 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_processes(scenario)
     found += _check_work(scenario)
     found += check_tools(scenario)
+    found += check_tool_speeds(scenario)
     found += _check_overrides(scenario)
     found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)

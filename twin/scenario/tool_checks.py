@@ -9,6 +9,7 @@ from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
+from twin.scenario.sections.tools import LimitsSection
 
 Found = Iterator[tuple[KeyPath, str]]
 
@@ -60,3 +61,23 @@ def check_tools(scenario: Scenario) -> Found:
     if owners and products is not None:
         where: KeyPath = ("assembly", "products")
         yield where, "tools are not changed yet where products are made again and again"
+
+
+def check_tool_speeds(scenario: Scenario) -> Found:
+    """Yield limits of the tool's speed where no plan within limits is made, each with its key."""
+    if scenario.speed_model == "limits":
+        return
+    cell = scenario.cell
+    sections: list[tuple[KeyPath, LimitsSection]] = [
+        (("cell", "robots", i), robot.limits) for i, robot in enumerate(cell.listed)
+    ]
+    if cell.team is not None:
+        sections.append((("cell", "team"), cell.team.limits))
+    for at, limits in sections:
+        for key in ("tool_speed_m_s", "loaded_tool_speed_m_s"):
+            if getattr(limits, key) is not None:
+                yield (
+                    (*at, "limits", key),
+                    f"{key} is kept to with planning.speed_model: limits, and this plan has the speed"
+                    f" model {scenario.speed_model!r}",
+                )

@@ -17,6 +17,7 @@ JointName = Annotated[str, Field(min_length=1, max_length=256)]
 HeldJoints = dict[JointName, Coordinate]
 
 _Limit = Annotated[float, Field(gt=0, le=1e6)]
+_ToolSpeed = Annotated[float, Field(ge=0.001, le=1000)]
 
 
 class RackSection(PoseSection):
@@ -122,6 +123,8 @@ class LimitsSection(Section):
         jerk: of joints [rad/s^3 or m/s^3].
         effort: of joints [N m or N].
         payload_kg: the most that the robot may carry, its tool included.
+        tool_speed_m_s: greatest speed of the tool, whatever it holds, in plans within limits.
+        loaded_tool_speed_m_s: the same while it holds a part.
     """
 
     velocity: Several[_Limit] | _Limit | None = None
@@ -129,3 +132,5 @@ class LimitsSection(Section):
     jerk: Several[_Limit] | _Limit | None = None
     effort: Several[_Limit] | _Limit | None = None
     payload_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    tool_speed_m_s: _ToolSpeed | None = None
+    loaded_tool_speed_m_s: _ToolSpeed | None = None

@@ -1,0 +1,128 @@
+"""How fast robots may pass their nodes with what they have in their hands.
+
+A stretch is passed as slowly as the fastest point of it asks for; a skill, whose path is followed by
+one clock, is slowed down as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.workcell import PlacedRobot
+from planning.kinematics.chain import joint_table
+from planning.timing.smooth_path import SmoothPath
+from planning.timing.stretch import Stretch, straight_stretch
+from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
+from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.hand_loads import HandLoad, HandLoads, hand_loads
+
+_SAME = 1e-9
+"""Times that differ by less than this share are the same."""
+
+
+@dataclass(frozen=True)
+class Slowing:
+    """By how much a motion is slower than the limits of its joints allow, and for what.
+
+    Attributes:
+        factor: how many times as long it takes.
+        tool_speed: whether a limit of the tool's speed asks for that.
+    """
+
+    factor: float = 1.0
+    tool_speed: bool = False
+
+
+class Pace:
+    """How fast one robot may pass the nodes of its chain.
+
+    Args:
+        robot: of the cell.
+        limits: that it keeps to.
+        loads: what it has in its hand.
+    """
+
+    def __init__(
+        self, robot: PlacedRobot, limits: MotionLimits, loads: HandLoads
+    ) -> None:
+        self.limits = limits
+        self._robot, self._loads = robot, loads
+        self._joints = joint_table(robot.model)
+
+    def stretch(self, node: int, start: Array, way: Array) -> tuple[Stretch, Slowing]:
+        """Return how a stretch is passed.
+
+        Args:
+            node: its first.
+            start: where it begins, shape (n,).
+            way: from there to its end, shape (n,).
+        """
+        free = straight_stretch(self.limits, way)
+        load = self._loads.after(node, 0)
+        cap = self._tool_speed(load)
+        if np.isinf(cap) or free.cruise <= 0.0:
+            return free, Slowing()
+        tip = self._tip(load)
+        seconds = tool_speed_along(self._joints, tip, start, way) / cap
+        if seconds <= free.cruise:
+            return free, Slowing()
+        found = straight_stretch(self.limits, way, seconds)
+        # Over a short way full speed may never be reached, with the limit or without.
+        longer = found.seconds / free.seconds
+        return found, Slowing(longer, tool_speed=longer > 1.0 + _SAME)
+
+    def skill(self, node: int, motion: SmoothPath) -> Slowing:
+        """Return by how much a skill is slowed down.
+
+        Args:
+            node: of the skill.
+            motion: its quickest motion within the limits of joints.
+        """
+        slowing = Slowing()
+        for begin, end, load in self._loads.runs(node, len(motion.passed)):
+            cap = self._tool_speed(load)
+            times = motion.passed[[begin, end]]
+            low, high = np.searchsorted(motion.t, times).tolist()
+            if np.isinf(cap) or high <= low:
+                continue
+            rows = slice(low, high + 1)
+            speed = greatest_tool_speed(
+                self._joints,
+                self._tip(load),
+                motion.t[rows],
+                motion.q[rows],
+                motion.v[rows],
+                motion.a[rows],
+            )
+            if speed > cap * slowing.factor:
+                slowing = Slowing(speed / cap, tool_speed=True)
+        return slowing
+
+    def _tool_speed(self, load: HandLoad) -> float:
+        if not load.parts:
+            return self.limits.tool_speed
+        return min(self.limits.tool_speed, self.limits.loaded_tool_speed)
+
+    def _tip(self, load: HandLoad) -> Array:
+        """Return the point of the tool in the last joint's frame; without a tool, of the flange."""
+        model = self._robot.model if load.tool is None else load.tool.model
+        frame = model.frames.get("tool")
+        pose = model.flange if frame is None else model.flange @ frame
+        return np.asarray(pose[:3, 3])
+
+
+def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
+    """Yield the pace of each chain's robot; None where it keeps to no limits, and for machines."""
+    loads = hand_loads(tpg)
+    limited = {robot.name: robot for robot in tpg.cell.robots}
+    for chain, own in zip(tpg.chains, loads, strict=True):
+        robot = limited.get(chain.robot)
+        if robot is None or robot.limits is None:
+            yield None
+        else:
+            yield Pace(robot, robot.limits, own)
