@@ -84,9 +84,7 @@ class HandLoads:
         high = bisect_left(self._moments, (node, waypoints - 1))
         borders = [waypoint for _, waypoint in self._moments[low:high]]
         edges = [0, *borders, max(waypoints - 1, 0)]
-        return [
-            (begin, end, self.after(node, begin)) for begin, end in pairwise(edges)
-        ]
+        return [(begin, end, self.after(node, begin)) for begin, end in pairwise(edges)]
 
 
 def hand_loads(tpg: TemporalPlanGraph) -> tuple[HandLoads, ...]:

@@ -7,7 +7,6 @@ the same functions of ``planning.timing.ramps``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.transforms import Array
 from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.pace import Pace, Slowing, paces
+from scheduling.pace import Pace, paces
 
 _STILL = 1e-12
 """Joint values that differ by less are the same [rad or m]."""
@@ -41,13 +40,6 @@ def within_limits(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
         for k, pace in enumerate(paces(tpg))
     )
     return replace(tpg, chains=chains)
-
-
-def slowings(tpg: TemporalPlanGraph) -> Iterator[tuple[int, int, Slowing]]:
-    """Yield chain, first node and slowing of every stretch and skill that keeps to limits."""
-    for k, pace in enumerate(paces(tpg)):
-        if pace is not None:
-            yield from ((k, *found) for found in _slowings(tpg, k, pace))
 
 
 def is_driven(tpg: TemporalPlanGraph) -> bool:
@@ -101,48 +93,34 @@ def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
     stretch, way = _stretches(tpg, k)
     count = len(chain)
     cruise, ramp, lag = np.zeros(count), np.zeros(count), np.zeros(count)
+    slowed, slowed_by = np.ones(count), np.zeros(count, dtype=np.int64)
     fraction = chain.fraction.copy()
     duration = chain.duration.copy()
     for number in range(stretch[-1] + 1 if count else 0):
         nodes = np.flatnonzero(stretch == number)
         if chain.skill[nodes[0]]:
             motion = skill_motion(tpg, k, int(nodes[0]), pace.limits)
-            least = motion.seconds * pace.skill(int(nodes[0]), motion).factor
-            cruise[nodes] = least
+            slowing = pace.skill(int(nodes[0]), motion)
+            slowed[nodes], slowed_by[nodes] = slowing.factor, slowing.cause
+            cruise[nodes] = least = motion.seconds * slowing.factor
             duration[nodes] = np.maximum(duration[nodes], least)
             if motion.seconds > 0.0:
                 own = slice(chain.first[nodes[0]], chain.first[nodes[-1] + 1])
                 fraction[own] = motion.passed[1:] / motion.seconds
             continue
         begin = node_path(chain, int(nodes[0]))[0]
-        found, _ = pace.stretch(int(nodes[0]), begin, way[nodes].sum(axis=0))
+        found, slowing = pace.stretch(int(nodes[0]), begin, way[nodes].sum(axis=0))
+        slowed[nodes], slowed_by[nodes] = slowing.factor, slowing.cause
         if found.cruise > 0.0:
             lengths = np.linalg.norm(way[nodes], axis=1)
             cruise[nodes] = found.cruise * lengths / lengths.sum()
             ramp[nodes], lag[nodes] = found.ramp, found.lag
     rests = np.append(np.diff(stretch) > 0, True)[:count]
-    drive = Drive(cruise, ramp, lag, rests)
+    drive = Drive(cruise, ramp, lag, rests, slowed, slowed_by)
     moving = ramp > 0.0
     duration[moving] = _nominal(cruise, ramp, lag, rests)[moving]
     duration[~moving & ~chain.skill] = 0.0
     return replace(chain, duration=duration, fraction=fraction, drive=drive)
-
-
-def _slowings(
-    tpg: TemporalPlanGraph, k: int, pace: Pace
-) -> Iterator[tuple[int, Slowing]]:
-    chain = tpg.chains[k]
-    stretch, way = _stretches(tpg, k)
-    for first in np.flatnonzero(np.diff(stretch, prepend=-1)).tolist():
-        if chain.skill[first]:
-            motion = skill_motion(tpg, k, first, pace.limits)
-            if motion.seconds > 0.0:
-                yield first, pace.skill(first, motion)
-            continue
-        own = way[stretch == stretch[first]].sum(axis=0)
-        found, slowing = pace.stretch(first, node_path(chain, first)[0], own)
-        if found.cruise > 0.0:
-            yield first, slowing
 
 
 def _stretches(tpg: TemporalPlanGraph, k: int) -> tuple[npt.NDArray[np.int64], Array]:

@@ -18,11 +18,12 @@ from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from planning.transforms import Array
+from scheduling.graph.drive import BY_JOINTS, BY_TOOL_SPEED
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.hand_loads import HandLoad, HandLoads, hand_loads
 
-_SAME = 1e-9
-"""Times that differ by less than this share are the same."""
+_SAME = 1.0 + 1e-9
+"""Times that differ by a smaller factor are the same."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +32,11 @@ class Slowing:
 
     Attributes:
         factor: how many times as long it takes.
-        tool_speed: whether a limit of the tool's speed asks for that.
+        cause: what asks for that, see ``Drive.slowed_by``.
     """
 
     factor: float = 1.0
-    tool_speed: bool = False
+    cause: int = BY_JOINTS
 
 
 class Pace:
@@ -74,7 +75,7 @@ class Pace:
         found = straight_stretch(self.limits, way, seconds)
         # Over a short way full speed may never be reached, with the limit or without.
         longer = found.seconds / free.seconds
-        return found, Slowing(longer, tool_speed=longer > 1.0 + _SAME)
+        return found, Slowing(longer, BY_TOOL_SPEED) if longer > _SAME else Slowing()
 
     def skill(self, node: int, motion: SmoothPath) -> Slowing:
         """Return by how much a skill is slowed down.
@@ -100,7 +101,7 @@ class Pace:
                 motion.a[rows],
             )
             if speed > cap * slowing.factor:
-                slowing = Slowing(speed / cap, tool_speed=True)
+                slowing = Slowing(speed / cap, BY_TOOL_SPEED)
         return slowing
 
     def _tool_speed(self, load: HandLoad) -> float:

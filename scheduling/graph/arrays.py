@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from planning.cell import machine as machines
 from planning.errors import OutputError
+from scheduling.graph.drive import BY_EFFORT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -30,13 +31,16 @@ LONGEST_S = 1e6
 
 _LARGEST = (
     *((f"_{name}", LONGEST_S) for name in ("duration", "planned_start")),
-    *((f"_{name}", LONGEST_S) for name in ("cruise", "ramp", "lag")),
+    *((f"_{name}", LONGEST_S) for name in ("cruise", "ramp", "lag", "slowed")),
     *((f"_{name}", 1e9) for name in ("limits", "caps")),
 )
 """Greatest values of what is no length, by how the array's name ends."""
 
 
-_DRIVE = dict.fromkeys(("cruise", "ramp", "lag"), np.float64) | {"rests": np.bool_}
+_DRIVE = dict.fromkeys(("cruise", "ramp", "lag", "slowed"), np.float64) | {
+    "rests": np.bool_,
+    "slowed_by": np.int64,
+}
 
 
 def check_arrays(document: Mapping[str, Any], arrays: Arrays) -> None:
@@ -220,9 +224,12 @@ def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
 
 
 def _check_drive(prefix: str, arrays: Arrays) -> None:
-    for key in ("cruise", "ramp", "lag"):
+    for key in ("cruise", "ramp", "lag", "slowed", "slowed_by"):
         values = arrays[f"{prefix}{key}"]
         _require(values >= 0, f"{prefix}{key}", values, "must be at least 0")
+    slowed_by, joints = arrays[f"{prefix}slowed_by"], arrays[f"{prefix}start"].size
+    wrong = f"must be below {BY_EFFORT + joints}"
+    _require(slowed_by < BY_EFFORT + joints, f"{prefix}slowed_by", slowed_by, wrong)
     ramp, rests = arrays[f"{prefix}ramp"], arrays[f"{prefix}rests"]
     alike = rests.copy()
     alike[:-1] |= (ramp[1:] == ramp[:-1]) & (ramp[:-1] > 0.0)

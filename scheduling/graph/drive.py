@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planning.transforms import Array
+from planning.transforms import Array, Indices
+
+BY_JOINTS, BY_TOOL_SPEED, BY_EFFORT = 0, 1, 2
+"""What sets the times of a node: speed, acceleration and jerk of joints; the speed of the tool; or,
+from ``BY_EFFORT`` on, the effort of the joint that is counted on from there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,20 +28,27 @@ class Drive:
             part of one [s].
         lag: by how much the executed motion is behind the commanded one, likewise [s].
         rests: whether the robot is at rest at the end of the node.
+        slowed: how many times as long its stretch or skill takes as by the limits of speed,
+            acceleration and jerk of joints.
+        slowed_by: what asks for that: ``BY_JOINTS``, ``BY_TOOL_SPEED``, or a joint's effort.
     """
 
     cruise: Array
     ramp: Array
     lag: Array
     rests: npt.NDArray[np.bool_]
+    slowed: Array
+    slowed_by: Indices
 
     def cut(self, nodes: slice) -> Drive:
         """Return the entries of some nodes; they end at rest."""
-        rests = self.rests[nodes].copy()
-        rests[-1:] = True
-        return Drive(self.cruise[nodes], self.ramp[nodes], self.lag[nodes], rests)
+        own = {name: values[nodes] for name, values in vars(self).items()}
+        own["rests"] = own["rests"].copy()
+        own["rests"][-1:] = True
+        return Drive(**own)
 
     def repeated(self, times: int) -> Drive:
         """Return the entries again and again."""
-        names = ("cruise", "ramp", "lag", "rests")
-        return Drive(*(np.tile(getattr(self, name), times) for name in names))
+        return Drive(
+            **{name: np.tile(values, times) for name, values in vars(self).items()}
+        )

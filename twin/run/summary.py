@@ -17,6 +17,7 @@ from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
+from scheduling.slowed_motions import slowed_motions
 from twin.durations import NANOSECONDS
 from twin.run.policies import IN_TURNS, SEQUENTIAL, policy_name
 from twin.run.run_record import Run
@@ -66,9 +67,10 @@ def summarise(
         }
 
     own = _machines(tpg, run)
-    further = ({"machines": own} if own else {}) | (
-        {} if line is None else {"line": dict(line)}
-    )
+    given = {"machines": own, "slowed": slowed_motions(tpg)}
+    further: dict[str, Any] = {key: value for key, value in given.items() if value}
+    if line is not None:
+        further["line"] = dict(line)
     return {
         "scenario": scenario,
         "seed": run.seed,
@@ -196,6 +198,7 @@ def summary_rows(
         down = f", down for {own['down_s']:.2f} s" if own["down_s"] else ""
         share = f"{100 * own['utilisation']:.1f} % of the time{down}"
         rows.append((f"{name} with a part", f"{own['busy_s']:.2f} s", share))
+    rows += _slowed_rows(summary.get("slowed", {}))
     if summary.get("raised_skills"):
         rows.append(
             ("raised skills", str(summary["raised_skills"]), "to their joints' limits")
@@ -209,6 +212,23 @@ def summary_rows(
     rows.append(_audit_row(summary["audit"]))
     if warnings := summary.get("warnings"):
         rows.append(("warnings", str(len(warnings)), "below"))
+    return rows
+
+
+def _slowed_rows(found: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    rows = []
+    for robot, own in found.items():
+        for cause, by in own["by"].items():
+            moves, slower = (
+                counts["stretches"] + counts["skills"] for counts in (own, by)
+            )
+            rows.append(
+                (
+                    f"{robot} slowed by {cause}",
+                    f"{100 * slower / moves:.0f} % of motions",
+                    f"most in task {by['task']} ({by['label']}): {by['longest']:.2f} times as long",
+                )
+            )
     return rows
 
 

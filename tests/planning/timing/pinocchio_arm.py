@@ -20,10 +20,14 @@ class PinocchioArm:
     def __init__(self, model: RobotModel, frame: str = "tool") -> None:
         whole = pinocchio.buildModelFromUrdf(str(model.urdf))
         held = [
-            k for k in range(1, whole.njoints) if whole.names[k] not in model.joint_names
+            k
+            for k in range(1, whole.njoints)
+            if whole.names[k] not in model.joint_names
         ]
         at = pinocchio.neutral(whole)
-        self.body = pinocchio.buildReducedModel(whole, held, at)
+        self.body = (
+            pinocchio.buildReducedModel(whole, held, at) if held else whole.copy()
+        )
         tip = pinocchio.SE3(frame_in_last_joint(model, frame))
         last = self.body.njoints - 1
         self._tip = self.body.addFrame(

@@ -1,0 +1,58 @@
+"""What makes robots slower than their joints could be: limits of the tool's speed, and of effort."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from planning.transforms import Indices
+from scheduling.graph.drive import BY_EFFORT, BY_TOOL_SPEED, Drive
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+
+
+def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
+    """Return by robot how many of its stretches and skills are slowed, and by what.
+
+    Robots of which nothing is slowed are left out.
+    """
+    found = {}
+    for chain in tpg.chains:
+        if chain.drive is None or not np.any(chain.drive.slowed_by):
+            continue
+        moves = _moves(chain, chain.drive)
+        names = tpg.cell.robot(chain.robot).model.joint_names
+        causes = {"tool speed": BY_TOOL_SPEED}
+        causes |= {f"effort of {name}": BY_EFFORT + j for j, name in enumerate(names)}
+        found[chain.robot] = _counts(chain, moves) | {
+            "by": {
+                cause: _slowed_by(tpg, chain, chain.drive, moves, number)
+                for cause, number in causes.items()
+                if np.any(chain.drive.slowed_by == number)
+            }
+        }
+    return found
+
+
+def _moves(chain: NodeChain, drive: Drive) -> Indices:
+    """Return the first node of each stretch, and each skill that moves."""
+    first = np.append(True, drive.rests[:-1])[: len(chain)]
+    return np.flatnonzero(first & (drive.cruise > 0.0))
+
+
+def _counts(chain: NodeChain, nodes: Indices) -> dict[str, int]:
+    skills = int(np.count_nonzero(chain.skill[nodes]))
+    return {"stretches": len(nodes) - skills, "skills": skills}
+
+
+def _slowed_by(
+    tpg: TemporalPlanGraph, chain: NodeChain, drive: Drive, moves: Indices, cause: int
+) -> dict[str, Any]:
+    own = moves[drive.slowed_by[moves] == cause]
+    worst = own[int(np.argmax(drive.slowed[own]))]
+    task = tpg.tasks[int(chain.task[worst])]
+    return _counts(chain, own) | {
+        "longest": float(drive.slowed[worst]),
+        "task": task.index,
+        "label": task.label,
+    }
