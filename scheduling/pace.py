@@ -45,11 +45,11 @@ class Pace:
     Args:
         robot: of the cell.
         limits: that it keeps to.
-        loads: what it has in its hand.
+        loads: what it has in its hand; None where nothing but limits of joints bounds its motions.
     """
 
     def __init__(
-        self, robot: PlacedRobot, limits: MotionLimits, loads: HandLoads
+        self, robot: PlacedRobot, limits: MotionLimits, loads: HandLoads | None
     ) -> None:
         self.limits = limits
         self._robot, self._loads = robot, loads
@@ -64,6 +64,8 @@ class Pace:
             way: from there to its end, shape (n,).
         """
         free = straight_stretch(self.limits, way)
+        if self._loads is None:
+            return free, Slowing()
         load = self._loads.after(node, 0)
         cap = self._tool_speed(load)
         if np.isinf(cap) or free.cruise <= 0.0:
@@ -85,6 +87,8 @@ class Pace:
             motion: its quickest motion within the limits of joints.
         """
         slowing = Slowing()
+        if self._loads is None:
+            return slowing
         for begin, end, load in self._loads.runs(node, len(motion.passed)):
             cap = self._tool_speed(load)
             times = motion.passed[[begin, end]]
@@ -119,11 +123,20 @@ class Pace:
 
 def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
     """Yield the pace of each chain's robot; None where it keeps to no limits, and for machines."""
-    loads = hand_loads(tpg)
     limited = {robot.name: robot for robot in tpg.cell.robots}
+    bounded = any(_is_bounded(robot) for robot in tpg.cell.robots)
+    loads = hand_loads(tpg) if bounded else [None] * len(tpg.chains)
     for chain, own in zip(tpg.chains, loads, strict=True):
         robot = limited.get(chain.robot)
         if robot is None or robot.limits is None:
             yield None
         else:
             yield Pace(robot, robot.limits, own)
+
+
+def _is_bounded(robot: PlacedRobot) -> bool:
+    """Tell whether anything but limits of joints bounds the motions of a robot."""
+    limits = robot.limits
+    return limits is not None and bool(
+        np.isfinite([limits.tool_speed, limits.loaded_tool_speed]).any()
+    )
