@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.transforms import Transform
 
-STRIDE = 0.03
+STRIDE = 0.0075
 """Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
 joint space, which then strays from the straight line in the world by a fraction of a
 millimetre."""

@@ -1,11 +1,9 @@
 """The quickest motion of a skill along its reference path within the limits of a robot.
 
 A polyline cannot be followed at speed around its corners. At sharp ones, and wherever something
-changes hands, the robot is at rest. Between these it is told to follow each straight line at
-constant speed, and what it executes is the mean over a window of the mean over another one: the
-first bounds accelerations, the second jerks. Industrial controllers filter their motions alike
-(Biagiotti and Melchiorri, 2012). Around gentle corners that leaves the polyline, by no more than
-``STRAY``: far within what collision checks allow for.
+changes hands, the robot is at rest. In between, gentle corners are rounded, within ``STRAY`` of the
+polyline, which is far within what collision checks allow for, and the curve is passed in an S-curve over
+time: its speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
 """
 
 from __future__ import annotations
@@ -17,17 +15,22 @@ from itertools import pairwise
 import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
-from planning.timing.stretch import straight_stretch
+from planning.timing.curve_times import curve_motion
+from planning.timing.rounded_path import rounded_path
+from planning.timing.s_curve import line_times
 from planning.transforms import Array
 
 STRAY = 1e-4
 """Farthest from the polyline around a corner that is not stopped at, all joints added up [rad or m]."""
 
-_LEAST_WINDOW = 1e-6
-"""Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
+_ROUNDED = 0.8
+"""Share of it for rounding corners; the rest is for following the curve."""
 
 _SHARP = np.radians(20.0)
 """A robot stops at corners that turn by more."""
+
+_SAME = 1e-12
+"""Waypoints nearer to each other are one [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +69,19 @@ def smooth_path(
         path: shape (w, n).
         stops: waypoints at which the robot has to be at rest.
     """
-    corners = [k for k in range(1, len(path) - 1) if k in stops or _is_sharp(path, k)]
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    moved = np.append(True, lengths > _SAME)
+    # The last waypoint counts, not one before it that is the same.
+    corner = np.cumsum(moved) - 1
+    points = path[np.append(np.flatnonzero(moved)[1:] - 1, len(path) - 1)]
+    rests = {int(corner[k]) for k in stops}
+    ends = [0, *_rests(points, rests), *([len(points) - 1] if len(points) > 1 else [])]
     still = np.zeros_like(path[:1])
-    t, q, v, a = [np.zeros(1)], [path[:1]], [still], [still]
-    passed = np.zeros(len(path))
+    t, q, v, a = [np.zeros(1)], [points[:1]], [still], [still]
+    passed = np.zeros(len(points))
     now = 0.0
-    for begin, end in pairwise([0, *corners, len(path) - 1]):
-        for piece, (low, high) in _quicker(limits, path, begin, end):
+    for begin, end in pairwise(ends):
+        for low, high, piece in _quickest(limits, points, begin, end):
             passed[low : high + 1] = now + piece.passed
             t.append(now + piece.t[1:])
             q.append(piece.q[1:])
@@ -80,97 +89,79 @@ def smooth_path(
             a.append(piece.a[1:])
             now += piece.seconds
     rows = np.concatenate(t), np.vstack(q), np.vstack(v), np.vstack(a)
-    return SmoothPath(*rows, passed)
+    return SmoothPath(*rows, passed[corner])
 
 
-def _is_sharp(path: Array, k: int) -> bool:
-    before, after = path[k] - path[k - 1], path[k + 1] - path[k]
-    lengths = np.linalg.norm(before) * np.linalg.norm(after)
-    if lengths <= 0.0:
-        return False
-    return bool(before @ after < np.cos(_SHARP) * lengths)
+def _rests(points: Array, stops: Collection[int]) -> list[int]:
+    """Return the corners between the ends at which a robot has to be at rest."""
+    ways = np.diff(points, axis=0)
+    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+    sharp = np.sum(unit[1:] * unit[:-1], axis=1) < np.cos(_SHARP)
+    return [k for k in range(1, len(points) - 1) if sharp[k - 1] or k in stops]
 
 
-def _quicker(
-    limits: MotionLimits, path: Array, begin: int, end: int
-) -> Iterator[tuple[SmoothPath, tuple[int, int]]]:
-    """Yield the quicker of two motions along gentle corners: in one go, or with a stop at each."""
-    whole = _in_one_go(limits, path[begin : end + 1])
+def _quickest(
+    limits: MotionLimits, points: Array, begin: int, end: int
+) -> Iterator[tuple[int, int, SmoothPath]]:
+    """Yield motions from rest to rest between gentle corners of a polyline, with their ends.
+
+    They are one, or more where stops at the sharpest corners save time.
+    """
+    whole = _in_one_go(limits, points[begin : end + 1])
     if end - begin > 1:
-        stops = list(pairwise(range(begin, end + 1)))
-        parts = [_in_one_go(limits, path[a : b + 1]) for a, b in stops]
-        if sum(part.seconds for part in parts) < whole.seconds:
-            yield from zip(parts, stops, strict=True)
-            return
-    yield whole, (begin, end)
+        ways = np.diff(points[begin : end + 1], axis=0)
+        unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+        middle = begin + 1 + int(np.argmin(np.sum(unit[1:] * unit[:-1], axis=1)))
+        sides = np.array_split(ways, [middle - begin])
+        # Along the straight lines to the corner and from it the parts do not take much longer.
+        least = sum(
+            float(line_times(limits, side.sum(axis=0))[0].sum()) for side in sides
+        )
+        if whole is None or least < whole.seconds:
+            parts = [
+                *_quickest(limits, points, begin, middle),
+                *_quickest(limits, points, middle, end),
+            ]
+            if whole is None or sum(p.seconds for *_, p in parts) < whole.seconds:
+                yield from parts
+                return
+    assert whole is not None
+    yield begin, end, whole
 
 
-def _in_one_go(limits: MotionLimits, path: Array) -> SmoothPath:
-    """Return a motion that is at rest at both ends of a polyline only."""
-    ways = np.diff(path, axis=0)
-    seconds = np.array([straight_stretch(limits, way).cruise for way in ways])
-    moves = seconds > 0.0
-    still = np.zeros_like(path[:1])
-    if not moves.any():
-        none = np.zeros(1)
-        return SmoothPath(none, path[:1], still, still, np.zeros(len(path)))
-    speed = ways[moves] / seconds[moves, None]
-    steps = np.diff(np.vstack([still, speed, still]), axis=0)
-    low, high = np.minimum(speed.min(axis=0), 0.0), np.maximum(speed.max(axis=0), 0.0)
-    # Over any window speeds change by their range at most.
-    first = float(np.max((high - low) / limits.acceleration))
-    # Twice, for accelerations may change from one limit to the other at once.
-    second = 2.0 * float(np.max((high - low) / first / limits.jerk))
-    second = max(second, _LEAST_WINDOW)
-    strays = first * float(np.max(np.abs(steps[1:-1]).sum(axis=1), initial=0.0)) / 8.0
-    slower = max(1.0, np.sqrt(first / seconds.sum()), np.sqrt(strays / STRAY))
-    if strays > 0.0:
-        # Both windows make the way around corners; so slow that they share the allowance.
-        wide = first / slower + second
-        slower = max(slower, strays / first * wide / STRAY)
-    return _filtered(path, steps / slower, seconds * slower, first / slower, second)
-
-
-def _filtered(
-    path: Array, steps: Array, seconds: Array, first: float, second: float
-) -> SmoothPath:
-    """Return a polyline at piecewise constant speed after two moving averages.
-
-    Args:
-        path: shape (w, n).
-        steps: changes of speed at both ends and at the corners where it moves, shape (k, n).
-        seconds: time from waypoint to waypoint, shape (w - 1,) [s].
-        first, second: the windows [s].
-    """
-    arrival = np.concatenate([[0.0], np.cumsum(seconds)])
-    at = np.append(arrival[:-1][seconds > 0.0], arrival[-1])
-    edges = np.array([0.0, first, second, first + second])
-    t = np.unique(at[:, None] + edges)
-    # Rows that rounding alone keeps apart are one.
-    t = t[np.append(np.diff(t) > 1e-12, True)]
-    t[0] = 0.0
-    since = t[:, None] - at
-    q = path[0] + _ramped(since, first, second, 1) @ steps
-    v = _ramped(since, first, second, 0) @ steps
-    a = _ramped(since, first, second, -1) @ steps
-    q[-1] = path[-1]
-    v[[0, -1]] = a[[0, -1]] = 0.0
-    passed = arrival + 0.5 * (first + second)
+def _in_one_go(limits: MotionLimits, points: Array) -> SmoothPath | None:
+    """Return a motion that is at rest at both ends only, None where it would take too many rows."""
+    if len(points) == 2:
+        return _on_a_line(limits, points)
+    path = rounded_path(points, _ROUNDED * STRAY)
+    step, ways, control = curve_motion(limits, path, (1.0 - _ROUNDED) * STRAY)
+    if not np.isfinite(step):
+        return None
+    t = step * np.arange(len(ways) - 2, dtype=np.float64)
+    before, at, after = control[:-2], control[1:-1], control[2:]
+    q = (before + 4.0 * at + after) / 6.0
+    q[0], q[-1] = points[0], points[-1]
+    v = (after - before) / (2.0 * step)
+    a = (after - 2.0 * at + before) / step**2
+    gone = (ways[:-2] + 4.0 * ways[1:-1] + ways[2:]) / 6.0
+    passed = np.interp(path.at, gone, t)
     passed[0], passed[-1] = 0.0, t[-1]
-    return SmoothPath(t, q, v, a, np.maximum.accumulate(passed))
+    return SmoothPath(t, q, v, a, passed)
 
 
-def _ramped(since: Array, first: float, second: float, integrals: int) -> Array:
-    """Return a unit step after two moving averages, at times since the step.
-
-    Args:
-        since: times [s].
-        first, second: the windows, above 0 [s].
-        integrals: 1 for its integral, -1 for its derivative.
-    """
-
-    def power(late: float) -> Array:
-        return np.asarray(np.maximum(since - late, 0.0) ** (2 + integrals))
-
-    total = power(0.0) - power(first) - power(second) + power(first + second)
-    return total / ((1.0, 2.0, 6.0)[1 + integrals] * first * second)
+def _on_a_line(limits: MotionLimits, points: Array) -> SmoothPath:
+    """Return the quickest motion along a straight line."""
+    way = points[1] - points[0]
+    spans, jolt = line_times(limits, way)
+    jerks = jolt * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
+    kept = spans > 0.0
+    spans, jerks = spans[kept], jerks[kept]
+    t = np.concatenate([[0.0], np.cumsum(spans)])
+    a = np.concatenate([[0.0], np.cumsum(jerks * spans)])
+    v = np.concatenate([[0.0], np.cumsum(spans * (a[:-1] + a[1:]) / 2.0)])
+    gone = spans * v[:-1] + spans**2 * (2.0 * a[:-1] + a[1:]) / 6.0
+    s = np.concatenate([[0.0], np.cumsum(gone)])
+    v[-1] = a[-1] = 0.0
+    q = points[0] + s[:, None] * way
+    q[-1] = points[1]
+    return SmoothPath(t, q, v[:, None] * way, a[:, None] * way, t[[0, -1]])
