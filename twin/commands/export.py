@@ -22,8 +22,8 @@ Names = Annotated[
     typer.Option(
         "--format",
         "-f",
-        help="csv, parquet, perfetto, joint-trajectory, joint-csv, graphml, dot, task-graph, "
-        "mermaid or ldraw; may be given several times.",
+        help="csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot, "
+        "task-graph, mermaid or ldraw; may be given several times.",
         metavar="FORMAT",
     ),
 ]
@@ -50,7 +50,7 @@ Rate = Annotated[
     typer.Option(
         "--rate-hz",
         help="Points a second of motions within limits, 125 to 1000; default: 250 "
-        "(joint-trajectory, joint-csv).",
+        "(joint-trajectory, joint-csv). Messages a second, 1 to 1000; default: 50 (mcap).",
         metavar="HZ",
     ),
 ]

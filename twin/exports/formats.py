@@ -16,6 +16,7 @@ _WRITERS = {
     "perfetto": "timelines.perfetto_files",
     "joint-trajectory": "joint_trajectory.joint_trajectory_files",
     "joint-csv": "joint_csv.joint_csv_files",
+    "mcap": "ros.mcap_file.mcap_files",
     "graphml": "graphs.graphml_files",
     "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
@@ -27,7 +28,7 @@ FORMATS = tuple(_WRITERS)
 _OF_NODES = frozenset({"perfetto", "graphml", "dot"})
 """Formats that can show every node of the temporal plan graph, not one entry a task."""
 
-_AT_A_RATE = frozenset({"joint-trajectory", "joint-csv"})
+_AT_A_RATE = frozenset({"joint-trajectory", "joint-csv", "mcap"})
 """Formats that sample motions."""
 
 FOLDER = "exports"
@@ -51,7 +52,7 @@ def exported_files(
     """
     if name not in _WRITERS:
         raise OutputError(f"unknown format {name!r}", choices=FORMATS)
-    module, function = _WRITERS[name].split(".")
+    module, function = _WRITERS[name].rsplit(".", 1)
     write = getattr(import_module(f"twin.exports.{module}"), function)
     options: dict[str, float] = {"nodes": nodes} if name in _OF_NODES else {}
     if rate_hz is not None and name in _AT_A_RATE:

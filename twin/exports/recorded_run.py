@@ -96,29 +96,31 @@ class RecordedRun:
         return tuple(times.values())
 
     @cached_property
-    def smooth_motions(self) -> dict[str, Trajectory]:
-        """Motions of the robots that keep to limits of acceleration, by robot; often none."""
+    def motions(self) -> dict[str, Trajectory]:
+        """Motions of the robots of the cell, by robot."""
         from twin.run.folder import TRAJECTORY
         from twin.run.trajectory import Trajectory
 
         table = self.table(TRAJECTORY)
-        if "v_0" not in table.column_names:
-            return {}
         names = table["robot"].to_numpy()
+        smooth = "v_0" in table.column_names
         found = {}
         for robot in self.tpg.cell.robots:
-            if robot.limits is None:
-                continue
             own = table.filter(names == robot.name)
             joints = range(len(robot.model.joint_names))
-            q, v, a = (
+            q, *rates = (
                 np.column_stack([own[f"{letter}_{j}"].to_numpy() for j in joints])
-                for letter in "qva"
+                for letter in ("qva" if smooth and robot.limits is not None else "q")
             )
             t_ns = np.rint(own["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
             node = own["node"].to_numpy()
-            found[robot.name] = Trajectory(robot.name, t_ns, q, node, v, a)
+            found[robot.name] = Trajectory(robot.name, t_ns, q, node, *rates)
         return found
+
+    @property
+    def smooth_motions(self) -> dict[str, Trajectory]:
+        """Motions of the robots that keep to limits of acceleration, by robot; often none."""
+        return {name: m for name, m in self.motions.items() if m.v is not None}
 
     @property
     def makespan_ns(self) -> int:

@@ -43,6 +43,7 @@ FILES = {
     "perfetto": ["trace.json"],
     "joint-trajectory": ["joint_trajectories.json"],
     "joint-csv": ["joints_left.csv", "joints_right.csv"],
+    "mcap": ["run.mcap"],
     "graphml": ["tpg.graphml"],
     "dot": ["tpg.dot"],
     "task-graph": ["task_graph.graphml"],

@@ -11,23 +11,18 @@ import rerun as rr
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.tasks.supply_tasks import GONE
+from twin.drawing.fixture_colours import coloured_fixtures
+from twin.drawing.triangles import triangles_of
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.layout import WORLD_FRAME, entity_path
 from twin.recorders.rerun.robots import flange_frame
 from twin.recorders.rerun.time_and_pose import fixed_pose, quat_xyzw, time_column
-from twin.recorders.rerun.triangles import triangles_of
 from twin.run.trajectory import Placement
-
-_FIXTURE_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
 
 
 def draw_fixtures(rec: rr.RecordingStream, cell: Workcell) -> None:
     """Draw what never moves."""
-    ground, *others = _FIXTURE_GREYS
-    for k, fixture in enumerate(cell.fixtures):
-        # The first one, mostly the table, is told apart from all that stand on it.
-        grey = ground if k == 0 else others[(k - 1) % len(others)]
-        colour = fixture.colour or grey
+    for k, (fixture, colour) in enumerate(coloured_fixtures(cell)):
         entity = entity_path(layout.FIXTURES, fixture.name)
         if not fixture.shape.is_box:
             frame = f"@{fixture.name}"

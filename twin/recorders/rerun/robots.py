@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 import tempfile
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import rerun as rr
 from rerun.urdf import UrdfTree
 
 from planning.cell.workcell import PlacedRobot
-from planning.robots.descriptions.mesh_files import find_mesh
 from planning.robots.registry import ROBOTS
+from twin.drawing.painted_description import painted_description
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.recorders.rerun.layout import WORLD_FRAME, entity_path, robot_part
-from twin.recorders.rerun.paint import paint
+from twin.recorders.rerun.linear_colours import make_linear
 from twin.recorders.rerun.time_and_pose import fixed_pose, time_column
 from twin.run.team_colours import rgb
 from twin.run.trajectory import Trajectory
@@ -49,7 +47,9 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
     entity = entity_path(part)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / robot.model.urdf.name
-        _write_painted(robot, colour, path)
+        painted = painted_description(robot, rgb(colour))
+        make_linear(painted.getroot())
+        painted.write(path)
         tree = UrdfTree.from_file_path(
             path,
             entity_path_prefix=part,
@@ -145,34 +145,3 @@ def frame_times(motion: Trajectory) -> Nanoseconds:
     length = np.repeat(np.diff(motion.t_ns), count)
     cut = start + number * length // np.repeat(count, count)
     return np.unique(np.append(cut, motion.t_ns[-1]))
-
-
-def _write_painted(robot: PlacedRobot, colour: str, path: Path) -> None:
-    """Copy a URDF in the robot's colour, every mesh path absolute: package roots differ."""
-    tree = ElementTree.parse(robot.model.urdf)
-    for mesh in tree.getroot().iter("mesh"):
-        found = find_mesh(mesh.get("filename", ""), robot.model.package_dirs)
-        if found is not None:
-            mesh.set("filename", str(found.resolve()))
-    _show_hidden(robot, tree.getroot())
-    paint(tree.getroot(), rgb(colour))
-    tree.write(path)
-
-
-def _show_hidden(robot: PlacedRobot, root: ElementTree.Element) -> None:
-    """Have an arm or a tool of which a URDF shows nothing shown by what it collides with."""
-    groups: dict[str, set[str]] = {}
-    for part in robot.model.parts:
-        groups.setdefault(part.group, set()).add(part.body.name.rpartition("_")[0])
-    links = root.findall("link")
-    for names in groups.values():
-        own = [link for link in links if link.get("name") in names]
-        if any(link.find("visual") is not None for link in own):
-            continue
-        for link in own:
-            for collision in link.findall("collision"):
-                shown = copy.deepcopy(collision)
-                shown.tag = "visual"
-                looks = ElementTree.SubElement(shown, "material", name="shown")
-                ElementTree.SubElement(looks, "color", rgba="0.7 0.7 0.7 1")
-                link.append(shown)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
+TEAM, TINTED = "team", "team-tint"
+"""Names of the materials of what is painted, and of what is tinted."""
+
 _PAINTED = 0.6
 _LIGHT = 0.75
 _TINT = 0.55
@@ -24,18 +27,18 @@ def paint(urdf: ElementTree.Element, colour: tuple[int, int, int]) -> None:
         for material in urdf.iter("material")
         if (channels := _channels(material)) is not None
     }
-    full = " ".join(f"{_linear(c / 255.0):.4f}" for c in colour) + " 1"
+    full = " ".join(f"{c / 255.0:.4f}" for c in colour) + " 1"
     light = (1.0 - _TINT * (1.0 - c / 255.0) for c in colour)
-    tint = " ".join(f"{_linear(c):.4f}" for c in light) + " 1"
+    tint = " ".join(f"{c:.4f}" for c in light) + " 1"
     for visual in urdf.iter("visual"):
         material = visual.find("material")
         own = None if material is None else _channels(material)
         if own is None and material is not None:
             own = coats.get(material.get("name"))
         if own is not None and _saturation(own) >= _PAINTED:
-            _coat(visual, "team", full)
+            _coat(visual, TEAM, full)
         elif visual.find("geometry/mesh") is not None and min(own or _WHITE) >= _LIGHT:
-            _coat(visual, "team-tint", tint)
+            _coat(visual, TINTED, tint)
 
 
 def _coat(visual: ElementTree.Element, name: str, rgba: str) -> None:
@@ -62,8 +65,3 @@ def _saturation(channels: tuple[float, ...]) -> float:
     """Return how far from grey a colour is, 0 to 1; what is nearly black counts as grey."""
     bright = max(channels, default=0.0)
     return (bright - min(channels)) / bright if bright > 0.2 else 0.0
-
-
-def _linear(channel: float) -> float:
-    """Return the intensity that a channel, 0 to 1, stands for: what the viewer takes it for."""
-    return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4

@@ -1,4 +1,4 @@
-"""Shapes that are no boxes as triangles for the recording: round things smooth, meshes as they are."""
+"""Shapes as triangles: round things smooth, meshes as they are."""
 
 from __future__ import annotations
 
@@ -43,6 +43,18 @@ def triangles_of(shape: Shape) -> Triangles:
             [p.faces + k for (p, _), k in zip(parts, first.tolist(), strict=False)]
         ),
     )
+
+
+def corners_of_shape(shape: Shape) -> Array:
+    """Return the corners of the triangles of all that a shape is made of, three rows each."""
+    found = triangles_of(shape)
+    return np.asarray(found.vertices[found.faces.reshape(-1)])
+
+
+def corners_of(form: Form) -> Array:
+    """Return the corners of a form's triangles, three rows each, shape (3 k, 3) [m]."""
+    found = _triangles(form)
+    return np.asarray(found.vertices[found.faces.reshape(-1)])
 
 
 def _triangles(form: Form) -> Triangles:

@@ -1,0 +1,196 @@
+"""A run as an MCAP file: joint states, frames, trajectories and what everything looks like.
+
+Times are those of the run, from 0 on. What moves has messages at a rate; once a second everything is
+said again, so that whoever joins in the middle soon knows all.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from planning.transforms import Array
+from twin.drawing.drawn_robot import DrawnRobot, drawn_robot
+from twin.drawing.fixture_colours import coloured_fixtures
+from twin.drawing.triangles import corners_of_shape
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.exports.recorded_run import RecordedRun
+from twin.exports.ros.bag import Message, Topic, bag
+from twin.exports.ros.definitions import (
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+    MARKER_ARRAY,
+    TF_MESSAGE,
+)
+from twin.exports.ros.messages import (
+    Colour,
+    FramePose,
+    Marker,
+    frame_pose,
+    joint_state,
+    joint_trajectory,
+    marker_array,
+    tf_message,
+)
+from twin.exports.ros.object_frames import ObjectsThere, object_frame, objects_there
+from twin.exports.ros.robot_frames import (
+    WORLD,
+    fixed_frames,
+    link_frame,
+    moved_frames,
+)
+from twin.exports.segments import require_rate, segments
+from twin.run.team_colours import rgb, team_colours
+from twin.run.trajectory import Trajectory
+
+RATES_HZ = (1.0, 1000.0)
+RATE_HZ = 50.0
+
+_TF = Topic("/tf", TF_MESSAGE)
+_TF_STATIC = Topic("/tf_static", TF_MESSAGE, latched=True)
+_ROBOTS = Topic("/robots", MARKER_ARRAY, latched=True)
+_FIXTURES = Topic("/fixtures", MARKER_ARRAY, latched=True)
+_OBJECTS = Topic("/objects", MARKER_ARRAY, latched=True)
+
+
+def mcap_files(run: RecordedRun, *, rate_hz: float = RATE_HZ) -> Mapping[str, bytes]:
+    """Return ``run.mcap``.
+
+    Args:
+        run: the run.
+        rate_hz: of the messages about what moves, and of points of trajectories where speeds are
+            known [Hz].
+
+    Raises:
+        OutputError: there is no such rate, or a package is missing.
+    """
+    require_rate(rate_hz, RATES_HZ)
+    return {"run.mcap": bag(_messages(run, rate_hz))}
+
+
+def _messages(run: RecordedRun, rate_hz: float) -> Iterator[Message]:
+    """Yield all messages, in no order but that of what is said of one time."""
+    cell = run.tpg.cell
+    colours = team_colours([robot.name for robot in cell.robots])
+    drawn = {
+        robot.name: drawn_robot(robot, rgb(colours[robot.name]))
+        for robot in cell.robots
+    }
+    fixed = [
+        pose for robot in cell.robots for pose in fixed_frames(robot, drawn[robot.name])
+    ]
+    fixed += [
+        frame_pose(WORLD, _fixture_frame(item.name), item.pose)
+        for item in cell.fixtures
+    ]
+    yield Message(0, _TF_STATIC, tf_message(0, fixed))
+    yield Message(0, _ROBOTS, marker_array(list(_robot_markers(drawn))))
+    yield Message(0, _FIXTURES, marker_array(list(_fixture_markers(run))))
+    yield from _objects(run)
+    spaces = _name_spaces([robot.name for robot in cell.robots])
+    for robot in cell.robots:
+        motion = run.motions[robot.name]
+        times = _times(motion, rate_hz)
+        if motion.v is None:
+            q, v = motion.at(times), None
+        else:
+            q, v, _ = motion.states_at(times)
+        states = Topic(f"/{spaces[robot.name]}/joint_states", JOINT_STATE)
+        names = tuple(robot.model.joint_names)
+        frames = moved_frames(robot, drawn[robot.name], q)
+        for k, (t_ns, poses) in enumerate(zip(times.tolist(), frames, strict=True)):
+            speeds = None if v is None else v[k]
+            yield Message(t_ns, states, joint_state(t_ns, names, q[k], speeds))
+            yield Message(t_ns, _TF, tf_message(t_ns, poses))
+    for segment in segments(run, rate_hz):
+        t_ns = (segment.motion or segment.executed)[0]
+        if t_ns >= 0 and segment.robot in spaces:
+            name = f"/{spaces[segment.robot]}/joint_trajectory"
+            topic = Topic(name, JOINT_TRAJECTORY)
+            yield Message(t_ns, topic, joint_trajectory(t_ns, segment))
+
+
+def _times(motion: Trajectory, rate_hz: float) -> Nanoseconds:
+    """Return times at a rate at which a robot moves, begins or ends to, and one every second [ns]."""
+    end = int(motion.t_ns[-1])
+    count = int(end * rate_hz / NANOSECONDS) + 1
+    grid = np.rint(np.arange(count) * (NANOSECONDS / rate_hz)).astype(np.int64)
+    times = np.unique(np.append(grid[grid < end], [0, end]))
+    moves = np.any(np.diff(motion.at(times), axis=0) != 0.0, axis=1)
+    second = np.diff(times // NANOSECONDS, prepend=-1) > 0
+    said = second | np.append(moves, True) | np.append(True, moves)
+    return np.asarray(times[said])
+
+
+def _objects(run: RecordedRun) -> Iterator[Message]:
+    """Yield where objects are, whenever one changes hands and once a second, and how they look."""
+    there: ObjectsThere | None = None
+    shown: frozenset[str] | None = None
+    for state in objects_there(run):
+        if there is not None:
+            yield from _again(there, state.t_ns)
+        there = state
+        full_second = state.t_ns % NANOSECONDS == 0
+        names = state.frames if full_second else state.changed
+        poses = [state.frames[name] for name in names]
+        yield Message(state.t_ns, _TF, tf_message(state.t_ns, poses))
+        if shown != state.frames.keys():
+            shown = frozenset(state.frames)
+            markers = list(_object_markers(run, shown))
+            yield Message(state.t_ns, _OBJECTS, marker_array(markers))
+    if there is not None:
+        yield from _again(there, run.makespan_ns + 1)
+
+
+def _again(there: ObjectsThere, end_ns: int) -> Iterator[Message]:
+    """Yield where all objects are at every full second before a time [ns]."""
+    poses: list[FramePose] = list(there.frames.values())
+    first = there.t_ns // NANOSECONDS + 1
+    for t_ns in range(first * NANOSECONDS, end_ns, NANOSECONDS):
+        yield Message(t_ns, _TF, tf_message(t_ns, poses))
+
+
+def _robot_markers(drawn: Mapping[str, DrawnRobot]) -> Iterator[Marker]:
+    for name, robot in drawn.items():
+        for number, body in enumerate(robot.bodies):
+            frame = link_frame(name, body.link)
+            yield Marker(frame, name, number, body.corners, body.colour)
+
+
+def _fixture_markers(run: RecordedRun) -> Iterator[Marker]:
+    for item, colour in coloured_fixtures(run.tpg.cell):
+        corners = corners_of_shape(item.shape)
+        frame = _fixture_frame(item.name)
+        yield Marker(frame, item.name, 0, corners, _opaque(colour))
+
+
+def _object_markers(run: RecordedRun, names: frozenset[str]) -> Iterator[Marker]:
+    for item in run.tpg.cell.objects:
+        if item.name in names:
+            corners: Array = corners_of_shape(item.shape)
+            frame = object_frame(item.name)
+            yield Marker(frame, item.name, 0, corners, _opaque(item.colour))
+
+
+def _fixture_frame(name: str) -> str:
+    return f"fixtures/{name}"
+
+
+def _opaque(colour: tuple[int, int, int]) -> Colour:
+    red, green, blue = colour
+    return red / 255.0, green / 255.0, blue / 255.0, 1.0
+
+
+def _name_spaces(robots: Iterable[str]) -> dict[str, str]:
+    """Return names of robots as topics may have them: ASCII letters, digits and _, no digit first."""
+    out: dict[str, str] = {}
+    for robot in robots:
+        name = re.sub(r"[^A-Za-z0-9_]", "_", robot)
+        if name[:1].isdigit():
+            name = f"_{name}"
+        while name in out.values():
+            name += "_"
+        out[robot] = name
+    return out
