@@ -7,9 +7,7 @@ import sys
 import yaml
 
 from benchmarks.trusses.cell import truss_scenario
-from benchmarks.trusses.structures import STRUCTURES
 
 if __name__ == "__main__":
-    name = sys.argv[1]
-    content = truss_scenario(name, STRUCTURES[name]())
+    content = truss_scenario(sys.argv[1])
     yaml.safe_dump(content, sys.stdout, sort_keys=False, default_flow_style=None)

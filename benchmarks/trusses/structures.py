@@ -75,10 +75,13 @@ def girder(bays: int = 3, bay: float = 0.2, depth: float = 0.2) -> Structure:
     bars = []
     for k in range(bays + 1):
         a, b, top = 3 * k, 3 * k + 1, 3 * k + 2
-        bars += [(a, b), (a, top), (b, top)]
+        # What lies low is put there before anything stands above it.
+        bars.append((a, b))
         if k:
-            bars += [(a - 3, a), (b - 3, b), (top - 3, top)]
-            bars += [(a - 3, b), (a - 3, top), (b - 3, top)]
+            bars += [(a - 3, a), (b - 3, b), (a - 3, b)]
+        bars += [(a, top), (b, top)]
+        if k:
+            bars += [(top - 3, top), (a - 3, top), (b - 3, top)]
     ground = frozenset(n for n in range(len(nodes)) if n % 3 != 2)
     return Structure(np.array(nodes), tuple(bars), ground)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -28,6 +29,7 @@ _OPPOSITE = np.cos(np.radians(15.0))
 """Fingers hold faces that are turned from the direction in which they close by no more."""
 
 _KNOWN: KeptAnswers[list[Grip]] = KeptAnswers(2000)
+_IN_TURN: KeptAnswers[list[tuple[float, Grip]]] = KeptAnswers(50_000)
 
 _FLAT = 0.001
 _SAME = 0.002
@@ -54,25 +56,35 @@ def part_grips(
     """
     if shape.is_box and not rules.suction:
         return box_grips(shape.size, start, goal, rules)
-    key = (shape, start.tobytes(), goal.tobytes(), rules)
+    # Where tools may point is a matter of how a part is turned, not of where it is.
+    key = (shape, start[:3, :3].tobytes(), goal[:3, :3].tobytes(), rules)
     return list(_KNOWN.get(key, lambda: _found(shape, (start, goal), rules)))
 
 
 def _found(
     shape: Shape, poses: tuple[Transform, Transform], rules: GripRules
 ) -> list[Grip]:
-    turns = _wanted_turns(shape, poses, rules)
-    tried = _spots if rules.suction else _holds
     lines = SolidLines(shape)
     found: list[tuple[float, Grip]] = []
-    for turn in turns:
-        for at, words in tried(lines, turn, rules):
-            away = float(np.linalg.norm(at - shape.centre_of_mass))
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = turn, at
-            found.append((round(away, 4), Grip(readonly(pose), words)))
+    for turn in _wanted_turns(shape, poses, rules):
+        key = (shape, turn.tobytes(), rules)
+        found += _IN_TURN.get(key, partial(_in_turn, lines, turn, rules))
     found.sort(key=lambda entry: entry[0])
     return _varied([grip for _, grip in found])
+
+
+def _in_turn(
+    lines: SolidLines, turn: Array, rules: GripRules
+) -> list[tuple[float, Grip]]:
+    """Return the grips of a tool that is turned in one way, with how far they are from the middle."""
+    tried = _spots if rules.suction else _holds
+    found = []
+    for at, words in tried(lines, turn, rules):
+        away = float(np.linalg.norm(at - lines.shape.centre_of_mass))
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, at
+        found.append((round(away, 4), Grip(readonly(pose), words)))
+    return found
 
 
 def thinnest(shape: Shape) -> float:

@@ -175,10 +175,11 @@ def _through(
 ) -> list[tuple[End, SkillPath, float]]:
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
     rules = assembly.ways(step.part.name).grips
+    robots = {end.robot.name: end.robot for end in ends}
     good = {
-        (end.robot.name, grip.pose.tobytes())
-        for end in ends
-        for grip in robot_grips(end.robot, step.part.shape, rest, rest, rules)
+        (name, grip.pose.tobytes())
+        for name, robot in robots.items()
+        for grip in robot_grips(robot, step.part.shape, rest, rest, rules)
     }
     out = []
     reached: set[str] = set()

@@ -85,6 +85,29 @@ def test_a_finer_angle_gives_more_sides_of_a_bar(around, tools):
         assert (lying[:3, :3] @ grip.pose[:3, 2])[2] <= -0.5 + 1e-9
 
 
+@settings(max_examples=10, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            *[st.tuples(*[st.floats(-1, 1)] * 3)] * 2,
+            *[st.tuples(*[st.sampled_from([0.0, 0.4, 1.5])] * 3)] * 2,
+        ),
+        min_size=2,
+        max_size=4,
+    )
+)
+def test_what_is_known_of_one_pose_makes_no_difference_for_another(ways):
+    bar = Cylinder(0.01, 0.2)
+    rules = GripRules(positions=2, steepest=np.radians(60), opening=0.04)
+    shape = of(bar)
+    for at, to, turned, then in ways:
+        poses = from_rpy(at, turned), from_rpy(to, then)
+        found, fresh = (part_grips(s, *poses, rules) for s in (shape, of(bar)))
+        assert [g.words for g in found] == [g.words for g in fresh]
+        for one, other in zip(found, fresh, strict=True):
+            assert np.array_equal(one.pose, other.pose)
+
+
 def interval(mesh, at, closing):
     """Return how far the triangles of a mesh are from a point, both ways along a line."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
