@@ -56,8 +56,8 @@ def site(
 
 SITES = {
     "cube-14": site(grippers=(0.6, 0.15), torches=(0.55, 0.3)),
-    "tower-24": site(grippers=(0.6, 0.15), torches=(0.6, 0.3), behind=0.6),
+    "tower-24": site(grippers=(0.6, 0.15), torches=(0.75, 0.3), behind=0.75),
     "girder-30": site(grippers=(0.7, 0.15), torches=(0.6, 0.3)),
-    "tower-45": site(grippers=(0.6, 0.3), torches=(0.65, 0.5), behind=0.65),
+    "tower-45": site(grippers=(0.6, 0.3), torches=(0.75, 0.5), behind=0.75),
 }
 """By structure."""
