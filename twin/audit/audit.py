@@ -25,6 +25,7 @@ from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
+from twin.audit.limit_checks import limit_violations, logged_halts
 from twin.audit.motion.executed import ObjectRow, Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
 from twin.audit.motion.reach import travel_of_points
@@ -132,11 +133,14 @@ def audit_run(
     with Auditor(tpg, engine, wanted) as auditor:
         report = auditor.audit(recording, progress, ordered=ordered, finished=finished)
     found = [*report.violations, *start_violations(tpg.cell, recording)]
+    log = folder / _EVENTS
+    halts = logged_halts(log) if log.exists() else {}
+    found += limit_violations(tpg.cell, recording, halts)
     if finished and wanted is not None:
         found += place_violations(tpg.cell, recording, wanted)
         report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))
-    if ordered and (folder / _EVENTS).exists():
-        spans = logged_spans(tpg, folder / _EVENTS)
+    if ordered and log.exists():
+        spans = logged_spans(tpg, log)
         found += edge_violations(tpg, spans, _EVENTS)
         if finished and wanted is not None:
             found += rest_violations(tpg, recording, wanted, spans)

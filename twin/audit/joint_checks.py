@@ -38,7 +38,7 @@ def _out_of_range(
     robot: str, rows: RobotRows, limits: JointLimits
 ) -> Iterator[Violation]:
     beyond = np.maximum(rows.q - limits.upper, limits.lower - rows.q)
-    for joint, where in _runs(beyond > _BEYOND):
+    for joint, where in runs(beyond > _BEYOND):
         worst = where[np.argmax(beyond[where, joint])]
         above = rows.q[worst, joint] > limits.upper[joint]
         limit = (limits.upper if above else limits.lower)[joint]
@@ -58,7 +58,7 @@ def _out_of_range(
 def _too_fast(robot: str, rows: RobotRows, limits: JointLimits) -> Iterator[Violation]:
     seconds = np.diff(rows.t)[:, None] * (1.0 + _BEYOND) + _TICKS
     share = np.abs(np.diff(rows.q, axis=0)) / (limits.velocity * seconds)
-    for joint, where in _runs(share > 1.0):
+    for joint, where in runs(share > 1.0):
         worst = where[np.argmax(share[where, joint])]
         unit = limits.units[joint]
         yield Violation(
@@ -73,7 +73,7 @@ def _too_fast(robot: str, rows: RobotRows, limits: JointLimits) -> Iterator[Viol
         )
 
 
-def _runs(bad: npt.NDArray[np.bool_]) -> Iterator[tuple[int, npt.NDArray[np.intp]]]:
+def runs(bad: npt.NDArray[np.bool_]) -> Iterator[tuple[int, npt.NDArray[np.intp]]]:
     """Yield each column with each run of consecutive rows that are True in it."""
     for column in np.flatnonzero(bad.any(axis=0)).tolist():
         rows = np.flatnonzero(bad[:, column])

@@ -10,6 +10,9 @@ ViolationKind = Literal[
     "jump",
     "joint-limit",
     "joint-speed",
+    "joint-acceleration",
+    "joint-jerk",
+    "joint-motion",
     "edge-order",
     "hanging",
     "grip",
@@ -28,7 +31,7 @@ class Violation:
         t_start, t_end: first and last moment at which it was seen [s].
         first, second: who and what. Of a ``contact`` two entities, such as ``"left/arm"``,
             ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
-            ``"jump"``; of a ``joint-limit`` or ``joint-speed`` the robot and
+            ``"jump"``; of the kinds of joints the robot and
             its joint; of an ``edge-order`` the robots, the one that must be complete first; of
             ``hanging`` the object and the nearest thing that stands; of a ``grip`` the object
             and its holder; of a ``place`` the object and its place; of a ``support`` the object

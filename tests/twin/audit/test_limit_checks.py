@@ -1,0 +1,260 @@
+"""Limits of motion: what is within them passes, whatever is planted is found, and only that."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.workcell import Workcell
+from planning.transforms import Array
+from tests.twin.audit.audit_cell import HandWrittenRun, two_arm_cell
+from tests.twin.driven_toys import driven_tpg
+from tests.twin.simulated import simulate
+from tests.twin.twin_toys import toy_cell
+from twin.audit.audit import audit_run
+from twin.audit.limit_checks import limit_violations, logged_halts
+from twin.audit.motion.executed import Recording, RobotRows
+from twin.audit.violation import Violation
+from twin.durations import NANOSECONDS, packaged_timings
+from twin.recorders.observers import JsonlRecorder
+from twin.run.trajectory import robot_trajectories
+from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
+from twin.uncertainty.skill_durations import SkillDurations
+
+CALM = Disturbances()
+KINDS = ("joint-speed", "joint-acceleration", "joint-jerk")
+
+
+def found_in(
+    cell: Workcell, rows: Mapping[str, RobotRows], halts: Mapping[str, Array] = {}
+) -> list[Violation]:
+    end = max(float(r.t[-1]) for r in rows.values())
+    return list(limit_violations(cell, Recording(rows, (), end), halts))
+
+
+def executed(
+    seed: int, disturbances: Disturbances = CALM, log: Path | None = None
+) -> tuple[Workcell, dict[str, RobotRows]]:
+    """A made-up run of robots within limits, as its table tells it."""
+    tpg = driven_tpg(seed, tasks=10, edges=20)
+    run = simulate(
+        tpg,
+        SkillDurations(packaged_timings()),
+        seed=seed,
+        disturbances=disturbances,
+        recorders=[] if log is None else [JsonlRecorder(log)],
+    )
+    rows = {
+        m.robot: RobotRows(m.t_ns / NANOSECONDS, m.q, m.node, m.v, m.a)
+        for m in robot_trajectories(tpg, run)
+    }
+    return tpg.cell, rows
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6))
+def test_runs_within_limits_pass(seed: int) -> None:
+    stalled = Disturbances(stalls=Stalls(count_per_robot=3))
+    for disturbances in (CALM, stalled):
+        assert found_in(*executed(seed, disturbances)) == []
+
+
+def made(seed: int, joints: int = 2) -> RobotRows:
+    """A motion of random jerks, each constant for a while, from rest; times are nanoseconds."""
+    rng = np.random.default_rng(seed)
+    span = rng.integers(10**7, 10**9, 12) / NANOSECONDS
+    jerk = rng.uniform(-5.0, 5.0, (len(span), joints))
+    q, v, a = (np.zeros((len(span) + 1, joints)) for _ in range(3))
+    for k, (h, j) in enumerate(zip(span, jerk, strict=True)):
+        a[k + 1] = a[k] + h * j
+        v[k + 1] = v[k] + h * a[k] + h * h * j / 2.0
+        q[k + 1] = q[k] + h * v[k] + h * h * a[k] / 2.0 + h**3 * j / 6.0
+    t = np.append(0.0, np.cumsum(span))
+    return RobotRows(t, q, np.arange(len(t)), v, a)
+
+
+def greatest(rows: RobotRows) -> dict[str, Array]:
+    """Greatest speed, acceleration and jerk of each joint, by looking very often."""
+    assert rows.v is not None
+    assert rows.a is not None
+    tops = {kind: np.zeros(rows.q.shape[1]) for kind in KINDS}
+    for k, h in enumerate(np.diff(rows.t)):
+        s = np.linspace(0.0, h, 4001)[:, None]
+        jerk = (rows.a[k + 1] - rows.a[k]) / h
+        found = (
+            rows.v[k] + s * rows.a[k] + s * s * jerk / 2.0,
+            rows.a[k] + s * jerk,
+            jerk[None],
+        )
+        for kind, values in zip(KINDS, found, strict=True):
+            tops[kind] = np.maximum(tops[kind], np.abs(values).max(axis=0))
+    return tops
+
+
+def limited(cell: Workcell, limits: MotionLimits) -> Workcell:
+    return replace(cell, robots=(replace(cell.robots[0], limits=limits),))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from(KINDS),
+    st.integers(0, 1),
+    st.sampled_from([0.9999, 1.0001]),
+)
+def test_a_limit_is_exceeded_where_looking_often_says_so(
+    seed: int, kind: str, joint: int, share: float
+) -> None:
+    """A limit a little under or over the greatest value that there is."""
+    rows = made(seed)
+    tops = greatest(rows)
+    wide = {name: top * 1.01 for name, top in tops.items()}
+    wide[kind][joint] = tops[kind][joint] * share
+    limits = MotionLimits(*(wide[name] for name in KINDS))
+    cell = limited(toy_cell([2]), limits)
+    found = found_in(cell, {"robot_0": rows})
+    seen = {(v.kind, v.first, v.second) for v in found}
+    assert seen == ({(kind, "robot_0", f"joint_{joint}")} if share < 1.0 else set())
+    for v in found:
+        assert v.detail.startswith("1 times its limit of")
+        assert 0.0 <= v.t_start < v.t_end <= rows.t[-1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from("qva"),
+    st.integers(1, 11),
+    st.sampled_from([1e-4, -1e-3]),
+)
+def test_columns_that_do_not_fit_are_found(
+    seed: int, column: str, row: int, change: float
+) -> None:
+    rows = made(seed)
+    values = np.array(getattr(rows, column))
+    values[row, 1] += change
+    wide = np.full(2, np.inf)
+    cell = limited(toy_cell([2]), MotionLimits(wide, wide, wide))
+    assert found_in(cell, {"robot_0": rows}) == []
+    (found,) = found_in(cell, {"robot_0": replace(rows, **{column: values})})
+    assert (found.kind, found.second) == ("joint-motion", "joint_1")
+    assert found.t_start == pytest.approx(rows.t[row - 1])
+    assert found.t_end == pytest.approx(rows.t[row + 1])
+
+
+def test_a_run_that_is_played_faster_breaks_its_limits() -> None:
+    cell, rows = executed(8)
+    quick = {
+        name: RobotRows(r.t / 1.001, r.q, r.node, r.v * 1.001, r.a * 1.001**2)
+        for name, r in rows.items()
+        if r.v is not None and r.a is not None
+    }
+    kinds = {v.kind for v in found_in(cell, quick)}
+    assert {"joint-acceleration", "joint-jerk"} <= kinds
+    assert "joint-motion" not in kinds
+
+
+def test_a_table_without_speeds_is_no_motion_within_limits() -> None:
+    cell, rows = executed(8)
+    bare = {name: replace(r, v=None, a=None) for name, r in rows.items()}
+    assert {v.kind for v in found_in(cell, bare)} == {"joint-motion"}
+    free = replace(cell, robots=tuple(replace(r, limits=None) for r in cell.robots))
+    assert found_in(free, bare) == []
+
+
+def test_stops_by_the_clock_are_at_once_within_skills(tmp_path: Path) -> None:
+    """They are found without the log, which tells of them, and nothing else is."""
+    told = 0
+    for seed in range(12):
+        log = tmp_path / f"{seed}.jsonl"
+        stops = tuple(
+            EmergencyStop(robot="robot_1", at_s=at, duration_s=1.5)
+            for at in (3.0, 8.0, 13.0, 18.0)
+        )
+        cell, rows = executed(seed, Disturbances(emergency_stops=stops), log)
+        halts = logged_halts(log)
+        assert set(halts) == {"robot_1"}
+        told += bool(found_in(cell, rows))
+        assert found_in(cell, rows, halts) == []
+    assert told > 0
+
+
+def test_stalls_are_no_stops(tmp_path: Path) -> None:
+    log = tmp_path / "events.jsonl"
+    executed(3, Disturbances(stalls=Stalls(count_per_robot=3)), log)
+    kinds = [json.loads(line)["kind"] for line in log.read_text().splitlines()]
+    assert kinds.count("resumed") == kinds.count("stalled") > 0
+    assert logged_halts(log) == {}
+
+
+def swing(jerk: float, seconds: float) -> tuple[Array, Array, Array, Array]:
+    """From rest to rest in four stretches of constant jerk: times, ways, speeds, accelerations."""
+    t = np.arange(5) * seconds
+    q, v, a = np.zeros(5), np.zeros(5), np.zeros(5)
+    for k, j in enumerate((jerk, -jerk, -jerk, jerk)):
+        a[k + 1] = a[k] + j * seconds
+        v[k + 1] = v[k] + a[k] * seconds + j * seconds**2 / 2.0
+        q[k + 1] = (
+            q[k] + v[k] * seconds + a[k] * seconds**2 / 2.0 + j * seconds**3 / 6.0
+        )
+    return t, q, v, a
+
+
+@pytest.mark.parametrize(
+    ("joint", "lowered", "kinds"),
+    [
+        (0, None, []),
+        (0, "velocity", ["joint-speed"]),
+        (1, "acceleration", ["joint-acceleration"]),
+        (1, "jerk", ["joint-jerk"]),
+    ],
+)
+def test_the_audit_of_a_run_holds_it_to_its_limits(
+    joint: int, lowered: str | None, kinds: list[str], tmp_path: Path
+) -> None:
+    cell = two_arm_cell()
+    limits = MotionLimits(*(np.full(6, top) for top in (1.0, 4.0, 40.0)))
+    tops = {"velocity": 0.225, "acceleration": 1.5, "jerk": 10.0}
+    if lowered is not None:
+        tight = np.array(getattr(limits, lowered))
+        tight[joint] = tops[lowered] / 1.00001
+        limits = replace(limits, **{lowered: tight})
+    left, right = (replace(robot, limits=limits) for robot in cell.robots)
+    run = HandWrittenRun(replace(cell, robots=(left, right)))
+    t, q, v, a = swing(10.0, 0.15)
+    path = np.repeat(left.home[None], len(t), axis=0)
+    path[:, joint] += q
+    run.move("left", t.tolist(), path)
+    folder = run.write(tmp_path)
+    table = pq.read_table(folder / "trajectory.parquet")
+    for name, values in (("v", v), ("a", a)):
+        for j in range(6):
+            column = values if j == joint else np.zeros(5)
+            table = table.append_column(f"{name}_{j}", pa.array(column))
+    pq.write_table(table, folder / "trajectory.parquet")
+    found = audit_run(folder).violations
+    assert [v.kind for v in found] == kinds
+    for violation in found:
+        assert violation.first == "left"
+        assert violation.second == left.model.joint_names[joint]
+        assert violation.detail.startswith("1 times its limit of")
+
+
+def test_a_run_within_limits_needs_speeds_in_its_table(tmp_path: Path) -> None:
+    cell = two_arm_cell()
+    limits = MotionLimits(*(np.full(6, top) for top in (1.0, 4.0, 40.0)))
+    left = replace(cell.robots[0], limits=limits)
+    run = HandWrittenRun(replace(cell, robots=(left, cell.robots[1])))
+    run.move("left", [0.0, 5.0], np.stack([left.home, left.home]))
+    (found,) = audit_run(run.write(tmp_path)).violations
+    assert (found.kind, found.first) == ("joint-motion", "left")

@@ -1,0 +1,152 @@
+"""Limits of motion: speeds, accelerations and jerks of what was executed, by its table alone.
+
+Between two rows a joint moves on a cubic in time: its speed is a parabola, its acceleration a straight
+line, its jerk constant. So rows settle all three, at every moment, and whether they fit each other.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.cell.motion_limits import MotionLimits
+from planning.cell.workcell import Workcell
+from planning.errors import OutputError
+from planning.transforms import Array
+from twin.audit.joint_checks import runs
+from twin.audit.motion.executed import Recording, RobotRows
+from twin.audit.violation import Violation, ViolationKind
+
+_BEYOND = 1e-6
+"""Share of a limit by which it may be exceeded: rounding."""
+
+_TICKS = 2e-9
+"""Times are whole nanoseconds, so a step may seem this much shorter than it is [s]."""
+
+_STEP = 3e-7
+"""Share of an acceleration that rounding may make up: it is a difference over a short lag."""
+
+_SPEED, _WAY = 1e-7, 1e-8
+"""Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
+
+
+def limit_violations(
+    cell: Workcell, recording: Recording, halts: Mapping[str, Array]
+) -> Iterator[Violation]:
+    """Yield where a robot that is to keep to limits does not.
+
+    Args:
+        cell: says which robots have limits, and which.
+        recording: what was executed.
+        halts: times at which the clock stopped each robot or let it go on [s]. In the middle of a
+            skill it does so at once; steps that begin or end there are not looked at.
+    """
+    for robot in cell.robots:
+        rows = recording.robots[robot.name]
+        if robot.limits is None or len(rows.t) < 2:
+            continue
+        if rows.v is None or rows.a is None:
+            at = float(rows.t[0]), float(rows.t[-1])
+            what = "has limits, and its table neither speeds nor accelerations"
+            yield Violation(*at, robot.name, "", 0.0, what, "joint-motion")
+            continue
+        names = robot.model.joint_names
+        units = ["m" if slides else "rad" for slides in robot.model.chain.prismatic]
+        free = _beside(rows.t, halts.get(robot.name, np.empty(0)))
+        for kind, unit, share, limit in _shares(rows, rows.v, rows.a, robot.limits):
+            share[free] = 0.0
+            for joint, where in runs(share > 1.0):
+                worst = where[np.argmax(share[where, joint])]
+                most = (
+                    f"{share[worst, joint]:.4g} times its limit of"
+                    f" {limit[joint]:.6g} {units[joint]}{unit}"
+                    if limit is not None
+                    else "speeds and accelerations are not those of the positions"
+                )
+                yield Violation(
+                    float(rows.t[where[0]]),
+                    float(rows.t[where[-1] + 1]),
+                    robot.name,
+                    names[joint],
+                    0.0,
+                    f"{most}, node {rows.node[worst + 1]}",
+                    kind,
+                )
+
+
+def _shares(
+    rows: RobotRows, v: Array, a: Array, limits: MotionLimits
+) -> Iterator[tuple[ViolationKind, str, Array, Array | None]]:
+    """Yield of what is limited its unit, shares of it step by step, and the limit.
+
+    A share of more than 1 is a violation; what steps must fit has no limit that could be named.
+    """
+    span = np.diff(rows.t)[:, None]
+    begin, end = a[:-1], a[1:]
+    steepest = np.maximum(np.abs(begin), np.abs(end))
+    rise = np.diff(v, axis=0) - 0.5 * span * (begin + end)
+    misfit = np.abs(rise) / (steepest * (_TICKS + _STEP * span) + _SPEED)
+    way = np.diff(rows.q, axis=0) - 0.5 * span * (v[:-1] + v[1:])
+    way += span * span * (end - begin) / 12.0
+    fastest = _fastest(v, begin, end, span)
+    room = fastest * _TICKS + (steepest * _STEP * span + _SPEED) * span + _WAY
+    misfit = np.maximum(misfit, np.abs(way) / room)
+    yield "joint-motion", "", misfit, None
+    room = limits.velocity * (1.0 + _BEYOND) + steepest * _TICKS
+    yield "joint-speed", "/s", fastest / room, limits.velocity
+    room = limits.acceleration * (1.0 + _BEYOND)
+    yield "joint-acceleration", "/s^2", steepest / room, limits.acceleration
+    # Steps of nanoseconds say little of jerk but for the rounding of accelerations.
+    room = limits.jerk * (span * (1.0 + _BEYOND) + _TICKS)
+    room = room + limits.acceleration * _BEYOND
+    yield "joint-jerk", "/s^3", np.abs(end - begin) / room, limits.jerk
+
+
+def _fastest(v: Array, begin: Array, end: Array, span: Array) -> Array:
+    """Return the greatest speed of each step, where its parabola turns if it does, shape (m, n)."""
+    fastest = np.maximum(np.abs(v[:-1]), np.abs(v[1:]))
+    turns = begin * end < 0.0
+    change = np.where(turns, end - begin, 1.0)
+    peak = np.abs(v[:-1] - 0.5 * span * begin * begin / change)
+    return np.where(turns, np.maximum(fastest, peak), fastest)
+
+
+def _beside(t: Array, halts: Array) -> npt.NDArray[np.bool_]:
+    """Return which steps begin or end at a halt, shape (m,)."""
+    if not len(halts):
+        return np.zeros(len(t) - 1, dtype=np.bool_)
+    halts = np.sort(halts)
+    k = np.clip(np.searchsorted(halts, t), 1, len(halts)) - 1
+    later = np.minimum(k + 1, len(halts) - 1)
+    near = np.minimum(np.abs(halts[k] - t), np.abs(halts[later] - t)) <= _TICKS
+    return np.asarray(near[:-1] | near[1:])
+
+
+def logged_halts(path: Path) -> dict[str, Array]:
+    """Return when the clock stopped robots and let them go on [s], from an event log.
+
+    Stalls are over with the same kind of event as stops; robots that were never stopped are left out.
+
+    Raises:
+        OutputError: a line of it is no event.
+    """
+    found: dict[str, list[float]] = defaultdict(list)
+    stopped = set()
+    with path.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, 1):
+            if '"stopped"' not in line and '"resumed"' not in line:
+                continue
+            try:
+                event = json.loads(line)
+                robot, at = str(event["robot"]), float(event["t_s"])
+                if event["kind"] in ("stopped", "resumed"):
+                    found[robot].append(at)
+                    stopped |= {robot} if event["kind"] == "stopped" else set()
+            except (ValueError, KeyError, TypeError) as error:
+                raise OutputError(f"{path}:{number}: is no event: {error}") from error
+    return {robot: np.array(found[robot]) for robot in sorted(stopped)}
