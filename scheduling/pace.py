@@ -7,7 +7,7 @@ one clock, is slowed down as a whole.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from planning.kinematics.chain import joint_table
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
+from planning.timing.torque import ArmDynamics, Bearing, Payload, why_unchecked
 from planning.transforms import Array
-from scheduling.graph.drive import BY_JOINTS, BY_TOOL_SPEED
+from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.hand_loads import HandLoad, HandLoads, hand_loads
 
@@ -54,6 +55,8 @@ class Pace:
         self.limits = limits
         self._robot, self._loads = robot, loads
         self._joints = joint_table(robot.model)
+        self._weighed = loads is not None and why_unchecked(robot) is None
+        self._dynamics: dict[HandLoad, ArmDynamics] = {}
 
     def stretch(self, node: int, start: Array, way: Array) -> tuple[Stretch, Slowing]:
         """Return how a stretch is passed.
@@ -66,18 +69,26 @@ class Pace:
         free = straight_stretch(self.limits, way)
         if self._loads is None:
             return free, Slowing()
-        load = self._loads.after(node, 0)
+        load, found = self._loads.after(node, 0), free
+        if free.cruise <= 0.0:
+            return free, Slowing()
+        slowing = Slowing()
         cap = self._tool_speed(load)
-        if np.isinf(cap) or free.cruise <= 0.0:
-            return free, Slowing()
-        tip = self._tip(load)
-        seconds = tool_speed_along(self._joints, tip, start, way) / cap
-        if seconds <= free.cruise:
-            return free, Slowing()
-        found = straight_stretch(self.limits, way, seconds)
-        # Over a short way full speed may never be reached, with the limit or without.
-        longer = found.seconds / free.seconds
-        return found, Slowing(longer, BY_TOOL_SPEED) if longer > _SAME else Slowing()
+        if np.isfinite(cap):
+            tip = self._tip(load)
+            seconds = tool_speed_along(self._joints, tip, start, way) / cap
+            found = straight_stretch(self.limits, way, seconds)
+            # Over a short way full speed may never be reached, with the limit or without.
+            slowing = _slower(found.seconds / free.seconds, BY_TOOL_SPEED)
+        if self._weighed:
+            borne = self._dynamics_with(load).along_stretch(start, way, found)
+            found = replace(
+                found,
+                cruise=found.cruise * borne.factor,
+                ramp=found.ramp * borne.factor,
+            )
+            slowing = _borne(slowing, borne, found.seconds / free.seconds)
+        return found, slowing
 
     def skill(self, node: int, motion: SmoothPath) -> Slowing:
         """Return by how much a skill is slowed down.
@@ -90,23 +101,32 @@ class Pace:
         if self._loads is None:
             return slowing
         for begin, end, load in self._loads.runs(node, len(motion.passed)):
-            cap = self._tool_speed(load)
-            times = motion.passed[[begin, end]]
-            low, high = np.searchsorted(motion.t, times).tolist()
-            if np.isinf(cap) or high <= low:
+            low, high = np.searchsorted(motion.t, motion.passed[[begin, end]]).tolist()
+            if high <= low:
                 continue
             rows = slice(low, high + 1)
-            speed = greatest_tool_speed(
-                self._joints,
-                self._tip(load),
-                motion.t[rows],
-                motion.q[rows],
-                motion.v[rows],
-                motion.a[rows],
-            )
-            if speed > cap * slowing.factor:
-                slowing = Slowing(speed / cap, BY_TOOL_SPEED)
+            cap = self._tool_speed(load)
+            if np.isfinite(cap):
+                own = (x[rows] for x in (motion.t, motion.q, motion.v, motion.a))
+                speed = greatest_tool_speed(self._joints, self._tip(load), *own)
+                if speed > cap * slowing.factor:
+                    slowing = _slower(speed / cap, BY_TOOL_SPEED)
+            if self._weighed:
+                borne = self._dynamics_with(load).along_skill(motion, rows)
+                slowing = _borne(slowing, borne, max(slowing.factor, borne.factor))
         return slowing
+
+    def _dynamics_with(self, load: HandLoad) -> ArmDynamics:
+        """Return the dynamics of the robot with what it has in its hand."""
+        if load not in self._dynamics:
+            model = self._robot.model if load.tool is None else load.tool.model
+            held = [
+                Payload(part.mass, part.shape, pose)
+                for part, pose in load.parts
+                if part.mass > 0.0
+            ]
+            self._dynamics[load] = ArmDynamics(self._robot, model, held)
+        return self._dynamics[load]
 
     def _tool_speed(self, load: HandLoad) -> float:
         if not load.parts:
@@ -119,6 +139,25 @@ class Pace:
         frame = model.frames.get("tool")
         pose = model.flange if frame is None else model.flange @ frame
         return np.asarray(pose[:3, 3])
+
+
+def _slower(factor: float, cause: int) -> Slowing:
+    return Slowing(factor, cause) if factor > _SAME else Slowing()
+
+
+def _borne(slowing: Slowing, borne: Bearing, factor: float) -> Slowing:
+    """Return what limits of effort make of a motion that is slowed down already.
+
+    Args:
+        slowing: by how much, and for what.
+        borne: by how much it has to be slowed down for joints to bear it.
+        factor: by how much it is slowed down then.
+    """
+    if borne.overloaded >= 0:
+        return Slowing(factor, -1 - borne.overloaded)
+    if slowing.cause < 0 or factor <= slowing.factor * _SAME:
+        return slowing
+    return Slowing(factor, BY_EFFORT + borne.joint)
 
 
 def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
@@ -137,6 +176,7 @@ def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
 def _is_bounded(robot: PlacedRobot) -> bool:
     """Tell whether anything but limits of joints bounds the motions of a robot."""
     limits = robot.limits
-    return limits is not None and bool(
-        np.isfinite([limits.tool_speed, limits.loaded_tool_speed]).any()
-    )
+    if limits is None:
+        return False
+    caps = limits.tool_speed, limits.loaded_tool_speed
+    return bool(np.isfinite(caps).any()) or why_unchecked(robot) is None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Indices
-from scheduling.graph.drive import BY_EFFORT, BY_TOOL_SPEED, Drive
+from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED, Drive
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 
@@ -18,7 +18,7 @@ def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
     """
     found = {}
     for chain in tpg.chains:
-        if chain.drive is None or not np.any(chain.drive.slowed_by):
+        if chain.drive is None or not np.any(chain.drive.slowed_by > BY_JOINTS):
             continue
         moves = _moves(chain, chain.drive)
         names = tpg.cell.robot(chain.robot).model.joint_names
@@ -56,3 +56,22 @@ def _slowed_by(
         "task": task.index,
         "label": task.label,
     }
+
+
+def overloads(tpg: TemporalPlanGraph) -> tuple[str, ...]:
+    """Return in words which joints do not bear what they have to hold, however slow they are."""
+    found = []
+    for chain in tpg.chains:
+        drive, drives = chain.drive, tpg.cell.robot(chain.robot).model.drives
+        if drive is None or drives is None:
+            continue
+        names = tpg.cell.robot(chain.robot).model.joint_names
+        for cause in np.unique(drive.slowed_by[drive.slowed_by < BY_JOINTS]).tolist():
+            node, joint = int(np.argmax(drive.slowed_by == cause)), -1 - cause
+            task = tpg.tasks[int(chain.task[node])]
+            found.append(
+                f"{chain.robot}: gravity alone takes the effort of {names[joint]}"
+                f" ({drives.effort[joint]:g} N m or N), first in task {task.index} ({task.label}):"
+                " no motion is slow enough for that; give a lighter part, another robot, or limits.effort"
+            )
+    return tuple(found)

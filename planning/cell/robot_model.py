@@ -89,6 +89,21 @@ class DriveLimits:
 
 
 @dataclass(frozen=True, eq=False)
+class LinkInertias:
+    """What the joints of a robot move, one entry a joint, in the frame of the joint.
+
+    Attributes:
+        mass: of all that hangs on the joint up to the next one, shape (n,) [kg].
+        centre: its centre of mass, shape (n, 3) [m].
+        inertia: its rotational inertia about that, shape (n, 3, 3) [kg m^2].
+    """
+
+    mass: Array
+    centre: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
 class RobotModel:
     """A robot type, free of any placement in a cell.
 
@@ -109,6 +124,7 @@ class RobotModel:
         flange_link: the link of the description whose frame the flange is.
         grip: how its tool holds; None where the description does not tell.
         drives: what its drives can do; None where nothing is known.
+        inertias: of its links and its tool, as its description has them; None where nothing is known.
     """
 
     name: str
@@ -127,6 +143,7 @@ class RobotModel:
     flange_link: str = ""
     grip: ToolGrip | None = None
     drives: DriveLimits | None = None
+    inertias: LinkInertias | None = None
 
     @property
     def dof(self) -> int:

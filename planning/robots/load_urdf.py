@@ -16,6 +16,7 @@ from planning.cell.cover import capsule_cover, hull_vertices
 from planning.cell.robot_model import (
     DriveLimits,
     KinematicChain,
+    LinkInertias,
     LinkPart,
     RobotModel,
 )
@@ -88,6 +89,16 @@ def load_urdf(
         flange_link=flange_name,
         grip=known.grip,
         drives=_drives(root, description, known, set(hanging)),
+        inertias=_inertias(model),
+    )
+
+
+def _inertias(model: Any) -> LinkInertias:
+    moved = list(model.inertias)[1:]
+    return LinkInertias(
+        readonly([body.mass for body in moved]),
+        readonly([body.lever for body in moved]),
+        readonly([body.inertia for body in moved]),
     )
 
 
@@ -110,7 +121,7 @@ def _drives(
             known.acceleration or [joint.acceleration for joint in joints]
         ),
         jerk=readonly(known.jerk or [joint.jerk for joint in joints]),
-        effort=readonly([joint.effort for joint in joints]),
+        effort=readonly(known.effort or [joint.effort for joint in joints]),
         payload=math.inf if payload is None else payload,
         # Nobody asks for it otherwise, and not every description has masses that are numbers.
         tool_mass=0.0 if payload is None else _mass(root, tool),

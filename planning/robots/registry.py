@@ -90,6 +90,8 @@ def _gp4(name: str, tool: str, file: str) -> RobotEntry:
         },
         file=file,
         flange_link="flange",
+        payload=4.0,
+        limits_source="payload: maker's data sheet; masses: estimated",
         tools=_GP4_TOOLS,
     )
 
@@ -111,7 +113,9 @@ _ENTRIES = (
         frozen={"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02},
         acceleration=(15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
         jerk=(7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0),
-        limits_source="accelerations, jerks: Franka Control Interface (libfranka), robot limits",
+        payload=3.0,
+        limits_source="accelerations, jerks, efforts: Franka Control Interface (libfranka), robot limits;"
+        " payload: maker's data sheet; masses: of the description, not the maker's",
     ),
     RobotEntry(
         name="iiwa14",
@@ -126,7 +130,10 @@ _ENTRIES = (
         flange_link="lbr_iiwa_link_7",
         flange_offset=translation(0.0, 0.0, 0.045),
         velocity=_radians(85.0, 85.0, 100.0, 75.0, 130.0, 135.0, 135.0),
-        limits_source="speeds: maker's data sheet",
+        effort=(320.0, 320.0, 176.0, 176.0, 110.0, 40.0, 40.0),
+        payload=14.0,
+        limits_source="speeds, efforts, payload: maker's data sheet; masses: of the description, not the"
+        " maker's",
     ),
     RobotEntry(
         name="ur5e",
@@ -138,6 +145,9 @@ _ENTRIES = (
         frames={"tool": identity()},
         file="ur5e.urdf",
         flange_link="tool0",
+        payload=5.0,
+        limits_source="speeds, payload: user manual of the UR5e; efforts: maker's article on maximum joint"
+        " torques; masses: maker's article on parameters for dynamics",
     ),
     RobotEntry(
         name="mobile-manipulator",

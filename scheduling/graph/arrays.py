@@ -224,12 +224,13 @@ def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
 
 
 def _check_drive(prefix: str, arrays: Arrays) -> None:
-    for key in ("cruise", "ramp", "lag", "slowed", "slowed_by"):
+    for key in ("cruise", "ramp", "lag", "slowed"):
         values = arrays[f"{prefix}{key}"]
         _require(values >= 0, f"{prefix}{key}", values, "must be at least 0")
     slowed_by, joints = arrays[f"{prefix}slowed_by"], arrays[f"{prefix}start"].size
-    wrong = f"must be below {BY_EFFORT + joints}"
-    _require(slowed_by < BY_EFFORT + joints, f"{prefix}slowed_by", slowed_by, wrong)
+    known = (slowed_by >= -joints) & (slowed_by < BY_EFFORT + joints)
+    wrong = f"must be {-joints} to {BY_EFFORT + joints - 1}"
+    _require(known, f"{prefix}slowed_by", slowed_by, wrong)
     ramp, rests = arrays[f"{prefix}ramp"], arrays[f"{prefix}rests"]
     alike = rests.copy()
     alike[:-1] |= (ramp[1:] == ramp[:-1]) & (ramp[:-1] > 0.0)

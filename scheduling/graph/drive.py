@@ -11,7 +11,8 @@ from planning.transforms import Array, Indices
 
 BY_JOINTS, BY_TOOL_SPEED, BY_EFFORT = 0, 1, 2
 """What sets the times of a node: speed, acceleration and jerk of joints; the speed of the tool; or,
-from ``BY_EFFORT`` on, the effort of the joint that is counted on from there."""
+from ``BY_EFFORT`` on, the effort of the joint that is counted on from there. Below zero, counted down
+from -1, is a joint whose effort does not bear the weight, however slow it is."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.check.balance import check_balance
+from twin.check.efforts import check_efforts
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.lying import check_fixtures, check_goals, check_starts
 from twin.check.meshes import check_meshes
@@ -38,6 +39,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_tool_frames,
     check_openings,
     check_payloads,
+    check_efforts,
     check_skill_times,
     check_speeds,
 )

@@ -18,6 +18,7 @@ from planning.packages import file_named
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.overview import JointRow, LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
+from planning.timing.torque import why_unchecked
 from planning.transforms import Array, Transform, identity, inverse
 from twin.check.robot_picture import PicturedThing, picture_of_robot, picture_of_tool
 from twin.check.tools import finger_gap, misplaced
@@ -112,6 +113,11 @@ def _of_robot(model: RobotModel, title: str) -> RobotSheet:
         words.append(f"payload {model.drives.payload:g} kg, the tool included")
     if model.name in ROBOTS and (source := ROBOTS[model.name].limits_source):
         words.append(f"limits: {source}")
+    reason = why_unchecked(PlacedRobot(title, model, identity(), model.home))
+    if reason is None:
+        words.append("efforts: kept to in plans within limits, by the masses told here")
+    else:
+        words.append(f"efforts: not kept to, as {reason}")
     if any("(usual)" in cell for row in _joints(found)[1] for cell in row):
         words.append("(usual): nobody says it, so plans within limits take this")
     words += _grip_words(model)

@@ -13,6 +13,7 @@ from planning.errors import OutputError, TwinError
 from planning.files import read_file
 from scheduling.graph.plan_files import plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.slowed_motions import overloads
 from twin.audit.worlds.engine import Engine, engine_named
 from twin.engine.engine import Simulator
 from twin.host.atomic import write_json
@@ -198,7 +199,11 @@ def prepare(
         planning_s=dict(planned.planning_s if planned else {}),
         makespan_sequential_s=_sequential_s(scenario, turns or tpg, base),
         plan_sha256=plan_sha256(tpg),
-        warnings=(*origin.warnings, *doubts_about_stalls(scenario, tpg)),
+        warnings=(
+            *origin.warnings,
+            *doubts_about_stalls(scenario, tpg),
+            *overloads(tpg),
+        ),
         plan=plan_variant(tpg) if planned is None else planned.variant,
         turns_sha256=None if turns is None else plan_sha256(turns),
         load_bound_s=None if planned is None else planned.load_bound_s,

@@ -122,7 +122,7 @@ def _write_limits(
     root: Element, path: Path, options: UrdfOptions, limits: Limits
 ) -> None:
     given = dict(limits.by_joint())
-    for key in ("velocity", "acceleration", "jerk"):
+    for key in ("velocity", "acceleration", "jerk", "effort"):
         if getattr(options, key) is not None:
             given.setdefault(key, getattr(options, key))
     if not given:

@@ -41,6 +41,7 @@ class UrdfOptions:
         velocity: joint speed limits in place of the file's [rad/s or m/s].
         acceleration: likewise [rad/s^2 or m/s^2].
         jerk: likewise [rad/s^3 or m/s^3].
+        effort: likewise [N m or N].
         grip: how the tool holds; None where nothing is known.
         payload: the most that it may carry, its tool included; None where nothing is known [kg].
     """
@@ -55,6 +56,7 @@ class UrdfOptions:
     velocity: tuple[float, ...] | None = None
     acceleration: tuple[float, ...] | None = None
     jerk: tuple[float, ...] | None = None
+    effort: tuple[float, ...] | None = None
     grip: ToolGrip | None = None
     payload: float | None = None
 

@@ -7,10 +7,11 @@ import pinocchio
 
 from planning.cell.robot_model import RobotModel
 from planning.kinematics.kinematics import frame_in_last_joint
+from planning.robots.registry import ROBOTS
 
 
 class PinocchioArm:
-    """Kinematics and dynamics of a robot by its URDF; joints that are held stand at zero.
+    """Kinematics and dynamics of a robot by its URDF; joints that are held stand where the registry has them.
 
     Args:
         model: of the robot.
@@ -25,6 +26,8 @@ class PinocchioArm:
             if whole.names[k] not in model.joint_names
         ]
         at = pinocchio.neutral(whole)
+        for name, value in ROBOTS[model.name].frozen.items():
+            at[whole.joints[whole.getJointId(name)].idx_q] = value
         self.body = (
             pinocchio.buildReducedModel(whole, held, at) if held else whole.copy()
         )

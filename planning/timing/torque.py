@@ -1,0 +1,272 @@
+"""By how much motions have to be slowed down for joints to bear them: inverse dynamics.
+
+If a motion takes k times as long, speeds are 1 / k and accelerations 1 / k^2 of what they were, and so
+is what joints have to exert beside their share of gravity: gravity + share * rest, share = 1 / k^2.
+The greatest share that keeps within the limits of effort follows joint by joint, sample by sample. What
+lies between samples is allowed for by twice what second differences say of it.
+
+Friction and the inertia of rotors are not in descriptions, and not counted; nor is what a process exerts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pinocchio
+from scipy import constants
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
+from planning.cell.workcell import PlacedRobot
+from planning.timing.smooth_path import SmoothPath
+from planning.timing.stretch import Stretch
+from planning.transforms import Array, Transform
+
+_TURN = 0.05
+"""Farthest from sample to sample, all joints added up [rad or m]."""
+
+_FEWEST = 8
+"""Steps from sample to sample of a stretch, at least."""
+
+_PIECE = 4
+"""The same between two rows of a skill's motion."""
+
+_SPARE = 0.01
+"""Share of its effort that gravity has to leave a joint which is to move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A part in hand.
+
+    Attributes:
+        mass: [kg].
+        shape: of it; as to its rotational inertia, it counts as the box around it.
+        pose: of its frame in the flange frame.
+    """
+
+    mass: float
+    shape: Shape
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """What limits of effort make of a motion.
+
+    Attributes:
+        factor: how many times as long it has to take.
+        joint: index of the joint that asks for that, -1 for none.
+        overloaded: index of a joint that gravity alone leaves less than a hundredth of its effort,
+            which no slowing mends; -1 for none.
+    """
+
+    factor: float = 1.0
+    joint: int = -1
+    overloaded: int = -1
+
+
+class ArmDynamics:
+    """Inverse dynamics of a robot with something in its hand.
+
+    Args:
+        robot: where it stands.
+        model: the robot, with the tool that it has on its flange.
+        payloads: what it holds.
+    """
+
+    def __init__(
+        self, robot: PlacedRobot, model: RobotModel, payloads: Sequence[Payload] = ()
+    ) -> None:
+        assert model.drives is not None
+        self._effort = model.drives.effort
+        self._body = _body(model).copy()
+        down = robot.base[:3, :3].T @ (0.0, 0.0, -constants.g)
+        self._body.gravity = pinocchio.Motion(down, np.zeros(3))
+        for payload in payloads:
+            self._body.appendBodyToJoint(
+                model.dof,
+                _box_inertia(payload),
+                pinocchio.SE3(np.asarray(model.flange @ payload.pose)),
+            )
+        self._data = self._body.createData()
+
+    def gravity(self, q: Array) -> Array:
+        """Return what gravity asks of the joints at ``q``, shape (n,) [N m or N]."""
+        still = np.zeros(len(q))
+        return np.array(pinocchio.rnea(self._body, self._data, q, still, still))
+
+    def along_stretch(self, start: Array, way: Array, stretch: Stretch) -> Bearing:
+        """Return what limits of effort make of a straight line in joint space.
+
+        The robot may speed up or slow down anywhere on it, at any speed that it can reach.
+
+        Args:
+            start: where it begins, shape (n,).
+            way: from there to its end, shape (n,).
+            stretch: how it is passed.
+        """
+        count = max(_FEWEST, math.ceil(float(np.abs(way).sum()) / _TURN))
+        q = start + np.linspace(0.0, 1.0, count + 1)[:, None] * way
+        still, along = np.zeros_like(q), np.tile(way, (count + 1, 1))
+        weight = self._efforts(q, still, still)
+        push = self._efforts(q, still, along) - weight
+        swing = self._efforts(q, along, still) - weight
+        # Full speed may be out of reach on a short way.
+        fast = min(1.0, stretch.cruise / stretch.ramp) / stretch.cruise**2
+        quick = 1.0 / (stretch.cruise * stretch.ramp)
+        corners = [a * push + b * swing for a in (-quick, quick) for b in (0.0, fast)]
+        extra = quick * _between(push) + fast * _between(swing)
+        return self._bearing(weight, _between(weight), np.array(corners), extra)
+
+    def along_skill(self, motion: SmoothPath, rows: slice) -> Bearing:
+        """Return what limits of effort make of some rows of a skill's motion.
+
+        Args:
+            motion: of the skill; what is executed is as quick, or slower by one factor.
+            rows: which; more than one.
+        """
+        t, q, v, a = motion.t[rows], motion.q[rows], motion.v[rows], motion.a[rows]
+        turns = np.abs(np.diff(q, axis=0)).sum(axis=1)
+        counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _PIECE)
+        piece = np.repeat(np.arange(len(counts)), counts + 1)
+        number = np.arange(len(piece)) - np.repeat(
+            np.cumsum(counts + 1) - counts - 1, counts + 1
+        )
+        span = np.diff(t)[piece, None]
+        since = span * (number / counts[piece])[:, None]
+        jerk = (a[piece + 1] - a[piece]) / span
+        rise = a[piece] + since * jerk
+        rate = v[piece] + since * (a[piece] + since * jerk / 2.0)
+        at = q[piece] + since * (
+            v[piece] + since * (a[piece] / 2.0 + since * jerk / 6.0)
+        )
+        inner = (number > 0) & (number < counts[piece])
+        still = np.zeros_like(at)
+        weight = self._efforts(at, still, still)
+        rest = self._efforts(at, rate, rise) - weight
+        loose, extra = _between(weight, inner), _between(rest, inner)
+        return self._bearing(weight, loose, rest[None], extra)
+
+    def _efforts(self, q: Array, v: Array, a: Array) -> Array:
+        """Return what the joints exert in some states, shape (rows, n) [N m or N]."""
+        body, data = self._body, self._data
+        rows = zip(q, v, a, strict=True)
+        return np.array([pinocchio.rnea(body, data, *row).copy() for row in rows])
+
+    def _bearing(
+        self, weight: Array, loose: Array, rest: Array, extra: Array
+    ) -> Bearing:
+        """Return the least factor at which gravity and the rest keep within the limits.
+
+        Args:
+            weight: what gravity asks for at the samples, shape (rows, n).
+            loose: by how much that may be more between them, likewise.
+            rest: what the motion asks for besides, shape (cases, rows, n).
+            extra: by how much that may be more between samples, shape (rows, n).
+        """
+        spare = self._effort - np.abs(weight) - loose
+        tight = spare <= _SPARE * self._effort
+        overloaded = int(np.argmax(tight.any(axis=0))) if tight.any() else -1
+        # Against gravity and with it: what is left on the one side and on the other.
+        up = self._effort - weight - loose
+        down = self._effort + weight - loose
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.minimum(
+                np.where(rest + extra > 0.0, up / (rest + extra), np.inf),
+                np.where(rest - extra < 0.0, down / (extra - rest), np.inf),
+            )
+        share = np.where(tight, np.inf, share).min(axis=(0, 1))
+        joint = int(np.argmin(share))
+        if share[joint] >= 1.0:
+            return Bearing(overloaded=overloaded)
+        return Bearing(1.0 / math.sqrt(float(share[joint])), joint, overloaded)
+
+
+def why_unchecked(robot: PlacedRobot) -> str | None:
+    """Return in words why the efforts of a robot cannot be checked; None where they can.
+
+    A description may have no limits of effort or no masses, or values that were filled in by default.
+    """
+    return _untold(robot.model) or too_weak(robot)
+
+
+def too_weak(robot: PlacedRobot) -> str | None:
+    """Return in words which joint does not even hold its arm at HOME; None where all do.
+
+    None, too, where that cannot be told of a description.
+    """
+    model = robot.model
+    if _untold(model) or model.drives is None:
+        return None
+    weight = np.abs(ArmDynamics(robot, model).gravity(robot.home))
+    over = weight > model.drives.effort
+    if not over.any():
+        return None
+    k = int(np.argmax(over))
+    return (
+        f"{model.joint_names[k]} would not even hold the arm at HOME: that takes {weight[k]:.3g} N m"
+        f" or N, and its effort is {model.drives.effort[k]:.3g}"
+    )
+
+
+def _untold(model: RobotModel) -> str | None:
+    if model.drives is None or not np.isfinite(model.drives.effort).any():
+        return "no limits of effort are told"
+    if model.inertias is None:
+        return "no masses are told"
+    mass = model.inertias.mass
+    for joint in sorted({part.joint for part in model.parts if part.joint >= 0}):
+        if not mass[joint] > 0.0:
+            return f"no mass is told of what {model.joint_names[joint]} moves"
+    if len(mass) > 1 and np.ptp(mass) <= 0.0:
+        return f"all links have the same mass, {mass[0]:g} kg, as by default"
+    return None
+
+
+def _between(values: Array, inner: Array | None = None) -> Array:
+    """Return by how much values may be more between samples than at them, like ``values``.
+
+    Args:
+        values: at samples, shape (rows, n).
+        inner: which samples have neighbours on both sides, shape (rows,); by default all but the
+            first and the last.
+    """
+    bend = np.zeros_like(values)
+    bend[1:-1] = np.abs(np.diff(values, 2, axis=0))
+    if inner is not None:
+        bend[np.logical_not(inner)] = 0.0
+    near = bend.copy()
+    near[1:] = np.maximum(near[1:], bend[:-1])
+    near[:-1] = np.maximum(near[:-1], bend[1:])
+    return near / 4.0
+
+
+@lru_cache(maxsize=64)
+def _body(model: RobotModel) -> pinocchio.Model:
+    """Return the joints of a robot, and what hangs on them, as pinocchio has them."""
+    body, own = pinocchio.Model(), model.inertias
+    assert own is not None
+    for k in range(model.dof):
+        kind = (
+            pinocchio.JointModelPrismaticUnaligned
+            if model.chain.prismatic[k]
+            else pinocchio.JointModelRevoluteUnaligned
+        )
+        axis = np.array(model.chain.axis[k])
+        place = pinocchio.SE3(np.array(model.chain.placement[k]))
+        joint = body.addJoint(k, kind(axis), place, model.joint_names[k])
+        moved = pinocchio.Inertia(float(own.mass[k]), own.centre[k], own.inertia[k])
+        body.appendBodyToJoint(joint, moved, pinocchio.SE3.Identity())
+    return body
+
+
+def _box_inertia(payload: Payload) -> pinocchio.Inertia:
+    x, y, z = payload.shape.size**2
+    turning = payload.mass / 12.0 * np.diag([y + z, x + z, x + y])
+    centre = np.asarray(payload.shape.centre_of_mass)
+    return pinocchio.Inertia(payload.mass, centre, turning)

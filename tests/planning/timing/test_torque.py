@@ -1,0 +1,183 @@
+"""Efforts of joints: within their limits in dense sampling by pinocchio, and no slower than need be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.shape import box_shape
+from planning.cell.workcell import PlacedRobot
+from planning.robots.registry import robot_model
+from planning.timing.smooth_path import smooth_path
+from planning.timing.stretch import Stretch, straight_stretch
+from planning.timing.torque import ArmDynamics, Payload, why_unchecked
+from planning.transforms import from_rpy
+from tests.planning.timing.pinocchio_arm import PinocchioArm
+from twin.run.cubic_motion import cubic_at
+
+MODELS = ("ur5e", "panda", "iiwa14")
+
+
+class Drawn:
+    """A robot with something in its hand, hung up somehow, and quick limits."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self.rng = rng = np.random.default_rng(seed)
+        model = robot_model(name)
+        base = from_rpy(
+            rng.normal(size=3), rng.choice([0.0, 1.0], 3) * rng.normal(size=3)
+        )
+        self.robot = PlacedRobot(name, model, base, model.home)
+        mass = float(rng.choice([0.0, 1.0, 2.5]))
+        box = box_shape("part", rng.uniform(0.02, 0.3, 3))
+        pose = from_rpy(rng.uniform(-0.1, 0.1, 3), rng.normal(size=3))
+        self.payload = Payload(mass, box, pose)
+        held = [self.payload] if mass else []
+        self.dynamics = ArmDynamics(self.robot, model, held)
+        usual = limits_of(model)
+        scale = rng.choice([1.0, 4.0, 10.0])
+        self.limits = MotionLimits(
+            usual.velocity, usual.acceleration * scale, usual.jerk * scale
+        )
+
+    def configuration(self) -> np.ndarray:
+        model = self.robot.model
+        return self.rng.uniform(model.lower, model.upper) * 0.6
+
+    def efforts(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return efforts by the URDF, with the payload hung on its last joint."""
+        model = self.robot.model
+        arm = PinocchioArm(model)
+        body = arm.body
+        down = self.robot.base[:3, :3].T @ (0.0, 0.0, -9.80665)
+        body.gravity = pinocchio.Motion(down, np.zeros(3))
+        if self.dynamics_loaded:
+            box = pinocchio.Inertia.FromBox(self.payload.mass, *self.payload.shape.size)
+            place = pinocchio.SE3(model.flange @ self.payload.pose)
+            body.appendBodyToJoint(body.njoints - 1, box, place)
+        data = body.createData()
+        rows = zip(q, v, a, strict=True)
+        return np.array([pinocchio.rnea(body, data, *row).copy() for row in rows])
+
+    @property
+    def dynamics_loaded(self) -> bool:
+        return self.payload.mass > 0.0
+
+    def worst(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
+        """Return the greatest share of its limit that any joint exerts."""
+        drives = self.robot.model.drives
+        assert drives is not None
+        return float(np.max(np.abs(self.efforts(q, v, a)) / drives.effort))
+
+
+def slower(stretch: Stretch, factor: float) -> Stretch:
+    return replace(stretch, cruise=stretch.cruise * factor, ramp=stretch.ramp * factor)
+
+
+def corners(
+    drawn: Drawn, start: np.ndarray, way: np.ndarray, stretch: Stretch
+) -> float:
+    """Return the greatest share of effort at all accelerations and speeds of a stretch."""
+    q = start + np.linspace(0.0, 1.0, 301)[:, None] * way
+    most = 1.0 / (stretch.cruise * stretch.ramp)
+    fast = np.sqrt(min(1.0, stretch.cruise / stretch.ramp)) / stretch.cruise
+    return max(
+        drawn.worst(q, np.tile(speed * way, (301, 1)), np.tile(rise * way, (301, 1)))
+        for speed in (0.0, fast)
+        for rise in (-most, most)
+    )
+
+
+@pytest.mark.parametrize("name", MODELS)
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6))
+def test_a_stretch_is_slowed_as_much_as_need_be(name: str, seed: int) -> None:
+    drawn = Drawn(name, seed)
+    start = drawn.configuration()
+    way = (drawn.configuration() - start) * drawn.rng.choice([1.0, 0.2])
+    stretch = straight_stretch(drawn.limits, way)
+    found = drawn.dynamics.along_stretch(start, way, stretch)
+    assume(found.overloaded < 0)
+    assert corners(drawn, start, way, slower(stretch, found.factor)) <= 1.0 + 1e-6
+    if found.factor > 1.0:
+        quicker = slower(stretch, 0.998 * found.factor)
+        assert corners(drawn, start, way, quicker) > 1.0
+    else:
+        assert found.joint < 0
+
+
+@pytest.mark.parametrize("name", MODELS)
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 10**6), st.booleans())
+def test_so_is_a_skill(name: str, seed: int, gentle: bool) -> None:
+    drawn = Drawn(name, seed)
+    first = drawn.configuration()
+    if gentle:
+        steps = np.tile((drawn.configuration() - first) / 5, (5, 1))
+        steps += drawn.rng.normal(size=steps.shape) * 0.01
+        path = first + np.cumsum(steps, axis=0)
+    else:
+        path = np.array([first, *(drawn.configuration() for _ in range(2))])
+    motion = smooth_path(drawn.limits, path)
+    found = drawn.dynamics.along_skill(motion, slice(0, len(motion.t)))
+    assume(found.overloaded < 0)
+    q, v, a = cubic_at(
+        motion.t, motion.q, motion.v, np.linspace(0.0, motion.seconds, 2000)
+    )
+    a[[0, -1]] = 0.0
+
+    def worst(factor: float) -> float:
+        return drawn.worst(q, v / factor, a / factor**2)
+
+    for later in (1.0, 1.3, 5.0):
+        assert worst(found.factor * later) <= 1.0 + 1e-6
+    if found.factor > 1.0:
+        assert worst(0.97 * found.factor) > 1.0
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_gravity_is_that_of_the_description(name: str) -> None:
+    drawn = Drawn(name, 3)
+    still = np.zeros((1, drawn.robot.model.dof))
+    q = drawn.configuration()
+    own = drawn.efforts(q[None], still, still)[0]
+    assert np.allclose(drawn.dynamics.gravity(q), own, atol=1e-9)
+
+
+def test_what_an_arm_cannot_hold_is_said() -> None:
+    model = robot_model("ur5e")
+    robot = PlacedRobot("arm", model, np.eye(4), model.home)
+    heavy = Payload(30.0, box_shape("part", (0.1, 0.1, 0.1)), np.eye(4))
+    stretched = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    way = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    stretch = straight_stretch(limits_of(model), way)
+    loaded = ArmDynamics(robot, model, [heavy]).along_stretch(stretched, way, stretch)
+    assert loaded.overloaded == 1
+    assert (
+        ArmDynamics(robot, model).along_stretch(stretched, way, stretch).overloaded < 0
+    )
+
+
+def test_descriptions_that_tell_too_little_are_not_checked() -> None:
+    def why(name: str, **changes: object) -> str | None:
+        model = replace(robot_model(name), **changes)  # type: ignore[arg-type]
+        return why_unchecked(PlacedRobot("arm", model, np.eye(4), model.home))
+
+    model = robot_model("ur5e")
+    assert model.drives is not None
+    assert model.inertias is not None
+    assert all(why(name) is None for name in MODELS)
+    assert why("gp4") == "no limits of effort are told"
+    assert why("ur5e", inertias=None) == "no masses are told"
+    nothing = replace(model.inertias, mass=np.zeros(6))
+    assert "shoulder_pan_joint" in str(why("ur5e", inertias=nothing))
+    alike = replace(model.inertias, mass=np.ones(6))
+    assert "same mass" in str(why("ur5e", inertias=alike))
+    weak = replace(model.drives, effort=np.full(6, 1.0))
+    assert "hold the arm at HOME" in str(why("ur5e", drives=weak))
