@@ -1,0 +1,1 @@
+"""An independent plant: PyBullet's dynamics follow exported trajectories."""
