@@ -1,4 +1,4 @@
-"""Convex pieces that contain a mesh: hulls of what is convex, coacd for the rest.
+"""Convex pieces that contain a mesh: hulls of what is convex, prisms of plates, coacd for the rest.
 
 Every closed body of a mesh is cut on its own. What is cut is compared with the mesh at points of
 its surface: those left out are added to the nearest piece, so that the pieces contain them.
@@ -17,9 +17,10 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 from planning.cell.cover import directions, hull_vertices
 from planning.errors import ShapeError
 from planning.meshes.mesh_file import THINNEST, Triangles
+from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
 
-MOST_PIECES = 64
+MOST_PIECES = 256
 MOST_BODIES = 2000
 MOST_CORNERS = 96
 MOST_CUT = 100_000
@@ -51,12 +52,13 @@ class Cut:
     missed: float
 
 
-def cut_convex(triangles: Triangles, within: float) -> Cut:
+def cut_convex(triangles: Triangles, within: float, most: int = MOST_PIECES) -> Cut:
     """Return convex pieces that contain a mesh.
 
     Args:
         triangles: the mesh.
         within: how deep a hollow may be that a piece fills [m].
+        most: pieces of a body that is no plate: its hollows may be filled as well as not.
 
     Raises:
         ShapeError: there would be too many.
@@ -69,14 +71,10 @@ def cut_convex(triangles: Triangles, within: float) -> Cut:
         )
     hulls: list[Array] = []
     for vertices, faces in bodies:
-        found = _pieces(vertices, faces, within)
+        found = _pieces(vertices, faces, within, most)
         hulls += [_simpler(hull, 0.25 * within) for hull in found]
     hulls = _without_inner(hulls)
-    if len(hulls) > MOST_PIECES:
-        raise TooManyPiecesError(
-            f"it falls into {len(hulls)} convex pieces, more than {MOST_PIECES}: write a larger"
-            f" within_m than {within:.3g}, simplify it, or describe the shape by a compound"
-        )
+    _require_few(len(hulls), MOST_PIECES, within)
     points = _surface_points(triangles)
     hulls = _including(hulls, points)
     missed = float(np.min([_outside(hull, points) for hull in hulls], axis=0).max())
@@ -135,8 +133,17 @@ def _closed(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     return np.vstack(points), np.vstack(more)
 
 
-def _pieces(vertices: Array, faces: Indices, within: float) -> list[Array]:
-    """Return the convex pieces of one body."""
+def _require_few(count: int, most: int, within: float) -> None:
+    """Raise TooManyPiecesError where there are more pieces than there may be."""
+    if count > most:
+        raise TooManyPiecesError(
+            f"it falls into {count} convex pieces, more than {most}: write a larger"
+            f" within_m than {within:.3g}, simplify it, or describe the shape by a compound"
+        )
+
+
+def _pieces(vertices: Array, faces: Indices, within: float, most: int) -> list[Array]:
+    """Return the convex pieces of one body, see ``cut_convex``."""
     import trimesh
 
     hull = _hull(vertices)
@@ -144,7 +151,11 @@ def _pieces(vertices: Array, faces: Indices, within: float) -> list[Array]:
         return [_thickened(vertices)]
     if _fills(trimesh.Trimesh(vertices, faces, process=False), hull):
         return [hull_vertices(vertices)]
-    body: Any = trimesh.Trimesh(*_closed(vertices, faces), process=False)
+    closed = _closed(vertices, faces)
+    prisms = prism_pieces(*closed, within, MOST_PIECES)
+    if prisms is not None:
+        return prisms
+    body: Any = trimesh.Trimesh(*closed, process=False)
     if len(faces) > MOST_CUT:
         raise ShapeError(
             f"a body of it has {len(faces)} triangles and is not convex, and more than"
@@ -162,6 +173,7 @@ def _pieces(vertices: Array, faces: Indices, within: float) -> list[Array]:
         mcts_iterations=60,
         seed=1,
     )
+    _require_few(len(found), most, within)
     return [hull_vertices(np.asarray(points)) for points, _ in found]
 
 
@@ -194,9 +206,13 @@ def _fills(body: Any, hull: ConvexHull) -> bool:
 def _without_inner(hulls: list[Array]) -> list[Array]:
     """Return the pieces that are not inside of another one."""
     kept: list[Array] = []
+    boxes: list[Array] = []
     for hull in sorted(hulls, key=lambda h: -float(np.prod(np.ptp(h, axis=0)))):
-        if not any(_outside(other, hull).max() <= _ROUNDING for other in kept):
+        box = np.concatenate([-hull.min(axis=0), hull.max(axis=0)])
+        around = [k for k, other in enumerate(boxes) if np.all(box < other + _ROUNDING)]
+        if not any(_outside(kept[k], hull).max() <= _ROUNDING for k in around):
             kept.append(hull)
+            boxes.append(box)
     return kept
 
 

@@ -19,8 +19,11 @@ from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
 
-_VERSION = b"2"
+_VERSION = b"3"
 """Changes whenever meshes are cut in another way."""
+
+_FEW = 64
+"""More pieces of a body are too many, where nobody says how it is to be cut."""
 
 _SHARES = (1.0 / 60.0, 1.0 / 20.0)
 """Hollows no deeper than such a share of the longest edge are filled, where nobody says: the
@@ -117,7 +120,7 @@ def _cut(triangles: Triangles, within: float | None) -> Cut:
     longest = float(np.ptp(triangles.vertices, axis=0).max())
     for share in _SHARES[:-1]:
         with suppress(TooManyPiecesError):
-            return cut_convex(triangles, share * longest)
+            return cut_convex(triangles, share * longest, _FEW)
     return cut_convex(triangles, _SHARES[-1] * longest)
 
 

@@ -211,12 +211,12 @@ def test_sizes_that_nothing_has_are_refused(edge, scale, words, tmp_path):
 def test_too_many_pieces_ask_for_a_coarser_cut(tmp_path):
     grid = [
         box((0.01, 0.01, 0.01)).apply_translation((0.03 * i, 0.03 * j, 0.03 * k))
-        for i in range(5)
-        for j in range(5)
-        for k in range(3)
+        for i in range(7)
+        for j in range(7)
+        for k in range(6)
     ]
     file = written(trimesh.util.concatenate(grid), tmp_path / "grid.stl")
     with pytest.raises(
-        ShapeError, match=r"grid\.stl: .*75 convex pieces, more than 64"
+        ShapeError, match=r"grid\.stl: .*294 convex pieces, more than 256"
     ):
         mesh_form(file)
