@@ -106,7 +106,7 @@ class Standing:
         self._ground = ground
         self._known: dict[tuple[object, ...], str | None] = {}
         self._boxes = {
-            name: _bounds(body) for name, body in {**ground, **bodies}.items()
+            name: _boxes(body) for name, body in {**ground, **bodies}.items()
         }
         self.patches: dict[tuple[str, str], tuple[ContactPatch, ...]] = {}
         """Contacts by pair of names; the second is a body, the first one or of the ground."""
@@ -231,17 +231,22 @@ class Standing:
         yield from (pair for pair in combinations(self.bodies, 2) if self._near(*pair))
 
     def _near(self, first: str, second: str) -> bool:
-        (low, high), (least, most) = self._boxes[first], self._boxes[second]
+        (low, high), (least, most) = (
+            (lows.min(axis=0), highs.max(axis=0))
+            for lows, highs in (self._boxes[first], self._boxes[second])
+        )
         touch = self.rules.touch
         return bool(np.all(low <= most + touch) and np.all(least <= high + touch))
 
     def _contacts(self, first: str, second: str) -> tuple[ContactPatch, ...]:
         one = self._ground.get(first) or self.bodies[first]
         other = self.bodies[second]
+        (low, high), (least, most) = self._boxes[first], self._boxes[second]
+        near = np.all(low[:, None] <= most + self.rules.touch, axis=2)
+        near &= np.all(least <= high[:, None] + self.rules.touch, axis=2)
         patches = (
-            contact_patch(a, one.pose, b, other.pose)
-            for a in one.pieces
-            for b in other.pieces
+            contact_patch(one.pieces[a], one.pose, other.pieces[b], other.pose)
+            for a, b in np.argwhere(near).tolist()
         )
         return tuple(patch for patch in patches if patch.gap <= self.rules.touch)
 
@@ -259,7 +264,11 @@ def _placed(point: Array, pose: Transform) -> Array:
     return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
 
 
-def _bounds(body: PlacedBody) -> tuple[Array, Array]:
-    corners = np.vstack([piece.vertices for piece in body.pieces])
-    corners = corners @ body.pose[:3, :3].T + body.pose[:3, 3]
-    return corners.min(axis=0), corners.max(axis=0)
+def _boxes(body: PlacedBody) -> tuple[Array, Array]:
+    """Return the least and greatest coordinates of each piece in the world, shape (pieces, 3)."""
+    turn, at = body.pose[:3, :3].T, body.pose[:3, 3]
+    corners = [piece.vertices @ turn + at for piece in body.pieces]
+    return (
+        np.array([own.min(axis=0) for own in corners]),
+        np.array([own.max(axis=0) for own in corners]),
+    )

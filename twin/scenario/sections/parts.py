@@ -295,7 +295,8 @@ class PartsSection(Section):
         products: how many products are made, one after another; one when not given.
         processes: what robots do besides placing parts, and what machines do, by name.
         machines: what works at parts without a robot, by name.
-        steps: names of parts that are put in place, and steps in full.
+        steps: names of parts that are put in place, and steps in full; where the order is found,
+            all parts with a goal when not given.
         order: ``listed`` does the steps in their order, ``find`` in one that is found.
         approach_m: straight way towards a part before it is gripped, and straight down with
             it before it is put in place.
@@ -315,7 +316,7 @@ class PartsSection(Section):
     products: ProductsSection | None = None
     processes: dict[Name, ProcessSection] = Field(default_factory=dict)
     machines: dict[Name, MachineSection] = Field(default_factory=dict)
-    steps: Several[Step]
+    steps: Several[Step] = ()
     order: Literal["listed", "find"] = "listed"
     approach_m: Distance = 0.06
     leave_m: Distance = 0.06
@@ -324,6 +325,22 @@ class PartsSection(Section):
     balance: BalanceSection = BalanceSection()
     joined: tuple[JoinedParts, ...] = ()
     joined_overlap_m: Annotated[float, Field(ge=0, le=0.05)] = 0.002
+
+    @model_validator(mode="after")
+    def _has_steps(self) -> PartsSection:
+        if self.steps:
+            return self
+        if self.order != "find":
+            raise ValueError(
+                "key 'steps' is missing: name the parts in the order in which they are put in"
+                " place, or write 'order: find'"
+            )
+        found = tuple(StepSection(place=part.name) for part in self.parts if part.goal)
+        if not found:
+            raise ValueError("no part has a 'goal', so nothing is put in place")
+        # Sections do not change once they are made; this one is being made.
+        object.__setattr__(self, "steps", found)
+        return self
 
     @property
     def placed(self) -> tuple[str, ...]:
