@@ -25,7 +25,8 @@ from twin.audit.accepted_overlaps import ContactRule
 from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
 from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
-from twin.audit.limit_checks import limit_violations, logged_halts
+from twin.audit.limit_checks import effort_violations, limit_violations, logged_halts
+from twin.audit.motion.efforts import GreatestEffort, efforts_of_run, greatest_efforts
 from twin.audit.motion.executed import ObjectRow, Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
 from twin.audit.motion.reach import travel_of_points
@@ -77,6 +78,8 @@ class AuditReport:
         contact_tolerance_m: how deep a tool may graze a brick in a skill [m].
         deepest_graze_m: how deep one did where it was measured; 0 where none did [m].
         helpers: objects that stay where they only help, such as temporary bricks.
+        efforts: the greatest that joints of robots within limits needed, where efforts and masses
+            are known; of a whole run only.
     """
 
     configurations: int
@@ -87,6 +90,7 @@ class AuditReport:
     contact_tolerance_m: float = 0.0
     deepest_graze_m: float = 0.0
     helpers: tuple[str, ...] = ()
+    efforts: tuple[GreatestEffort, ...] = ()
 
     def content(self) -> dict[str, Any]:
         """Return the report for JSON, as ``summary.json`` has it."""
@@ -98,6 +102,7 @@ class AuditReport:
             "contact_tolerance_m": self.contact_tolerance_m,
             "deepest_graze_m": self.deepest_graze_m,
             "helpers": list(self.helpers),
+            "efforts": [asdict(effort) for effort in self.efforts],
             "violations": [asdict(violation) for violation in self.violations],
         }
 
@@ -136,6 +141,8 @@ def audit_run(
     log = folder / _EVENTS
     halts = logged_halts(log) if log.exists() else {}
     found += limit_violations(tpg.cell, recording, halts)
+    efforts = efforts_of_run(tpg.cell, recording)
+    found += effort_violations(tpg.cell, recording, efforts, halts)
     if finished and wanted is not None:
         found += place_violations(tpg.cell, recording, wanted)
         report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))
@@ -144,7 +151,8 @@ def audit_run(
         found += edge_violations(tpg, spans, _EVENTS)
         if finished and wanted is not None:
             found += rest_violations(tpg, recording, wanted, spans)
-    return replace(report, violations=_by_time(found))
+    greatest = tuple(greatest_efforts(tpg.cell, efforts))
+    return replace(report, violations=_by_time(found), efforts=greatest)
 
 
 class Auditor(AbstractContextManager["Auditor"]):

@@ -1,4 +1,4 @@
-"""Limits of motion: speeds, accelerations and jerks of what was executed, by its table alone.
+"""Limits of motion: speeds, accelerations, jerks and efforts of what was executed, by its tables.
 
 Between two rows a joint moves on a cubic in time: its speed is a parabola, its acceleration a straight
 line, its jerk constant. So rows settle all three, at every moment, and whether they fit each other.
@@ -19,6 +19,7 @@ from planning.cell.workcell import Workcell
 from planning.errors import OutputError
 from planning.transforms import Array
 from twin.audit.joint_checks import runs
+from twin.audit.motion.efforts import RobotEfforts
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.violation import Violation, ViolationKind
 
@@ -30,6 +31,9 @@ _TICKS = 2e-9
 
 _STEP = 3e-7
 """Share of an acceleration that rounding may make up: it is a difference over a short lag."""
+
+_EFFORT = 1e-4
+"""Share of an effort by which it may be exceeded."""
 
 _SPEED, _WAY = 1e-7, 1e-8
 """Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
@@ -125,6 +129,43 @@ def _beside(t: Array, halts: Array) -> npt.NDArray[np.bool_]:
     later = np.minimum(k + 1, len(halts) - 1)
     near = np.minimum(np.abs(halts[k] - t), np.abs(halts[later] - t)) <= _TICKS
     return np.asarray(near[:-1] | near[1:])
+
+
+def effort_violations(
+    cell: Workcell,
+    recording: Recording,
+    efforts: Mapping[str, RobotEfforts],
+    halts: Mapping[str, Array],
+) -> Iterator[Violation]:
+    """Yield where a joint needed more than it can exert though gravity alone leaves it something.
+
+    Args:
+        cell: names the joints.
+        recording: what was executed.
+        efforts: of the robots of which they are known.
+        halts: see limit_violations.
+    """
+    for robot, own in efforts.items():
+        rows, model = recording.robots[robot], cell.robot(robot).model
+        free = _beside(rows.t, halts.get(robot, np.empty(0)))
+        step = np.clip(
+            np.searchsorted(rows.t, own.t, side="right") - 1, 0, len(free) - 1
+        )
+        share = np.abs(own.effort) / own.limit
+        share[free[step] | free[np.maximum(step - 1, 0)]] = 0.0
+        for joint, where in runs((share > 1.0 + _EFFORT) & own.borne):
+            worst = where[np.argmax(share[where, joint])]
+            unit = "N" if model.chain.prismatic[joint] else "N m"
+            yield Violation(
+                float(own.t[where[0]]),
+                float(own.t[where[-1]]),
+                robot,
+                model.joint_names[joint],
+                0.0,
+                f"{share[worst, joint]:.4g} times its limit of"
+                f" {own.limit[joint]:.6g} {unit}, node {rows.node[step[worst] + 1]}",
+                "joint-effort",
+            )
 
 
 def logged_halts(path: Path) -> dict[str, Array]:

@@ -12,6 +12,7 @@ ViolationKind = Literal[
     "joint-speed",
     "joint-acceleration",
     "joint-jerk",
+    "joint-effort",
     "joint-motion",
     "edge-order",
     "hanging",
