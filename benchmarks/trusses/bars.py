@@ -78,7 +78,9 @@ def parts(
         start = _rack(side, lying[side], away, crowded=len(bars) >= 30)
         lying[side] += 1
         upright = abs(pose[2, 2]) > 0.9
-        # What stands upright is gripped from the side.
+        # What stands upright is gripped from the side of the arm, where it lies from above.
+        if upright:
+            pose = _facing(pose, np.array([-side, 0.0, 0.0]))
         aside = {"directions": [[0, 0, -1], [-side, 0, 0]], "steepest_deg": 45}
         weight = 7800 * math.pi * (RADIUS**2 - (RADIUS - _WALL) ** 2) * length
         yield {
@@ -105,6 +107,14 @@ def deepest(structure: Structure, nodes: Array, poses: list[Bar]) -> float:
         pairs += [(bars[k], _post(nodes, n)) for n in ends if n in structure.ground]
     gaps = [near_to(one, {"": other}, 0.0).get("", 0.0) for one, other in pairs]
     return (math.ceil(-min(gaps) * 1e3) + 1) / 1e3
+
+
+def _facing(pose: Transform, way: Array) -> Transform:
+    """Return the pose of a bar, turned about its axis so that x of its frame points along a way."""
+    turned = pose.copy()
+    angle = math.atan2(float(pose[:3, 1] @ way), float(pose[:3, 0] @ way))
+    turned[:3, :3] = pose[:3, :3] @ Rotation.from_euler("z", angle).as_matrix()
+    return readonly(turned)
 
 
 def _rack(

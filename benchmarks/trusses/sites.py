@@ -58,6 +58,6 @@ SITES = {
     "cube-14": site(grippers=(0.6, 0.15), torches=(0.55, 0.3)),
     "tower-24": site(grippers=(0.6, 0.15), torches=(0.75, 0.3), behind=0.75),
     "girder-30": site(grippers=(0.7, 0.15), torches=(0.6, 0.3)),
-    "tower-45": site(grippers=(0.6, 0.3), torches=(0.75, 0.5), behind=0.75),
+    "tower-45": site(grippers=(0.6, 0.2), torches=(0.75, 0.5), behind=0.75),
 }
 """By structure."""

@@ -53,9 +53,11 @@ def tower(
         height: of one level [m].
     """
     nodes = []
+    # No corner is in the middle between the arms to the left and right.
+    turned = 45.0 if sides == 4 else 0.0
     for level in range(levels + 1):
         shrunk = radius * (1.0 - 0.35 * level / levels)
-        nodes += [(x, y, level * height) for x, y in _ring(sides, shrunk, 0.0)]
+        nodes += [(x, y, level * height) for x, y in _ring(sides, shrunk, turned)]
     bars = []
     for level in range(levels):
         low, high = level * sides, (level + 1) * sides
@@ -72,16 +74,21 @@ def girder(bays: int = 3, bay: float = 0.2, depth: float = 0.2) -> Structure:
     for k in range(bays + 1):
         x = k * bay - half
         nodes += [(x, -0.5 * depth, 0.0), (x, 0.5 * depth, 0.0), (x, 0.0, depth)]
-    bars = []
-    for k in range(bays + 1):
-        a, b, top = 3 * k, 3 * k + 1, 3 * k + 2
-        # What lies low is put there before anything stands above it.
-        bars.append((a, b))
-        if k:
-            bars += [(a - 3, a), (b - 3, b), (a - 3, b)]
+    # What lies low is put there before anything stands above it; then from both ends inwards, so
+    # that arms at either end work at the same time.
+    frames = [(3 * k, 3 * k + 1, 3 * k + 2) for k in range(bays + 1)]
+    inwards = sorted(range(bays + 1), key=lambda k: (min(k, bays - k), k))
+    between = sorted(range(bays), key=lambda k: (min(k, bays - 1 - k), k))
+    bars = [(frames[k][0], frames[k][1]) for k in inwards]
+    for k in between:
+        (a, b, _), (c, d, _) = frames[k : k + 2]
+        bars += [(a, c), (b, d), (a, d)]
+    for k in inwards:
+        a, b, top = frames[k]
         bars += [(a, top), (b, top)]
-        if k:
-            bars += [(top - 3, top), (a - 3, top), (b - 3, top)]
+    for k in between:
+        (a, b, top), (_, _, other) = frames[k : k + 2]
+        bars += [(top, other), (a, other), (b, other)]
     ground = frozenset(n for n in range(len(nodes)) if n % 3 != 2)
     return Structure(np.array(nodes), tuple(bars), ground)
 

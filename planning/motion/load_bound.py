@@ -16,6 +16,7 @@ import numpy as np
 import pulp
 
 from planning.cell.workcell import Workcell
+from planning.highs import QuietHighs
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.supply_tasks import SUPPLY_KINDS
@@ -161,5 +162,5 @@ def least_load(ways: list[WayLoad], unlimited: frozenset[str]) -> float:
         model += pulp.lpSum(shares) <= 1
     for terms in of_robot.values():
         model += pulp.LpAffineExpression(terms) <= longest
-    model.solve(pulp.HiGHS(msg=False, threads=1, random_seed=0))
+    model.solve(QuietHighs())
     return float(longest.value())

@@ -9,6 +9,7 @@ from typing import Any
 import pulp
 
 from planning.errors import InfeasibleStepError
+from planning.highs import QuietHighs
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -246,10 +247,7 @@ class _Program:
 
     def solve(self) -> bool:
         """Solve; return whether there is a solution."""
-        solver = pulp.HiGHS(
-            msg=False, threads=1, timeLimit=_TIME_LIMIT_S, gapRel=0.0, random_seed=0
-        )
-        self.model.solve(solver)
+        self.model.solve(QuietHighs(timeLimit=_TIME_LIMIT_S, gapRel=0.0))
         return bool(self.model.sol_status in (1, 2))
 
     def plan(self) -> TaskPlan:

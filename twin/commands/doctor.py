@@ -10,9 +10,9 @@ from importlib.util import find_spec
 
 import typer
 
+from planning.silence import silenced
 from twin.commands.options import AsJson
 from twin.host.guard import COMPLETED, FAILED, guarded, print_json
-from twin.host.silence import silenced
 
 # Distribution and the module that proves it works.
 PARTS = (

@@ -8,12 +8,13 @@ starts each time from where it ended the last time. Contacts pull up to their fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import highspy
 import numpy as np
 
+from planning.highs import new_highs
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import centre
 from planning.lego.stability.stability import (
@@ -53,10 +54,8 @@ class ForceProgram:
         self._second = np.array([self._body(c.second) for c in contacts], np.intp)
         self._lower = np.array([-(c.within or c.pull) for c in contacts])
         self._upper = np.array([c.within or highspy.kHighsInf for c in contacts])
-        new_solver: Callable[[], Any] = highspy.Highs
-        self._solver = new_solver()
+        self._solver = new_highs()
         for option, value in (
-            ("output_flag", False),
             ("presolve", "off"),
             ("solver", "simplex"),
             ("threads", 1),

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[3]
 def test_compiled_code_is_silenced_and_python_speaks_again() -> None:
     code = (
         "import os, sys\n"
-        "from twin.host.silence import silenced\n"
+        "from planning.silence import silenced\n"
         "print('before')\n"
         "with silenced():\n"
         "    os.write(1, b'noise'); os.write(2, b'noise')\n"

@@ -22,12 +22,12 @@ from planning.cell.shape import Shape as Made
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
+from planning.silence import silenced
 from planning.transforms import Array, Transform, quat_wxyz
 from twin.audit.worlds.chain import LinkChain, measured_chain
 from twin.audit.worlds.exact_urdf import one_shape_a_link
 from twin.audit.worlds.solids import Convex, solids
 from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
-from twin.host.silence import silenced
 
 with silenced():  # it greets on standard error
     import pybullet
