@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 from benchmarks.tracking.described_robot import DescribedRobot
+from planning.silence import silenced
 from planning.transforms import quat_wxyz
-from twin.host.silence import silenced
 
 with silenced():  # it greets on standard error
     import pybullet
