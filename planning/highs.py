@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import highspy
@@ -12,13 +13,14 @@ from planning.silence import silenced
 
 def new_highs() -> Any:
     """Return a solver that prints nothing."""
+    new_solver: Callable[[], Any] = highspy.Highs
     with silenced():
-        solver: Any = highspy.Highs()
+        solver = new_solver()
     solver.setOptionValue("output_flag", False)
     return solver
 
 
-class QuietHighs(pulp.HiGHS):
+class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its type
     """HiGHS as PuLP drives it, on one thread and the same every time; it prints nothing.
 
     Args:
