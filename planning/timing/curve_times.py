@@ -10,6 +10,7 @@ keeps all limits is found at once, and the best lengths of the pieces by trying.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,95 +20,148 @@ from planning.timing.rounded_path import RoundedPath, curve_points
 from planning.timing.s_curve import line_times
 from planning.transforms import Array
 
-_FEWEST, _MOST = 48, 512
+_FEWEST, _MOST = 32, 512
 """Bounds of the number of time steps."""
 
-_BUILD_UP = 4.0
-"""Time steps, at least, in which an acceleration builds up."""
+_BUILD_UP = 8.0
+"""Time steps, at least, in which an acceleration builds up ..."""
+
+_FINE = 96
+"""... unless that would be more in all: then it does so in one step, which takes a per cent longer."""
+
+_LONGEST = 0.01
+"""Longest time step of motions at full speed, unless it is the number that counts [s]."""
 
 
-def curve_motion(
-    limits: MotionLimits, path: RoundedPath, stray: float
-) -> tuple[float, Array, Array]:
+@dataclass(frozen=True, eq=False)
+class PathPiece:
+    """A motion along a rounded path from rest to rest.
+
+    Attributes:
+        path: what is followed.
+        ways: along it, of control points, shape (k + 3,) for k time steps; the first three are the
+            same, and the last three are.
+        step: time step [s].
+    """
+
+    path: RoundedPath
+    ways: Array
+    step: float
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        return self.step * (len(self.ways) - 3)
+
+    def rows(self) -> tuple[Array, Array, Array, Array]:
+        """Return times from 0 [s], configurations, joint speeds and accelerations between steps."""
+        control = self.path.points(self.ways)
+        before, at, after = control[:-2], control[1:-1], control[2:]
+        t = self.step * np.arange(len(at), dtype=np.float64)
+        q = (before + 4.0 * at + after) / 6.0
+        q[0], q[-1] = control[0], control[-1]
+        v = (after - before) / (2.0 * self.step)
+        return t, q, v, (after - 2.0 * at + before) / self.step**2
+
+    def passed(self) -> Array:
+        """Return when each corner of the path is passed, shape (w,) [s]."""
+        before, at, after = self.ways[:-2], self.ways[1:-1], self.ways[2:]
+        gone = (before + 4.0 * at + after) / 6.0
+        passed = self.step * np.interp(self.path.at, gone, np.arange(len(at)))
+        passed[0], passed[-1] = 0.0, self.step * (len(at) - 1)
+        return passed
+
+
+def quickest_piece(
+    limits: MotionLimits, path: RoundedPath, stray: float, begin: float = 0.0
+) -> PathPiece | None:
     """Return a quick motion along a rounded path from rest to rest.
 
     Args:
         limits: of the robot.
         path: what to follow.
         stray: farthest that the motion may leave the curve, all joints added up.
+        begin: way along the path at which the motion starts.
 
     Returns:
-        The time step [s], infinite where so many steps as it would take are not offered; the ways of
-        control points along the path, shape (k + 3,) for k steps; and control points,
-        shape (k + 3, n).
+        The motion; None where that would take more time steps than are offered.
     """
     bends = path.curvature()
-    length = float(path.at[-1])
-    # Nowhere twice as fast as in the mean; and in some steps accelerations build up.
+    length = float(path.at[-1]) - begin
+    # Nowhere twice as fast as in the mean; and in some steps accelerations build up. A stop by
+    # the clock is heard of from the next step on.
     close = 2.0 * length * np.sqrt(bends.max() / (6.0 * stray))
-    spans, _ = line_times(limits, np.abs(np.diff(path.corners, axis=0)).sum(axis=0))
-    fine = _BUILD_UP * spans.sum() / spans[0]
-    count = int(np.clip(np.ceil(max(close, fine)), _FEWEST, _MOST))
+    travel = np.abs(np.diff(path.corners, axis=0)).sum(axis=0)
+    spans, _ = line_times(limits, travel * (length / float(path.at[-1])))
+    fine = min(_BUILD_UP * spans.sum() / spans[0], _FINE)
+    wanted = max(close, fine, float(spans.sum()) / _LONGEST)
+    count = int(np.clip(np.ceil(wanted), _FEWEST, _MOST))
     ways, points = np.empty(count + 3), np.empty((count + 3, path.corners.shape[1]))
-    step = _quickest(
-        (limits.velocity, limits.acceleration, limits.jerk, limits.sum_of_speeds),
-        (path.corners, path.at, path.turn, path.reach),
-        (bends, stray),
-        ways,
-        points,
-    )
-    return step, ways, points
+    # As along a straight line, to begin with.
+    jerky = max(1, int(count * spans[0] / spans.sum()))
+    steady = int(count * spans[1] / spans.sum())
+    shape = jerky, max(0, min(steady, (count - 4 * jerky) // 2))
+    curve, near = (begin, *curve_of(path)), (bends, stray)
+    step = _quickest(limit_rows(limits), curve, near, shape, ways, points)
+    return PathPiece(path, ways, step) if np.isfinite(step) else None
 
 
 Limits = tuple[Array, Array, Array, float]
 Curve = tuple[Array, Array, Array, Array]
 
 
+def limit_rows(limits: MotionLimits) -> Limits:
+    """Return limits as kernels take them."""
+    return (
+        limits.velocity,
+        limits.acceleration,
+        limits.jerk,
+        float(limits.sum_of_speeds),
+    )
+
+
+def curve_of(path: RoundedPath) -> Curve:
+    """Return a rounded path as kernels take it."""
+    return path.corners, path.at, path.turn, path.reach
+
+
 @kernel
 def _quickest(
     limits: Limits,
-    curve: Curve,
+    curve: tuple[float, Array, Array, Array, Array],
     near: tuple[Array, float],
+    shape: tuple[int, int],
     ways: Array,
     points: Array,
 ) -> float:
-    """Write the best control points found, and return their time step."""
+    """Write the best control points found, and return their time step; see ``_tried``."""
     count = len(ways) - 3
-    jerky = max(1, count // 12)
-    steady = max(0, count // 6)
-    best = _tried(limits, curve, near, jerky, steady, ways, points)
-    stride = max(1, count // 8)
+    jerky, steady = shape
+    best = _tried(limits, curve, near, shape, ways, points)
+    stride = max(1, count // 12)
     while stride > 0:
         better = False
-        for a, b in (
-            (1, 0),
-            (-1, 0),
-            (0, 1),
-            (0, -1),
-            (1, -2),
-            (-1, 2),
-            (1, -1),
-            (-1, 1),
-        ):
-            m, k = jerky + a * stride, steady + b * stride
-            if m < 1 or k < 0 or 4 * m + 2 * k > count:
-                continue
-            step = _tried(limits, curve, near, m, k, ways, points)
-            if step < best:
-                best, jerky, steady, better = step, m, k, True
-                break
+        m0, k0 = jerky, steady
+        wide = 2 if stride == 1 else 1
+        for a in range(-wide, wide + 1):
+            for b in range(-wide - 1, wide + 2):
+                m, k = m0 + a * stride, k0 + b * stride
+                if m < 1 or k < 0 or 4 * m + 2 * k > count:
+                    continue
+                step = _tried(limits, curve, near, (m, k), ways, points)
+                if step < best:
+                    best, jerky, steady, better = step, m, k, True
         if not better:
             stride //= 2
-    return _tried(limits, curve, near, jerky, steady, ways, points)
+    return _tried(limits, curve, near, (jerky, steady), ways, points)
 
 
 @inner_kernel
 def _tried(
     limits: Limits,
-    curve: Curve,
+    curve: tuple[float, Array, Array, Array, Array],
     near: tuple[Array, float],
-    jerky: int,
-    steady: int,
+    shape: tuple[int, int],
     ways: Array,
     points: Array,
 ) -> float:
@@ -115,16 +169,22 @@ def _tried(
 
     Args:
         limits: of speed, acceleration, jerk, and the sum of speeds.
-        curve: what is followed.
+        curve: where on it the motion starts, and the curve that is followed.
         near: the curvature at its corners, and how far the motion may leave it.
-        jerky: steps in which the acceleration changes, four times.
-        steady: steps of constant acceleration, twice.
+        shape: steps in which the acceleration changes, four times, and in which it stays, twice.
         ways, points: what is written.
     """
-    _s_curve(jerky, steady, curve[1][-1], ways)
-    curve_points(curve[0], curve[1], curve[2], curve[3], ways, points)
+    jerky, steady = shape
+    begin, corners, at, turn, reach = curve
+    end = at[-1]
+    _s_curve(jerky, steady, end - begin, ways)
+    for i in range(len(ways)):
+        ways[i] = min(ways[i] + begin, end)
+    for i in range(3):
+        ways[len(ways) - 1 - i] = end
+    curve_points(corners, at, turn, reach, ways, points)
     least = least_step(limits, points)
-    return least if _is_near(curve[1], near[0], near[1], ways) else np.inf
+    return least if is_near(at, near[0], near[1], ways) else np.inf
 
 
 @inner_kernel
@@ -143,7 +203,7 @@ def _s_curve(jerky: int, steady: int, length: float, ways: Array) -> None:
         ways[i + 3] = ways[i + 2] + speed
     scale = length / ways[count + 2]
     for i in range(count + 3):
-        ways[i] = min(ways[i] * scale, length)
+        ways[i] *= scale
 
 
 @inner_kernel
@@ -170,7 +230,7 @@ def least_step(limits: Limits, points: Array) -> float:
 
 
 @inner_kernel
-def _is_near(at: Array, bends: Array, stray: float, ways: Array) -> bool:
+def is_near(at: Array, bends: Array, stray: float, ways: Array) -> bool:
     """Return whether a spline of points of a curve stays near the curve.
 
     It is off by half the curvature times the variance of the ways of the four control points that a

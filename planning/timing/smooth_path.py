@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
-from planning.timing.curve_times import curve_motion
+from planning.timing.curve_times import PathPiece, quickest_piece
 from planning.timing.rounded_path import rounded_path
 from planning.timing.s_curve import line_times
 from planning.transforms import Array
@@ -24,7 +24,10 @@ STRAY = 1e-4
 """Farthest from the polyline around a corner that is not stopped at, all joints added up [rad or m]."""
 
 _ROUNDED = 0.8
-"""Share of it for rounding corners; the rest is for following the curve."""
+"""Share of it for rounding corners."""
+
+FOLLOWED = (1.0 - _ROUNDED) * STRAY
+"""Farthest from the rounded path when it is followed, all joints added up [rad or m]."""
 
 _SHARP = np.radians(20.0)
 """A robot stops at corners that turn by more."""
@@ -43,6 +46,7 @@ class SmoothPath:
         v: joint speeds, shape (rows, n).
         a: accelerations, linear in time between rows, shape (rows, n).
         passed: when each waypoint of the path is passed, shape (w,) [s].
+        pieces: motions from rest to rest that it is made of, in order.
     """
 
     t: Array
@@ -50,6 +54,7 @@ class SmoothPath:
     v: Array
     a: Array
     passed: Array
+    pieces: tuple[PathPiece, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -77,19 +82,19 @@ def smooth_path(
     rests = {int(corner[k]) for k in stops}
     ends = [0, *_rests(points, rests), *([len(points) - 1] if len(points) > 1 else [])]
     still = np.zeros_like(path[:1])
-    t, q, v, a = [np.zeros(1)], [points[:1]], [still], [still]
+    rows: list[tuple[Array, ...]] = [(np.zeros(1), points[:1], still, still)]
     passed = np.zeros(len(points))
+    pieces = []
     now = 0.0
     for begin, end in pairwise(ends):
         for low, high, piece in _quickest(limits, points, begin, end):
-            passed[low : high + 1] = now + piece.passed
-            t.append(now + piece.t[1:])
-            q.append(piece.q[1:])
-            v.append(piece.v[1:])
-            a.append(piece.a[1:])
+            passed[low : high + 1] = now + piece.passed()
+            t, *rest = piece.rows()
+            rows.append((now + t[1:], *(row[1:] for row in rest)))
+            pieces.append(piece)
             now += piece.seconds
-    rows = np.concatenate(t), np.vstack(q), np.vstack(v), np.vstack(a)
-    return SmoothPath(*rows, passed[corner])
+    t, q, v, a = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return SmoothPath(t, q, v, a, passed[corner], tuple(pieces))
 
 
 def _rests(points: Array, stops: Collection[int]) -> list[int]:
@@ -102,7 +107,7 @@ def _rests(points: Array, stops: Collection[int]) -> list[int]:
 
 def _quickest(
     limits: MotionLimits, points: Array, begin: int, end: int
-) -> Iterator[tuple[int, int, SmoothPath]]:
+) -> Iterator[tuple[int, int, PathPiece]]:
     """Yield motions from rest to rest between gentle corners of a polyline, with their ends.
 
     They are one, or more where stops at the sharpest corners save time.
@@ -129,39 +134,7 @@ def _quickest(
     yield begin, end, whole
 
 
-def _in_one_go(limits: MotionLimits, points: Array) -> SmoothPath | None:
+def _in_one_go(limits: MotionLimits, points: Array) -> PathPiece | None:
     """Return a motion that is at rest at both ends only, None where it would take too many rows."""
-    if len(points) == 2:
-        return _on_a_line(limits, points)
     path = rounded_path(points, _ROUNDED * STRAY)
-    step, ways, control = curve_motion(limits, path, (1.0 - _ROUNDED) * STRAY)
-    if not np.isfinite(step):
-        return None
-    t = step * np.arange(len(ways) - 2, dtype=np.float64)
-    before, at, after = control[:-2], control[1:-1], control[2:]
-    q = (before + 4.0 * at + after) / 6.0
-    q[0], q[-1] = points[0], points[-1]
-    v = (after - before) / (2.0 * step)
-    a = (after - 2.0 * at + before) / step**2
-    gone = (ways[:-2] + 4.0 * ways[1:-1] + ways[2:]) / 6.0
-    passed = np.interp(path.at, gone, t)
-    passed[0], passed[-1] = 0.0, t[-1]
-    return SmoothPath(t, q, v, a, passed)
-
-
-def _on_a_line(limits: MotionLimits, points: Array) -> SmoothPath:
-    """Return the quickest motion along a straight line."""
-    way = points[1] - points[0]
-    spans, jolt = line_times(limits, way)
-    jerks = jolt * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
-    kept = spans > 0.0
-    spans, jerks = spans[kept], jerks[kept]
-    t = np.concatenate([[0.0], np.cumsum(spans)])
-    a = np.concatenate([[0.0], np.cumsum(jerks * spans)])
-    v = np.concatenate([[0.0], np.cumsum(spans * (a[:-1] + a[1:]) / 2.0)])
-    gone = spans * v[:-1] + spans**2 * (2.0 * a[:-1] + a[1:]) / 6.0
-    s = np.concatenate([[0.0], np.cumsum(gone)])
-    v[-1] = a[-1] = 0.0
-    q = points[0] + s[:, None] * way
-    q[-1] = points[1]
-    return SmoothPath(t, q, v[:, None] * way, a[:, None] * way, t[[0, -1]])
+    return quickest_piece(limits, path, FOLLOWED)

@@ -9,15 +9,17 @@ import numpy as np
 import simpy
 from simpy.events import EventPriority
 
+from planning.timing.braking import StoppedPath
 from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.engine.passage import Passage, drive_times
 from twin.engine.processes import Execution, Steps
 from twin.recorders.observers import Observers
 from twin.run.events import EventKind
+from twin.run.stopped_skills import stopped_skill
 from twin.uncertainty.node_times import NodeTimes, Standstill
 
 _AFTER_MESSAGES = EventPriority(8)
@@ -59,6 +61,7 @@ class DrivenExecution(Execution):
                 by_node.setdefault(item.node, []).append(item)
             self._given.append(by_node)
         self._stood: list[list[Standstill]] = [[] for _ in tpg.chains]
+        self._stopped: dict[tuple[int, int], StoppedPath | None] = {}
 
     def driven_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood: some nodes after they began to brake."""
@@ -75,7 +78,9 @@ class DrivenExecution(Execution):
             if self.halts is not None:
                 spans = zip(start.tolist(), end.tolist(), strict=True)
                 took -= [self.halts[k].stopped_between(a, b) for a, b in spans]
-            moved = (end >= 0) & (length > 0.0)
+            moved = length > 0.0
+            moved[[n for (c, n), x in self._stopped.items() if c == k and x]] = True
+            moved &= end >= 0
             motions.append(np.where(moved, took, self.times.motion[k]))
             stalls.append(stall)
             stands.append(tuple(stood))
@@ -138,6 +143,21 @@ class DrivenExecution(Execution):
             passage.speed = 0.0
             if lag:
                 yield env.timeout(lag)
+
+    def _moved(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
+        """Return when the motion of a skill has gone on for a while: it brakes for stops."""
+        if self.halts is None:
+            return super()._moved(chain, node, begin_ns, offset_ns)
+        if (chain, node) not in self._stopped:
+            motion, stops = self.motion[chain][node], self.halts[chain].stop_after
+            found = stopped_skill(self.tpg, (chain, node), motion, begin_ns, stops)
+            self._stopped[chain, node] = found
+            if found is not None:
+                self._passages[chain].commands.add(begin_ns, node, motion, 0.0, 0.0)
+        stopped = self._stopped[chain, node]
+        if stopped is None:
+            return super()._moved(chain, node, begin_ns, offset_ns)
+        return round(stopped.when(offset_ns / NANOSECONDS) * NANOSECONDS)
 
     def _cleared(self, chain: int, node: int) -> int:
         """Return the last node that a robot may enter as far as it knows."""

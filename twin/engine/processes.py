@@ -156,8 +156,9 @@ class Execution:
         if self.narrator is not None:
             yield from self._execute_watched(self.narrator, chain, node)
         else:
-            motion = 0 if failed else self.motion[chain][node]
-            yield self._work(chain, self.stall[chain][node] + motion)
+            begin = self._worked(chain, self.now_ns, self.stall[chain][node])
+            end = begin if failed else self._end_of_motion(chain, node, begin)
+            yield self.env.timeout(end - self.now_ns)
         if failed:
             self.failed.append(chain)
             return True
@@ -177,10 +178,27 @@ class Execution:
 
     def _work(self, chain: int, busy_ns: int) -> simpy.Event:
         """Return the end of some work that begins now; stops by the clock make it later."""
-        if self.halts is None:
-            return self.env.timeout(busy_ns)
         now = self.now_ns
-        return self.env.timeout(self.halts[chain].advance(now, busy_ns) - now)
+        return self.env.timeout(self._worked(chain, now, busy_ns) - now)
+
+    def _worked(self, chain: int, begin_ns: int, busy_ns: int) -> int:
+        """Return when some work is done that begins at a time [ns]."""
+        if self.halts is None:
+            return begin_ns + busy_ns
+        return self.halts[chain].advance(begin_ns, busy_ns)
+
+    def _moved(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
+        """Return when the motion of a node has gone on for a while, stops not counted [ns].
+
+        Args:
+            chain, node: whose motion.
+            begin_ns: when it begins.
+            offset_ns: for how long.
+        """
+        return self._worked(chain, begin_ns, offset_ns)
+
+    def _end_of_motion(self, chain: int, node: int, begin_ns: int) -> int:
+        return self._moved(chain, node, begin_ns, self.motion[chain][node])
 
     def _until_planned(self, chain: int, node: int) -> Steps:
         """Wait until the planned start of a node, whatever the others do."""
@@ -208,14 +226,15 @@ class Execution:
                 narrator.emit("failed", chain, node, detail=detail)
                 return
             narrator.goes_on(chain, node, entry, attempt)
-        passed = 0
+        begin = self.now_ns
         for offset, name, holder in narrator.handlings.get((chain, node), ()):
-            if offset > passed:
-                yield self._work(chain, offset - passed)
-                passed = offset
+            passed = self._moved(chain, node, begin, offset) if offset else begin
+            if passed > self.now_ns:
+                yield self.env.timeout(passed - self.now_ns)
             narrator.handle(chain, node, name, holder)
-        if self.motion[chain][node] > passed:
-            yield self._work(chain, self.motion[chain][node] - passed)
+        end = self._end_of_motion(chain, node, begin)
+        if end > self.now_ns:
+            yield self.env.timeout(end - self.now_ns)
         narrator.emit("completed", chain, node)
 
     def _after_everything_else(self, narrator: Narrator, chain: int, node: int) -> None:

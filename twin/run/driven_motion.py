@@ -11,12 +11,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from planning.timing.braking import StoppedPath
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import node_path, skill_motion
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.run.cubic_motion import cubic_at
 from twin.run.run_record import Run
+from twin.run.stopped_skills import stopped_skill, stops_of
 
 _STANDS = 1e-7
 """Share of full speed at which a robot stands."""
@@ -64,9 +65,36 @@ def _row(t_ns: int, q: Array, node: int) -> Rows:
     return np.array([t_ns]), q[None], still, still, np.array([node])
 
 
+def stopped_motion(
+    tpg: TemporalPlanGraph, run: Run, k: int, node: int
+) -> StoppedPath | None:
+    """Return the motion of a skill in which the clock stopped the robot; None where it did not.
+
+    Args:
+        tpg: what was executed.
+        run: of it.
+        k: index of the robot's chain.
+        node: of it.
+    """
+    if k >= len(run.commands) or not tpg.chains[k].skill[node]:
+        return None
+    told = run.commands[k]
+    row = int(np.searchsorted(told[:, 1], node))
+    if row == len(told) or told[row, 1] != node:
+        return None
+    begin, duration = int(told[row, 0]), int(told[row, 2])
+    return stopped_skill(tpg, (k, node), duration, begin, stops_of(run.halts_ns[k]))
+
+
 def _skill_rows(tpg: TemporalPlanGraph, run: Run, k: int, node: int) -> Iterator[Rows]:
     """Yield the rows of a node from rest to rest, which follows its path as slowly as it lasts."""
     chain, robot = tpg.chains[k], tpg.cell.robot(tpg.chains[k].robot)
+    stopped = stopped_motion(tpg, run, k, node)
+    if stopped is not None:
+        seconds, q, v, a = stopped.rows()
+        t = np.rint(seconds * NANOSECONDS).astype(np.int64)
+        yield t, q, v, a, np.full(len(t), node)
+        return
     pace = run.pace(k)
     begin = int(pace.own(run.start_ns[k][node : node + 1])[0])
     begin += int(run.stall_ns[k][node])
@@ -86,21 +114,7 @@ def _skill_rows(tpg: TemporalPlanGraph, run: Run, k: int, node: int) -> Iterator
         own = np.array([begin, begin + duration])
         q = np.repeat(motion.q, 2, axis=0)
         v, a = np.zeros_like(q), np.zeros_like(q)
-    t = pace.real(own)
-    inside = (pace.stops_at > own[0]) & (pace.stops_at < own[-1])
-    for stop in pace.stops_at[inside].tolist():
-        # Within a skill a stop by the clock is at once.
-        since = (own - begin) / NANOSECONDS
-        at, _, _ = cubic_at(since, q, v, np.array([(stop - begin) / NANOSECONDS]))
-        edges = np.array(
-            [pace.real(np.array([stop - 1]))[0] + 1, pace.real(np.array([stop]))[0]]
-        )
-        row = np.searchsorted(t, edges)
-        t = np.insert(t, row, edges)
-        q = np.insert(q, row, at, axis=0)
-        v, a = (np.insert(values, row, 0.0, axis=0) for values in (v, a))
-        own = np.insert(own, row, stop)
-    yield t, q, v, a, np.full(len(t), node)
+    yield pace.real(own), q, v, a, np.full(len(own), node)
 
 
 def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:

@@ -10,7 +10,7 @@ from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.cubic_motion import cubic_at
-from twin.run.driven_motion import driven_rows
+from twin.run.driven_motion import driven_rows, stopped_motion
 from twin.run.run_record import Run, waypoint_offsets_ns
 
 
@@ -209,6 +209,14 @@ def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]
     for item in tpg.handlings:
         start = int(run.start_ns[item.robot][item.node])
         if start < 0 or run.failed_nodes[item.robot] == item.node:
+            continue
+        stopped = stopped_motion(tpg, run, item.robot, item.node)
+        if stopped is not None and item.waypoint > 0:
+            at = int(tpg.chains[item.robot].first[item.node]) + item.waypoint - 1
+            own = tpg.chains[item.robot].fraction[at] * stopped.planned[-1]
+            t_ns = round(stopped.when(own) * NANOSECONDS)
+            if t_ns <= run.makespan_ns:
+                placements.append(Placement(t_ns, item.object, item.holder, item.pose))
             continue
         passed = int(run.stall_ns[item.robot][item.node])
         if item.waypoint > 0:

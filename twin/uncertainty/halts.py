@@ -19,7 +19,9 @@ from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Breakdowns, Disturbances
 from twin.uncertainty.draws import uniforms
 
-_NEVER = 2**62
+NEVER = 2**62
+"""A time that no run comes to [ns]."""
+
 _CHUNK = 16
 
 
@@ -86,7 +88,7 @@ class Halts:
         self._name = name
         self._drawn = 0
         # Breakdowns that begin before the horizon are known.
-        self._horizon = _NEVER if breakdowns is None else 0
+        self._horizon = NEVER if breakdowns is None else 0
         self._merge()
 
     def after(self, t_ns: int) -> int:
@@ -133,7 +135,18 @@ class Halts:
         if k == len(self._edges) and self._breakdowns is not None:
             self._extend(self._horizon)
             k = bisect_right(self._edges, t_ns)
-        return self._edges[k] if k < len(self._edges) else _NEVER
+        return self._edges[k] if k < len(self._edges) else NEVER
+
+    def stop_after(self, t_ns: int) -> tuple[int, int]:
+        """Return begin and end of the first stop that is not over at a time; never is far away."""
+        self._extend(t_ns)
+        k = bisect_right(self._ends, t_ns)
+        if k == len(self._ends) and self._breakdowns is not None:
+            self._extend(self._horizon)
+            k = bisect_right(self._ends, t_ns)
+        if k == len(self._ends):
+            return NEVER, NEVER
+        return self._starts[k], self._ends[k]
 
     def intervals(self, until_ns: int) -> tuple[tuple[int, int], ...]:
         """Return the intervals of stops before a time: start and end, without overlaps."""

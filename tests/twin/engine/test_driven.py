@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.motion_times import at_full_speed, within_limits
+from scheduling.motion_times import at_full_speed, node_path, within_limits
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.driven_toys import DRIVEN_TPGS, driven_tpg
 from tests.twin.simulated import simulate
@@ -25,7 +25,12 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.run_record import Policy, Run
 from twin.run.trajectory import Trajectory, robot_trajectories
-from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
+from twin.uncertainty.disturbances import (
+    Breakdowns,
+    Disturbances,
+    EmergencyStop,
+    Stalls,
+)
 from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -110,6 +115,54 @@ def test_robots_keep_to_limits_inside_cleared_nodes(
     assert run.outcome == "completed"
     assert_within_limits(tpg, run)
     assert_inside_cleared_nodes(tpg, run, messages.report_ns + messages.release_ns)
+
+
+STOPPED = st.builds(
+    Disturbances,
+    emergency_stops=st.lists(
+        st.builds(
+            EmergencyStop,
+            at_s=st.floats(0.01, 12.0),
+            duration_s=st.floats(0.001, 2.0),
+        ),
+        min_size=1,
+        max_size=6,
+    ).map(tuple),
+    breakdowns=st.sampled_from(
+        [None, Breakdowns(mtbf_s=2.0, mttr_s=0.5, clock="run")],
+    ),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(DRIVEN_TPGS, STOPPED, st.sampled_from([VARIED, NOMINAL]), st.integers(0, 99))
+def test_robots_that_the_clock_stops_keep_to_limits_in_skills_too(
+    tpg: TemporalPlanGraph,
+    disturbances: Disturbances,
+    skills: SkillDurations,
+    seed: int,
+) -> None:
+    recorder = MemoryRecorder()
+    run = simulate(
+        tpg, skills, seed=seed, disturbances=disturbances, recorders=[recorder]
+    )
+    assert run.outcome == "completed"
+    assert_within_limits(tpg, run)
+    assert_inside_cleared_nodes(tpg, run)
+    quiet = simulate(tpg, skills, seed=seed, disturbances=disturbances)
+    for told, found in zip(run.end_ns, quiet.end_ns, strict=True):
+        assert told.tolist() == found.tolist()
+    for motion in robot_trajectories(tpg, run):
+        k = tpg.chain_index[motion.robot]
+        # Whoever has come to the end of a node is where it ends.
+        for node in np.flatnonzero(tpg.chains[k].skill):
+            end = int(run.end_ns[k][node])
+            there = motion.at(np.array([end]))[0]
+            assert np.allclose(there, node_path(tpg.chains[k], int(node))[-1])
+        # And rows of a skill are rows of its time.
+        for node, t in zip(motion.node[:-1], motion.t_ns[:-1], strict=True):
+            if node >= 0 and tpg.chains[k].skill[node]:
+                assert run.start_ns[k][node] <= t <= run.end_ns[k][node]
 
 
 class Jumbled(DrivenExecution):

@@ -1,0 +1,220 @@
+"""Stops in the middle of a skill: braking along its path within limits, and going on from there.
+
+A motion is a spline whose control points are points of the path. Up to a stop all stays as it is;
+behind it ways of further control points are chosen such that the speed falls to 0 smoothly, over the
+fewest time steps in which no limit is passed. Where no number of steps will do, as at the end of a
+skill, the motion goes on until one does, or to its end. From where the robot stands it goes on
+along the same path from rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.cell.motion_limits import MotionLimits
+from planning.kernels import kernel
+from planning.timing.curve_times import (
+    Curve,
+    Limits,
+    PathPiece,
+    curve_of,
+    is_near,
+    least_step,
+    limit_rows,
+    quickest_piece,
+)
+from planning.timing.rounded_path import curve_points
+from planning.timing.smooth_path import FOLLOWED, SmoothPath
+from planning.transforms import Array
+
+_THERE = 1e-12
+"""Share of a path beyond which there is nothing left of it."""
+
+_ROUNDING = 1e-9
+"""Share by which rounding may have made a time step shorter than limits ask for."""
+
+StopAfter = Callable[[float], tuple[float, float]]
+"""Begin and end of the first stop that is not over at a time, all in seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoppedPath:
+    """A motion along a path, stopped on the way.
+
+    Attributes:
+        begins: when each piece begins [s].
+        pieces: motions from rest to rest, in order; between them the robot stands.
+        planned: ends of the pieces of the motion without stops, from its begin, shape (p,) [s].
+        ends: when each of these has come to its end, and nothing has the robot stopped, shape (p,)
+            [s].
+    """
+
+    begins: tuple[float, ...]
+    pieces: tuple[PathPiece, ...]
+    planned: Array
+    ends: Array
+
+    def when(self, own: float) -> float:
+        """Return when what the motion without stops does at a rest after its begin is done [s].
+
+        Args:
+            own: from the begin of the motion without stops; that of some rest [s].
+        """
+        if own < 0.5 * self.planned[0]:
+            return self.begins[0]
+        return float(self.ends[np.argmin(np.abs(self.planned - own))])
+
+    def rows(self) -> tuple[Array, Array, Array, Array]:
+        """Return times [s], configurations, joint speeds and accelerations: cubic in between."""
+        found = []
+        for begin, piece in zip(self.begins, self.pieces, strict=True):
+            t, *rest = piece.rows()
+            found.append((begin + t, *rest))
+        q = found[-1][1][-1:]
+        found.append((self.ends[-1:], q, np.zeros_like(q), np.zeros_like(q)))
+        t, q, v, a = (np.concatenate(column) for column in zip(*found, strict=True))
+        return t, q, v, a
+
+
+def stopped_path(
+    limits: MotionLimits,
+    motion: SmoothPath,
+    slower: float,
+    begin: float,
+    stop_after: StopAfter,
+) -> StoppedPath:
+    """Return a motion with stops at given times.
+
+    Args:
+        limits: of the robot.
+        motion: its quickest motion without stops.
+        slower: factor by which it takes longer than that.
+        begin: when it begins [s].
+        stop_after: what has the robot stopped.
+    """
+    begins: list[float] = []
+    pieces: list[PathPiece] = []
+    ends = []
+    now = _free(stop_after, begin)
+    for planned in motion.pieces:
+        piece: PathPiece | None = PathPiece(
+            planned.path, planned.ways, planned.step * slower
+        )
+        while piece is not None:
+            stop, _ = stop_after(now)
+            begins.append(now)
+            rest = None
+            if stop < now + piece.seconds:
+                piece, rest = _stopped(limits, piece, slower, stop - now)
+            pieces.append(piece)
+            now = _free(stop_after, now + piece.seconds)
+            piece = rest
+        ends.append(now)
+    planned_ends = np.cumsum([slower * piece.seconds for piece in motion.pieces])
+    return StoppedPath(tuple(begins), tuple(pieces), planned_ends, np.array(ends))
+
+
+def _free(stop_after: StopAfter, t: float) -> float:
+    """Return the earliest time from ``t`` on at which nothing has the robot stopped."""
+    begin, end = stop_after(t)
+    return end if begin <= t else t
+
+
+def _stopped(
+    limits: MotionLimits, piece: PathPiece, slower: float, after: float
+) -> tuple[PathPiece, PathPiece | None]:
+    """Return a piece with a stop in it, and the motion from there on; None where it ends in time.
+
+    Args:
+        limits: of the robot.
+        piece: to brake in.
+        slower: factor by which motions take longer than they need to.
+        after: when the stop begins, from the start of the piece [s].
+    """
+    path = piece.path
+    # Until then the motion has come to depend on these control points.
+    given = int(after / piece.step) + 4
+    ways = np.empty(len(piece.ways))
+    near = (path.curvature(), FOLLOWED)
+    count = _brake(
+        limit_rows(limits),
+        curve_of(path),
+        near,
+        (piece.ways, piece.step),
+        given,
+        ways,
+    )
+    if count == 0:
+        return piece, None
+    way = float(ways[count - 1])
+    if float(path.at[-1]) - way < _THERE * float(path.at[-1]):
+        return piece, None
+    rest = quickest_piece(limits, path, FOLLOWED, way)
+    if rest is None:
+        return piece, None
+    slow = PathPiece(path, rest.ways, rest.step * slower)
+    return PathPiece(path, ways[:count].copy(), piece.step), slow
+
+
+@kernel
+def _brake(
+    limits: Limits,
+    curve: Curve,
+    near: tuple[Array, float],
+    motion: tuple[Array, float],
+    given: int,
+    out: Array,
+) -> int:
+    """Write control ways of a motion that is stopped, and return how many; 0 where it cannot be.
+
+    Speed and acceleration fall to 0 as a polynomial of third degree does.
+
+    Args:
+        limits: of the robot.
+        curve: what is followed.
+        near: the curvature at its corners, and how far the motion may leave it.
+        motion: control ways of the motion without a stop, and its time step.
+        given: how many of these are settled when the stop begins.
+        out: what is written.
+    """
+    ways, step = motion
+    total = len(ways)
+    end = curve[1][-1]
+    points = np.empty((total, curve[0].shape[1]))
+    curve_points(curve[0], curve[1], curve[2], curve[3], ways, points)
+    out[:given] = ways[:given]
+    for first in range(given, total):
+        out[first - 1] = ways[first - 1]
+        speed = ways[first - 1] - ways[first - 2]
+        rise = speed - ways[first - 2] + ways[first - 3]
+        for steps in range(1, total - first):
+            count = first + steps + 1
+            fits = True
+            for k in range(1, steps + 1):
+                x = k / steps
+                y = 1.0 - x
+                gain = speed * y * y * (1.0 + 2.0 * x) + rise * steps * x * y * y
+                out[first + k - 1] = out[first + k - 2] + gain
+                fits = fits and gain >= 0.0
+            out[count - 1] = out[count - 2]
+            if out[count - 1] > end:
+                break
+            if not fits:
+                continue
+            low = first - 3
+            curve_points(
+                curve[0],
+                curve[1],
+                curve[2],
+                curve[3],
+                out[low:count],
+                points[low:count],
+            )
+            if least_step(limits, points[low:count]) > step * (1.0 + _ROUNDING):
+                continue
+            if is_near(curve[1], near[0], near[1], out[low:count]):
+                return count
+    return 0
