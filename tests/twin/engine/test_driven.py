@@ -24,7 +24,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.run_record import Policy, Run
-from twin.run.trajectory import Trajectory, robot_trajectories
+from twin.run.trajectory import Trajectory, object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
@@ -152,6 +152,11 @@ def test_robots_that_the_clock_stops_keep_to_limits_in_skills_too(
     quiet = simulate(tpg, skills, seed=seed, disturbances=disturbances)
     for told, found in zip(run.end_ns, quiet.end_ns, strict=True):
         assert told.tolist() == found.tolist()
+    told = [e for e in recorder.events if e.kind in ("attached", "detached")]
+    placed = [p for p in object_placements(tpg, run) if p.t_ns > 0]
+    assert sorted((e.t_ns, e.object) for e in told if e.t_ns > 0) == sorted(
+        (p.t_ns, p.object) for p in placed
+    )
     for motion in robot_trajectories(tpg, run):
         k = tpg.chain_index[motion.robot]
         # Whoever has come to the end of a node is where it ends.
