@@ -17,7 +17,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import node_path, skill_motion
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.run_record import Run
-from twin.run.stopped_skills import stopped_skill, stops_of
+from twin.uncertainty.stopped_skills import stopped_skill, stops_of
 
 _STANDS = 1e-7
 """Share of full speed at which a robot stands."""
