@@ -1,13 +1,13 @@
 """How fast robots may pass their nodes with what they have in their hands.
 
-A stretch is passed as slowly as the fastest point of it asks for; a skill, whose path is followed by
-one clock, is slowed down as a whole.
+A stretch is passed as slowly as its fastest point asks for, and with accelerations that joints bear all
+along it; a skill, whose path is followed by one clock, is slowed down as a whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,13 @@ from planning.kinematics.chain import joint_table
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
-from planning.timing.torque import ArmDynamics, Bearing, Payload, why_unchecked
+from planning.timing.torque import (
+    ArmDynamics,
+    Bearing,
+    Payload,
+    borne_stretch,
+    why_unchecked,
+)
 from planning.transforms import Array
 from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -25,6 +31,9 @@ from scheduling.hand_loads import HandLoad, HandLoads, hand_loads
 
 _SAME = 1.0 + 1e-9
 """Times that differ by a smaller factor are the same."""
+
+_ROUNDING_S = 1e-9
+"""By how much rounding may part the time of a row from that of its waypoint [s]."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +91,7 @@ class Pace:
             slowing = _slower(found.seconds / free.seconds, BY_TOOL_SPEED)
         if self._weighed:
             borne = self._dynamics_with(load).along_stretch(start, way, found)
-            found = replace(
-                found,
-                cruise=found.cruise * borne.factor,
-                ramp=found.ramp * borne.factor,
-            )
+            found = borne_stretch(found, borne)
             slowing = _borne(slowing, borne, found.seconds / free.seconds)
         return found, slowing
 
@@ -101,7 +106,9 @@ class Pace:
         if self._loads is None:
             return slowing
         for begin, end, load in self._loads.runs(node, len(motion.passed)):
-            low, high = np.searchsorted(motion.t, motion.passed[[begin, end]]).tolist()
+            # Where a load changes the robot is at rest, and there is a row.
+            times = motion.passed[[begin, end]] - _ROUNDING_S
+            low, high = np.searchsorted(motion.t, times).tolist()
             if high <= low:
                 continue
             rows = slice(low, high + 1)

@@ -20,7 +20,7 @@ def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
     for chain in tpg.chains:
         if chain.drive is None or not np.any(chain.drive.slowed_by > BY_JOINTS):
             continue
-        moves = _moves(chain, chain.drive)
+        moves = motions(chain)
         names = tpg.cell.robot(chain.robot).model.joint_names
         causes = {"tool speed": BY_TOOL_SPEED}
         causes |= {f"effort of {name}": BY_EFFORT + j for j, name in enumerate(names)}
@@ -34,8 +34,11 @@ def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _moves(chain: NodeChain, drive: Drive) -> Indices:
-    """Return the first node of each stretch, and each skill that moves."""
+def motions(chain: NodeChain) -> Indices:
+    """Return the first node of each stretch, and each skill that moves; none without limits."""
+    drive = chain.drive
+    if drive is None:
+        return np.empty(0, dtype=np.int64)
     first = np.append(True, drive.rests[:-1])[: len(chain)]
     return np.flatnonzero(first & (drive.cruise > 0.0))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -60,14 +60,32 @@ class Bearing:
 
     Attributes:
         factor: how many times as long it has to take.
+        easing: of a stretch, how many times as long it has to take to full speed and to rest, where
+            that alone is enough; none if infinite.
         joint: index of the joint that asks for that, -1 for none.
         overloaded: index of a joint that gravity alone leaves less than a hundredth of its effort,
             which no slowing mends; -1 for none.
     """
 
     factor: float = 1.0
+    easing: float = 1.0
     joint: int = -1
     overloaded: int = -1
+
+
+def borne_stretch(stretch: Stretch, bearing: Bearing) -> Stretch:
+    """Return a stretch as joints bear it: slower throughout, or with lower accelerations alone.
+
+    The quicker of the two; the jerk is no greater than it was.
+    """
+    factor = bearing.factor
+    slower = replace(
+        stretch, cruise=stretch.cruise * factor, ramp=stretch.ramp * factor
+    )
+    if not math.isfinite(bearing.easing):
+        return slower
+    eased = replace(stretch, ramp=stretch.ramp * bearing.easing)
+    return min(slower, eased, key=lambda found: found.seconds)
 
 
 class ArmDynamics:
@@ -120,8 +138,26 @@ class ArmDynamics:
         fast = min(1.0, stretch.cruise / stretch.ramp) / stretch.cruise**2
         quick = 1.0 / (stretch.cruise * stretch.ramp)
         corners = [a * push + b * swing for a in (-quick, quick) for b in (0.0, fast)]
-        extra = quick * _between(push) + fast * _between(swing)
-        return self._bearing(weight, _between(weight), np.array(corners), extra)
+        loose, more = quick * _between(push), fast * _between(swing)
+        slower = self._bearing(
+            weight, _between(weight), np.array(corners), loose + more
+        )
+        if slower.joint < 0:
+            return slower
+        # At full speed, with lower accelerations: what they ask for is the rest.
+        eased = [
+            self._bearing(
+                weight + speed * swing,
+                _between(weight) + speed * _between(swing),
+                np.array([-quick * push, quick * push]),
+                loose,
+            )
+            for speed in (0.0, fast)
+        ]
+        easing = max(bearing.factor**2 for bearing in eased)
+        if any(bearing.overloaded >= 0 for bearing in eased):
+            easing = math.inf
+        return replace(slower, easing=easing)
 
     def along_skill(self, motion: SmoothPath, rows: slice) -> Bearing:
         """Return what limits of effort make of some rows of a skill's motion.
@@ -184,7 +220,8 @@ class ArmDynamics:
         joint = int(np.argmin(share))
         if share[joint] >= 1.0:
             return Bearing(overloaded=overloaded)
-        return Bearing(1.0 / math.sqrt(float(share[joint])), joint, overloaded)
+        factor = 1.0 / math.sqrt(float(share[joint]))
+        return Bearing(factor, math.inf, joint, overloaded)
 
 
 def why_unchecked(robot: PlacedRobot) -> str | None:

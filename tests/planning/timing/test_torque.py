@@ -16,7 +16,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import robot_model
 from planning.timing.smooth_path import smooth_path
 from planning.timing.stretch import Stretch, straight_stretch
-from planning.timing.torque import ArmDynamics, Payload, why_unchecked
+from planning.timing.torque import ArmDynamics, Payload, borne_stretch, why_unchecked
 from planning.transforms import from_rpy
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 from twin.run.cubic_motion import cubic_at
@@ -105,11 +105,22 @@ def test_a_stretch_is_slowed_as_much_as_need_be(name: str, seed: int) -> None:
     found = drawn.dynamics.along_stretch(start, way, stretch)
     assume(found.overloaded < 0)
     assert corners(drawn, start, way, slower(stretch, found.factor)) <= 1.0 + 1e-6
-    if found.factor > 1.0:
-        quicker = slower(stretch, 0.998 * found.factor)
+    borne = borne_stretch(stretch, found)
+    assert corners(drawn, start, way, borne) <= 1.0 + 1e-6
+    assert borne.seconds <= slower(stretch, found.factor).seconds
+    if found.joint < 0:
+        assert found.factor == 1.0
+        assert borne == stretch
+        return
+    assert found.factor > 1.0
+    quicker = slower(stretch, 0.998 * found.factor)
+    assert corners(drawn, start, way, quicker) > 1.0
+    eased = replace(stretch, ramp=stretch.ramp * found.easing)
+    if eased.ramp <= eased.cruise:
+        # Full speed is reached, so that both of what is allowed for happen.
+        assert corners(drawn, start, way, eased) <= 1.0 + 1e-6
+        quicker = replace(eased, ramp=0.995 * eased.ramp)
         assert corners(drawn, start, way, quicker) > 1.0
-    else:
-        assert found.joint < 0
 
 
 @pytest.mark.parametrize("name", MODELS)
