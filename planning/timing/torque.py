@@ -32,7 +32,7 @@ _TURN = 0.05
 _FEWEST = 8
 """Steps from sample to sample of a stretch, at least."""
 
-_PIECE = 4
+_PIECE = 2
 """The same between two rows of a skill's motion."""
 
 _SPARE = 0.01

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from planning.errors import InfeasibleStepError
 from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
+from scheduling.build_nodes import build_nodes
+from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.problems import InvalidScenarioError
@@ -333,3 +336,32 @@ def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
     assert taken == [("arm", "driver"), ("second", "other_gripper")]
     assert audited(found, tmp_path, "run") == []
     assert verify_plan(found.tpg).ok
+
+
+def test_what_is_in_hand_is_known_node_by_node(tmp_path: Path) -> None:
+    plan = planned_steps(["screw", "block", "seal"], tmp_path).motion_plan
+    tpg = build_nodes(plan)
+    (loads,) = hand_loads(tpg)
+    chain = tpg.chains[0]
+    holds = False
+    seen = set()
+    for task, on_it in tools_on(plan):
+        nodes = np.flatnonzero(chain.task == task.index)
+        if len(nodes):
+            load = loads.after(int(nodes[0]), 0)
+            first = [h for h in task.handlings if h.waypoint == 0]
+            if not first:
+                assert (None if load.tool is None else load.tool.name) == on_it
+                assert [part.name for part, _ in load.parts] == ["block"] * holds
+            seen.add((on_it, holds))
+        for handling in task.handlings:
+            if handling.object == "block":
+                holds = handling.holder == "arm"
+    assert {("driver", False), ("gripper", True), ("nozzle", False)} <= seen
+    for node in range(len(chain)):
+        waypoints = int(chain.first[node + 1] - chain.first[node]) + 1
+        runs = loads.runs(node, waypoints)
+        assert [runs[0][0], runs[-1][1]] == [0, waypoints - 1]
+        for begin, end, load in runs:
+            for waypoint in range(begin, end):
+                assert loads.after(node, waypoint) is load
