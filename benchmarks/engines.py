@@ -43,7 +43,7 @@ RESULT = ROOT / "benchmarks" / "results" / "engines.md"
 MANY = 10_000
 WITHIN_LIMITS = ("lego/cliff.yaml", "multi_arm/assembly.yaml")
 STALLS = Disturbances(stalls=Stalls(count_per_robot=10, duration_s=(1.0, 20.0)))
-COMPARED = 500
+COMPARED = 300
 """Replications within limits that both engines execute."""
 
 SIDE_BY_SIDE = 1_000

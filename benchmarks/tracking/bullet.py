@@ -18,6 +18,9 @@ GRAVITY = 9.81
 TORQUE_CONTROL: int = pybullet.TORQUE_CONTROL
 VELOCITY_CONTROL: int = pybullet.VELOCITY_CONTROL
 
+# Without a word Bullet makes up inertias from shapes, and prisms of cylinders.
+_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
+
 
 def new_world() -> BulletClient:
     """Return an empty world with gravity; disconnect it after use."""
@@ -48,6 +51,6 @@ def load_body(bullet: BulletClient, robot: DescribedRobot, urdf: str) -> int:
                 robot.base[:3, 3].tolist(),
                 [x, y, z, w],
                 useFixedBase=1,
-                flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
+                flags=_FLAGS,
             )
     return number

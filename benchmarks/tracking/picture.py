@@ -55,7 +55,13 @@ def draw_errors(
         axis.grid(color=_GRID, lw=0.6)
         axis.spines[["top", "right"]].set_visible(False)
         axis.set_xlim(left=0.0)
+        axis.set_ylim(1e-4, 2e2)
     axis.set_xlabel("time [s]", color=_INK)
-    figure.axes[0].legend(loc="upper right", frameon=False, ncols=2)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside upper right",
+        frameon=False,
+        ncols=2,
+    )
     with replacing(path) as scratch:
         figure.savefig(scratch, dpi=110, format="png")

@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmarks.machine import date_line, machine_line
 from benchmarks.tracking.controller import BANDWIDTH, PERIOD_S
+from benchmarks.tracking.distances import FAR_M
 from benchmarks.tracking.following import FOLLOWING_ERROR, SETTLING_S
 from benchmarks.tracking.plant import STEP_S
 
@@ -55,10 +56,10 @@ def report(rows: Rows) -> str:
         "## Least distance between robots",
         "",
         "By Bullet, from the collision shapes of the URDF files, tools included (but not tools of racks, and no parts);",
-        "as planned, and as the robots moved under computed torque until they were lost. Robots are looked at every 20 ms,",
+        "as commanded, and as the robots moved under computed torque, in what was followed. Robots are looked at every 20 ms,",
         "and every 1 ms where they are nearest.",
         "",
-        "| scenario | motion | planned [mm] | tracked [mm] |",
+        "| scenario | motion | commanded [mm] | tracked [mm] |",
         "|---|---|---:|---:|",
         *_distances(rows),
         "",
@@ -86,7 +87,7 @@ def _errors(rows: Rows) -> Iterator[str]:
 
 def _error(found: Mapping[str, Any]) -> str:
     if found["lost_s"] is not None:
-        return f"lost after {found['lost_s']:.1f} s"
+        return f"lost after {found['lost_s']:.2f} s"
     sliding = found["error_m"]
     text = f"{1e3 * found['error_rad']:.2f}"
     return text if sliding is None else f"{text}; {1e3 * sliding:.2f}"
@@ -94,5 +95,9 @@ def _error(found: Mapping[str, Any]) -> str:
 
 def _distances(rows: Rows) -> Iterator[str]:
     for name, motion, found in _motions(rows):
-        planned, tracked = (f"{1e3 * value:.2f}" for value in found["distances_m"])
+        planned, tracked = (_distance(value) for value in found["distances_m"])
         yield f"| {name} | {motion} | {planned} | {tracked} |"
+
+
+def _distance(value: float) -> str:
+    return f"{1e3 * value:.2f}" if value < FAR_M else f"over {1e3 * FAR_M:g}"
