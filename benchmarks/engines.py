@@ -11,6 +11,7 @@ in a process of its own, and reads their peak memory.
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import date_line, machine_line
+from benchmarks.machine import date_line, load_line, machine_line
 from benchmarks.timing_graph_files import load_timing_graph, save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
@@ -113,6 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         peak = _study_in_this_process(Path(options.peak[0]), int(options.peak[1]))
         sys.stdout.write(f"{peak}\n")
         return 0
+    before = os.getloadavg()[0]
     rates = []
     with StageDisplay() as progress:
         for name in ("cliff", "chair"):
@@ -129,7 +131,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 save_timing_graph(graph, timing_graph(plan))
     limited = [row for name in WITHIN_LIMITS for row in measure_within_limits(name)]
     peaks = [(count, _peak_mib(graph, count)) for count in STUDIES]
-    options.out.write_text(_report(rates, limited, peaks), encoding="utf-8")
+    load = load_line([(before, os.getloadavg()[0])])
+    text = _report(rates, limited, peaks, load)
+    options.out.write_text(text, encoding="utf-8")
     sys.stdout.write(f"{options.out}\n")
     return 0
 
@@ -286,11 +290,13 @@ def _report(
     rates: Sequence[Rates],
     limited: Sequence[RatesWithinLimits],
     peaks: Sequence[tuple[int, float]],
+    load: str,
 ) -> str:
     lines = [
         "# Two engines",
         "",
-        f"{machine_line()}, {date_line()}, seed 0. One process, kernels compiled, CPU time.",
+        f"{machine_line()}, {date_line()}, seed 0. One process, kernels compiled,"
+        f" CPU time; {load}.",
         "The engines agreed to the nanosecond in every replication that both executed.",
         "",
         "| plan | nodes | segments | type-2 edges | event engine [1/s] |"
