@@ -8,18 +8,21 @@ the same functions of ``planning.timing.ramps``.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.cell.motion_limits import MotionLimits
+from planning.errors import PlanInvariantError
 from planning.kernels import kernel
 from planning.timing.ramps import exit_bound, pass_through
 from planning.timing.smooth_path import SmoothPath, smooth_path
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.pace import Pace, paces
+from scheduling.pace import Pace, is_bounded, paces
+from scheduling.stretch_times import chain_bends, node_ends, stretch_drive
 
 _STILL = 1e-12
 """Joint values that differ by less are the same [rad or m]."""
@@ -48,10 +51,10 @@ def is_driven(tpg: TemporalPlanGraph) -> bool:
 
 
 def at_full_speed(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return a graph in which pose nodes take as long as at full speed, and no node less than it may.
+    """Return a graph in which pose nodes take as long as at the speed that they may be passed at.
 
-    It is what durations are drawn of; the engines make nodes longer where robots speed up or slow
-    down.
+    No node may take less than it does at least. That is what durations are drawn of; the engines
+    make nodes longer where robots speed up or slow down.
     """
     chains = []
     for chain in tpg.chains:
@@ -59,8 +62,8 @@ def at_full_speed(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
         if drive is None:
             chains.append(chain)
             continue
-        duration = np.where(drive.ramp > 0.0, drive.cruise, chain.duration)
-        chains.append(replace(chain, duration=duration, least=drive.cruise))
+        duration = np.where(drive.ramp > 0.0, drive.least, chain.duration)
+        chains.append(replace(chain, duration=duration, least=drive.least))
     return replace(tpg, chains=tuple(chains))
 
 
@@ -90,68 +93,101 @@ def node_path(chain: NodeChain, node: int) -> Array:
 def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
     """Return a chain with the times that its robot's limits ask for."""
     chain = tpg.chains[k]
-    stretch, way = _stretches(tpg, k)
+    stretch = stretch_numbers(tpg, k)
     count = len(chain)
     cruise, ramp, lag = np.zeros(count), np.zeros(count), np.zeros(count)
     slowed, slowed_by = np.ones(count), np.zeros(count, dtype=np.int64)
+    cap = np.ones(count)
     fraction = chain.fraction.copy()
     duration = chain.duration.copy()
-    for number in range(stretch[-1] + 1 if count else 0):
-        nodes = np.flatnonzero(stretch == number)
-        if chain.skill[nodes[0]]:
-            motion = skill_motion(tpg, k, int(nodes[0]), pace.limits)
-            slowing = pace.skill(int(nodes[0]), motion)
+    begins = np.flatnonzero(np.diff(stretch, prepend=-1))
+    for begin, stop in pairwise([*begins.tolist(), count]):
+        nodes = slice(begin, stop)
+        if chain.skill[begin]:
+            motion = skill_motion(tpg, k, begin, pace.limits)
+            slowing = pace.skill(begin, motion)
             slowed[nodes], slowed_by[nodes] = slowing.factor, slowing.cause
             cruise[nodes] = least = motion.seconds * slowing.factor
             duration[nodes] = np.maximum(duration[nodes], least)
             if motion.seconds > 0.0:
-                own = slice(chain.first[nodes[0]], chain.first[nodes[-1] + 1])
+                own = slice(chain.first[begin], chain.first[stop])
                 fraction[own] = motion.passed[1:] / motion.seconds
             continue
-        begin = node_path(chain, int(nodes[0]))[0]
-        found, slowing = pace.stretch(int(nodes[0]), begin, way[nodes].sum(axis=0))
+        if any(chain_bends(chain, begin, stop)):
+            if is_bounded(tpg.cell.robot(chain.robot)):
+                raise PlanInvariantError(
+                    f"corners of {chain.robot!r} are rounded, but on curves neither the speed of its"
+                    " tool nor efforts of joints are held: plan it with planning.corners: rest"
+                )
+            found = stretch_drive(pace.limits, chain, begin, stop)
+            cruise[nodes], ramp[nodes], lag[nodes] = found.cruise, found.ramp, found.lag
+            cap[nodes] = found.cap
+            continue
+        ends = node_ends(chain, begin, stop)
+        straight, slowing = pace.stretch(begin, ends[0], ends[-1] - ends[0])
         slowed[nodes], slowed_by[nodes] = slowing.factor, slowing.cause
-        if found.cruise > 0.0:
-            lengths = np.linalg.norm(way[nodes], axis=1)
-            cruise[nodes] = found.cruise * lengths / lengths.sum()
-            ramp[nodes], lag[nodes] = found.ramp, found.lag
+        if straight.cruise > 0.0:
+            lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+            cruise[nodes] = straight.cruise * lengths / lengths.sum()
+            ramp[nodes], lag[nodes] = straight.ramp, straight.lag
     rests = np.append(np.diff(stretch) > 0, True)[:count]
-    drive = Drive(cruise, ramp, lag, rests, slowed, slowed_by)
+    drive = Drive(cruise, ramp, lag, rests, slowed, slowed_by, cap)
     moving = ramp > 0.0
-    duration[moving] = _nominal(cruise, ramp, lag, rests)[moving]
+    duration[moving] = nominal_durations(drive)[moving]
     duration[~moving & ~chain.skill] = 0.0
     return replace(chain, duration=duration, fraction=fraction, drive=drive)
 
 
-def _stretches(tpg: TemporalPlanGraph, k: int) -> tuple[npt.NDArray[np.int64], Array]:
-    """Return the number of each node's stretch, from 0, and how far each pose node goes.
+def stretch_numbers(tpg: TemporalPlanGraph, k: int) -> Indices:
+    """Return the number of each node's stretch, from 0, shape (nodes,).
 
     Nodes that are no part of a stretch have a number of their own.
+
+    Args:
+        tpg: the graph.
+        k: index of the chain.
     """
     chain = tpg.chains[k]
     ends = np.vstack([chain.start[None], chain.waypoints[chain.first[1:] - 1]])
     way = np.diff(ends, axis=0)
-    length = np.linalg.norm(way, axis=1)
-    moves = (length > _STILL) & ~chain.skill
-    unit = way / np.maximum(length, _STILL)[:, None]
+    leave, enter = _directions(way), _directions(way)
+    inside = np.zeros(max(len(chain) - 1, 0), dtype=np.bool_)
+    moves = (np.linalg.norm(way, axis=1) > _STILL) & ~chain.skill
+    for bend in chain_bends(chain):
+        begin, stop = bend.begin, bend.stop
+        enter[begin] = _directions(bend.corner[:1] - ends[begin])[0]
+        leave[stop - 1] = _directions(ends[stop] - bend.corner[-1:])[0]
+        inside[begin : stop - 1] = True
+        # Where a way turns back, a node may end where it began.
+        moves[begin:stop] = True
     joined = moves[1:] & moves[:-1]
-    joined &= np.abs(np.diff(unit, axis=0)).max(axis=1, initial=0.0) < _TURN
+    turn = np.abs(enter[1:] - leave[:-1]).max(axis=1, initial=0.0)
+    joined &= inside | (turn < _TURN)
     for handling in tpg.handlings:
         # What changes hands does so at rest.
         if handling.robot == k and not chain.skill[handling.node]:
             border = handling.node - (handling.waypoint == 0)
             if 0 <= border < len(joined):
                 joined[border] = False
-    return np.concatenate([[0], np.cumsum(~joined)])[: len(chain)], way
+    return np.concatenate([[0], np.cumsum(~joined)])[: len(chain)].astype(np.int64)
+
+
+def _directions(ways: Array) -> Array:
+    """Return unit directions of ways, shape (w, n)."""
+    lengths = np.linalg.norm(ways, axis=1)
+    return np.asarray(ways / np.maximum(lengths, _STILL)[:, None])
+
+
+def nominal_durations(drive: Drive) -> Array:
+    """Return how long nodes take of which none has to wait within its stretch; 0 if in none [s]."""
+    return _nominal(drive.cruise, drive.cap, drive.ramp, drive.lag, drive.rests)
 
 
 @kernel
 def _nominal(
-    cruise: Array, ramp: Array, lag: Array, rests: npt.NDArray[np.bool_]
+    cruise: Array, cap: Array, ramp: Array, lag: Array, rests: npt.NDArray[np.bool_]
 ) -> Array:
-    """Return the durations of nodes of which none has to wait within its stretch."""
     out = np.zeros_like(cruise)
-    top = np.ones_like(cruise)
     begin = 0
     for end in range(len(cruise)):
         if not rests[end]:
@@ -159,9 +195,9 @@ def _nominal(
         speed = 0.0
         for node in range(begin, end + 1):
             if ramp[node] > 0.0:
-                bound = exit_bound(cruise, top, node, end, ramp[node])
+                bound = exit_bound(cruise, cap, node, end, ramp)
                 out[node], speed, _ = pass_through(
-                    cruise[node], 1.0, speed, bound, ramp[node]
+                    cruise[node], cap[node], speed, bound, ramp[node]
                 )
         out[begin] += lag[begin]
         begin = end + 1

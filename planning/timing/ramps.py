@@ -1,7 +1,7 @@
 """Speeds at the borders of nodes, such that a robot can always stop where it may not go on.
 
 Along a stretch, lengths are times at full speed, so that full speed is 1; ``ramp`` is the time from
-rest to it, so acceleration is at most 1 / ramp. All times are in one unit, nanoseconds in the engines.
+rest to it, so acceleration is at most 1 / ramp; around rounded corners it is longer than elsewhere. All times are in one unit, nanoseconds in the engines.
 Both engines call these functions with the same numbers, hence get the same times.
 """
 
@@ -17,7 +17,7 @@ _ROUNDING = 1e-9
 
 
 @kernel
-def exit_bound(length: Array, top: Array, node: int, last: int, ramp: float) -> float:
+def exit_bound(length: Array, top: Array, node: int, last: int, ramp: Array) -> float:
     """Return the greatest speed at the end of a node from which one can stop at the end of another.
 
     No speed on the way is beyond what its nodes allow, either.
@@ -27,17 +27,17 @@ def exit_bound(length: Array, top: Array, node: int, last: int, ramp: float) -> 
         top: greatest speed in each node, at most 1.
         node: the node that is left.
         last: the node at whose end the robot has to be able to stand.
-        ramp: time from rest to full speed.
+        ramp: time from rest to full speed in each node.
     """
     j, far = node + 1, 0.0
     # Beyond the way in which full speed is lost nothing counts.
-    while j <= last and far < 0.5 * ramp:
-        far += length[j]
+    while j <= last and far < 0.5:
+        far += length[j] / ramp[j]
         j += 1
     speed = 0.0 if j > last else min(top[j - 1], top[j])
     while j > node + 1:
         j -= 1
-        speed = math.sqrt(speed * speed + 2.0 * length[j] / ramp)
+        speed = math.sqrt(speed * speed + 2.0 * length[j] / ramp[j])
         speed = min(speed, min(top[j - 1], top[j]))
     return speed
 

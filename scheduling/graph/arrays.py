@@ -37,7 +37,7 @@ _LARGEST = (
 """Greatest values of what is no length, by how the array's name ends."""
 
 
-_DRIVE = dict.fromkeys(("cruise", "ramp", "lag", "slowed"), np.float64) | {
+_DRIVE = dict.fromkeys(("cruise", "ramp", "lag", "slowed", "cap"), np.float64) | {
     "rests": np.bool_,
     "slowed_by": np.int64,
 }
@@ -166,6 +166,16 @@ def _expected(
             yield from (
                 (f"chain_{i}_{name}", kind, (nodes,)) for name, kind in _DRIVE.items()
             )
+        if f"chain_{i}_rounded_begin" in arrays:
+            prefix = f"chain_{i}_rounded_"
+            bends, count = arrays[f"{prefix}begin"].size, arrays[f"{prefix}bend"].size
+            for name in ("begin", "stop"):
+                yield f"{prefix}{name}", np.int64, (bends,)
+            yield f"{prefix}length", np.float64, (bends,)
+            yield f"{prefix}bend", np.int64, (count,)
+            for name in ("at", "window"):
+                yield f"{prefix}{name}", np.float64, (count,)
+            yield f"{prefix}corner", np.float64, (count, joints[robot])
     yield "edges", np.int64, (len(arrays["edges"]) if arrays["edges"].ndim else 0, 4)
     yield "cause", np.uint8, (len(arrays["edges"]),)
     yield "dependencies", np.int64, (arrays["dependencies"].size // 2, 2)
@@ -209,6 +219,8 @@ def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
     _require(np.diff(starts) >= 0, f"{prefix}planned_start", starts, "falls afterwards")
     if f"{prefix}cruise" in arrays:
         _check_drive(prefix, arrays)
+    if f"{prefix}rounded_begin" in arrays:
+        _check_corners(prefix, arrays)
     inside = (fraction >= 0) & (fraction <= 1)
     _require(inside, f"{prefix}fraction", fraction, "must be 0 to 1")
     ends = np.zeros(points, dtype=bool)
@@ -232,14 +244,52 @@ def _check_drive(prefix: str, arrays: Arrays) -> None:
     wrong = f"must be {-joints} to {BY_EFFORT + joints - 1}"
     _require(known, f"{prefix}slowed_by", slowed_by, wrong)
     ramp, rests = arrays[f"{prefix}ramp"], arrays[f"{prefix}rests"]
+    lag, cap = arrays[f"{prefix}lag"], arrays[f"{prefix}cap"]
+    _require((cap > 0) & (cap <= 1), f"{prefix}cap", cap, "must be above 0, at most 1")
+    moves = rests.copy()
+    moves[:-1] |= (ramp[1:] > 0.0) & (ramp[:-1] > 0.0)
+    _require(moves, f"{prefix}ramp", ramp, "is 0 within a stretch")
     alike = rests.copy()
-    alike[:-1] |= (ramp[1:] == ramp[:-1]) & (ramp[:-1] > 0.0)
-    _require(alike, f"{prefix}ramp", ramp, "is another one within a stretch")
+    alike[:-1] |= lag[1:] == lag[:-1]
+    _require(alike, f"{prefix}lag", lag, "is another one within a stretch")
     for key in ("duration", "cruise"):
         values = arrays[f"{prefix}{key}"]
         _require(
             (values > 0) | (ramp == 0), f"{prefix}{key}", values, "must be above 0"
         )
+
+
+def _check_corners(prefix: str, arrays: Arrays) -> None:
+    """Check that rounded corners are pose nodes of a stretch, one bend after another."""
+    name = f"{prefix}rounded_"
+    begin, stop, length = (arrays[f"{name}{k}"] for k in ("begin", "stop", "length"))
+    bend, at, window = (arrays[f"{name}{k}"] for k in ("bend", "at", "window"))
+    after = np.append(0, stop[:-1])
+    ok = (begin >= after) & (begin < stop)
+    _require(ok, f"{name}begin", begin, "is out of order")
+    skill = arrays[f"{prefix}skill"]
+    _require(stop <= len(skill), f"{name}stop", stop, "is the index of no node")
+    ok = (np.diff(bend, prepend=-1) >= 0) & (np.diff(bend, prepend=-1) <= 1)
+    _require(ok, f"{name}bend", bend, "is out of order")
+    if len(bend) == 0 or bend[-1] != len(begin) - 1:
+        raise OutputError(f"{name}bend does not run from 0 to {len(begin) - 1}")
+    # Windows are as long as they are, and in order, where a bend begins and ends.
+    low, high = at - 0.5 * window, at + 0.5 * window
+    slack = 1e-9 * length[bend]
+    ok = (window > 0) & (low >= -slack) & (high <= length[bend] + slack)
+    same = np.diff(bend, prepend=-1) == 0
+    ok &= ~same | (np.diff(at, prepend=0.0) > 0)
+    for edge in (low, high):
+        ok &= ~same | (np.diff(edge, prepend=0.0) >= -slack)
+    _require(ok, f"{name}window", window, "does not fit the bend")
+    if f"{prefix}cruise" not in arrays:
+        raise OutputError(
+            f"{name}begin: robots rest at corners where nothing is limited"
+        )
+    rests = arrays[f"{prefix}rests"]
+    for k, (a, b) in enumerate(zip(begin.tolist(), stop.tolist(), strict=True)):
+        if np.any(skill[a:b]) or np.any(rests[a : b - 1]):
+            raise OutputError(f"{name}begin[{k}] is {a}: the robot rests in that bend")
 
 
 def _check_references(document: Mapping[str, Any], arrays: Arrays) -> None:

@@ -26,7 +26,7 @@ from planning.robots.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array
-from scheduling.graph.drive import Drive
+from scheduling.graph.drive import Drive, RoundedCorners
 from scheduling.graph.shape_document import shape_document, stored_shape
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -55,7 +55,7 @@ _CLEARANCE = _keys(
 _TASK = _keys(Task, "path", "handlings")
 _HANDLING = _keys(Handling, "pose")
 _NODE_HANDLING = _keys(NodeHandling, "pose", robot="chain")
-_CHAIN_ARRAYS = _keys(NodeChain, "robot", "least", "drive")
+_CHAIN_ARRAYS = _keys(NodeChain, "robot", "least", "drive", "corners")
 _GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
 
 
@@ -80,6 +80,9 @@ def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
         arrays |= {f"chain_{i}_{name}": getattr(chain, name) for name in _CHAIN_ARRAYS}
         if chain.drive is not None:
             arrays |= {f"chain_{i}_{k}": v for k, v in vars(chain.drive).items()}
+        if chain.corners is not None:
+            corners = vars(chain.corners).items()
+            arrays |= {f"chain_{i}_rounded_{k}": v for k, v in corners}
     return document, arrays
 
 
@@ -105,6 +108,7 @@ def graph_of(
             robot,
             **{name: arrays[f"chain_{i}_{name}"] for name in _CHAIN_ARRAYS},
             drive=_drive(f"chain_{i}_", arrays),
+            corners=_corners(f"chain_{i}_rounded_", arrays),
         )
         for i, robot in enumerate(document["chains"])
     )
@@ -136,6 +140,14 @@ def _drive(prefix: str, arrays: Arrays) -> Drive | None:
     if f"{prefix}cruise" not in arrays:
         return None
     return Drive(*(arrays[f"{prefix}{field.name}"] for field in fields(Drive)))
+
+
+def _corners(prefix: str, arrays: Arrays) -> RoundedCorners | None:
+    """Return the corners of a chain that are rounded, None where there are none."""
+    if f"{prefix}begin" not in arrays:
+        return None
+    names = [field.name for field in fields(RoundedCorners)]
+    return RoundedCorners(*(arrays[f"{prefix}{name}"] for name in names))
 
 
 def _entry(item: object, keys: Mapping[str, str]) -> Document:

@@ -1,6 +1,6 @@
 """Temporal plan graphs as files: plan.json says what there is, plan.npz holds the numbers.
 
-plan.json, version 1, or 2 where a shape is no box:
+plan.json, version 1, or 2 where a shape is no box, or 3 where a corner is rounded:
     format, version, arrays_sha256 (of plan.npz)
     cell       robots [{name, model, urdf, sha256, joints, frames}], fixtures [{name, body,
                colour where it was given one}],
@@ -23,8 +23,9 @@ plan.npz (rows in the order of plan.json; poses are (4, 4) matrices; SI units):
     fixture_size (f, 3), fixture_pose (f, 4, 4), object_size (o, 3), object_start (o, 4, 4)
     task_path (all values), task_shape (tasks, 2), task_handling_pose (h, 4, 4)
     chain_<i>_{start, waypoints, fraction, first, task, skill, duration, planned_start}, and
-    {cruise, ramp, lag, rests} with robot_<i>_limits (3, n) and robot_<i>_caps (3,) where robots
-    keep to limits of acceleration; a limit of 0 is none
+    {cruise, ramp, lag, rests, cap} with robot_<i>_limits (3, n) and robot_<i>_caps (3,) where
+    robots keep to limits of acceleration; a limit of 0 is none; of rounded corners, where there
+    are any, chain_<i>_rounded_{begin (k,), stop (k,), corner (k, n)}
     handling_pose (h, 4, 4), edges (e, 4), cause (e,), dependencies (d, 2),
     slots (tasks or 0,), products (tasks,) where there are several
 """
@@ -52,6 +53,9 @@ FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
 VERSION_OF_SHAPES = 2
 """Of plans in which something is no box: earlier programs would take it for one."""
+VERSION_OF_CORNERS = 3
+"""Of plans with rounded corners: earlier programs would take their chords for the way."""
+_VERSIONS = VERSION, VERSION_OF_SHAPES, VERSION_OF_CORNERS
 
 _AGAIN = "it was written by another version of this program; plan again"
 
@@ -77,7 +81,7 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     content = buffer.getvalue()
     document = {
         "format": FORMAT,
-        "version": VERSION_OF_SHAPES if _has_shapes(described) else VERSION,
+        "version": _version_of(tpg, described),
         "arrays_sha256": sha256(content).hexdigest(),
         **described,
     }
@@ -89,6 +93,13 @@ def save_plan(tpg: TemporalPlanGraph, folder: Path) -> None:
     for name, written in (("plan.npz", content), ("plan.json", text.encode())):
         with replacing(folder / name) as temporary:
             temporary.write_bytes(written)
+
+
+def _version_of(tpg: TemporalPlanGraph, described: Document) -> int:
+    """Return the version of a plan: the least that says all of it."""
+    if any(chain.corners is not None for chain in tpg.chains):
+        return VERSION_OF_CORNERS
+    return VERSION_OF_SHAPES if _has_shapes(described) else VERSION
 
 
 def _has_shapes(described: Document) -> bool:
@@ -132,10 +143,10 @@ def load_plan(
         raise OutputError(f"{folder / 'plan.json'} is damaged: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise OutputError(f"{folder / 'plan.json'} holds no temporal plan graph")
-    if document.get("version") not in (VERSION, VERSION_OF_SHAPES):
+    if document.get("version") not in _VERSIONS:
         raise OutputError(
             f"{folder / 'plan.json'} has format version {document.get('version')}: {_AGAIN}",
-            choices=(str(VERSION), str(VERSION_OF_SHAPES)),
+            choices=tuple(map(str, _VERSIONS)),
         )
     if sha256(content).hexdigest() != document.get("arrays_sha256"):
         raise OutputError(

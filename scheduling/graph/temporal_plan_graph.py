@@ -16,7 +16,7 @@ import numpy.typing as npt
 from planning.cell.workcell import Workcell
 from planning.tasks.task import AllowedContact, Task
 from planning.transforms import Array, Indices, Transform
-from scheduling.graph.drive import Drive
+from scheduling.graph.drive import Drive, RoundedCorners
 
 TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1
@@ -44,6 +44,7 @@ class NodeChain:
             [s], in a graph that is kept without paths; empty where the waypoints say it.
         drive: how nodes are passed within limits of acceleration; None where robots are at full
             speed at once.
+        corners: that are rounded; None for none.
     """
 
     robot: str
@@ -57,6 +58,7 @@ class NodeChain:
     planned_start: Array
     least: Array = field(default_factory=lambda: np.empty(0))
     drive: Drive | None = None
+    corners: RoundedCorners | None = None
 
     def __len__(self) -> int:
         """Return the number of nodes."""
@@ -76,6 +78,7 @@ class NodeChain:
             self.duration[first:stop],
             self.planned_start[first:stop],
             drive=None if self.drive is None else self.drive.cut(slice(first, stop)),
+            corners=None if self.corners is None else self.corners.inside(first, stop),
         )
 
 
@@ -85,7 +88,14 @@ def join_chains(parts: Sequence[NodeChain]) -> NodeChain:
     names = ("waypoints", "fraction", "task", "skill", "duration", "planned_start")
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
     first = np.cumsum([0, *counts], dtype=np.int64)
-    return NodeChain(parts[0].robot, parts[0].start, first=first, drive=None, **joined)
+    return NodeChain(
+        parts[0].robot,
+        parts[0].start,
+        first=first,
+        drive=None,
+        corners=None,
+        **joined,
+    )
 
 
 @dataclass(frozen=True)

@@ -160,6 +160,9 @@ class _Copies:
             np.tile(chain.duration, times),
             np.concatenate(starts),
             drive=None if chain.drive is None else chain.drive.repeated(times),
+            corners=None
+            if chain.corners is None
+            else chain.corners.repeated(times, len(chain)),
         )
         out = whole.cut(0, last * len(chain) + rest)
         for values in vars(out).values():

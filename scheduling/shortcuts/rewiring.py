@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.drive import joined_corners
 from scheduling.graph.reduction import reduce_again
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
 from scheduling.graph.total_order import with_edges
@@ -118,10 +119,26 @@ def in_order(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTp
 
 def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
     """Return a chain with as many other pose nodes in the place of some."""
-    waypoints, duration = chain.waypoints.copy(), chain.duration.copy()
-    waypoints[chain.first[swap.first] : chain.first[swap.last + 1]] = new.waypoints
-    duration[swap.first : swap.last + 1] = new.duration
-    return replace(chain, waypoints=waypoints, duration=duration)
+    begin, stop = swap.first, swap.last + 1
+    low, high = int(chain.first[begin]), int(chain.first[stop])
+    shift = len(new.waypoints) - (high - low)
+    duration = chain.duration.copy()
+    duration[begin:stop] = new.duration
+    kept = None if chain.corners is None else chain.corners.outside(begin, stop)
+    return replace(
+        chain,
+        waypoints=np.vstack(
+            [chain.waypoints[:low], new.waypoints, chain.waypoints[high:]]
+        ),
+        fraction=np.concatenate(
+            [chain.fraction[:low], new.fraction, chain.fraction[high:]]
+        ),
+        first=np.concatenate(
+            [chain.first[:begin], low + new.first, chain.first[stop + 1 :] + shift]
+        ),
+        duration=duration,
+        corners=joined_corners(kept, new.corners, begin),
+    )
 
 
 def _changed_nodes(graph: DerivedTpg, edges: Indices) -> npt.NDArray[np.bool_]:

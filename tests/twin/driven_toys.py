@@ -31,7 +31,7 @@ def driven_tpg(
         nodes_per_transit=nodes_per_transit,
         edges=edges,
     )
-    robots = tuple(_limited(robot, rng) for robot in tpg.cell.robots)
+    robots = tuple(limited(robot, rng) for robot in tpg.cell.robots)
     tpg = replace(
         tpg,
         cell=replace(tpg.cell, robots=robots),
@@ -50,7 +50,8 @@ DRIVEN_TPGS = st.builds(
 )
 
 
-def _limited(robot: PlacedRobot, rng: np.random.Generator) -> PlacedRobot:
+def limited(robot: PlacedRobot, rng: np.random.Generator) -> PlacedRobot:
+    """Return a robot with random limits."""
     n = robot.model.dof
     limits = MotionLimits(
         rng.uniform(0.5, 3.0, n), rng.uniform(1.0, 10.0, n), rng.uniform(20, 500, n)

@@ -16,7 +16,6 @@ import numpy as np
 from planning.errors import ScenarioError
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
@@ -29,6 +28,7 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
+from twin.planning.timed import timed
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
@@ -131,7 +131,7 @@ def measure_policies(
     def measure(
         name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
     ) -> None:
-        tpg = within_limits(tpg)
+        tpg = timed(tpg, scenario, StageWatch())
         run = execute(scenario, tpg, base, NAMED_POLICIES[name].release)
         merged = name in (SYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS_SHORTCUTS)
         ratio = None

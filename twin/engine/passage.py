@@ -114,7 +114,7 @@ class Passage:
         length, ramp = float(times.length[node]), float(times.ramp[node])
         top = float(times.top[node])
         end = min(last, int(times.last[node]))
-        bound = exit_bound(times.length, times.top, node, end, ramp)
+        bound = exit_bound(times.length, times.top, node, end, times.ramp)
         self.pending += standstills
         gone = 0.0
         stood: list[tuple[int, Standstill]] = []

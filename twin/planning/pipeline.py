@@ -21,7 +21,6 @@ from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.synchronous import (
     SynchronousPlan,
@@ -33,6 +32,7 @@ from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.planning.line.repeated import repeated_plans
+from twin.planning.timed import timed
 from twin.run.policies import (
     AT_ONCE,
     IN_SLOTS,
@@ -165,9 +165,9 @@ def _coordinated(
         first.task_plan,
         motion_plan,
         first.settings,
-        within_limits(tpg),
+        timed(tpg, scenario, watch),
         watch.seconds,
-        None if turns is None else within_limits(turns),
+        None if turns is None else timed(turns, scenario, watch),
         variant,
     )
 

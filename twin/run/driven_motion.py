@@ -10,12 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 
+from planning.timing.blend import RoundedPath
 from planning.timing.braking import StoppedPath
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import node_path, skill_motion
+from scheduling.stretch_times import rounded_path
 from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.cubic_motion import with_cubics
 from twin.run.run_record import Run
 from twin.uncertainty.stopped_skills import stopped_skill, stops_of
 
@@ -24,6 +28,9 @@ _STANDS = 1e-7
 
 _BESIDE = 1e-6
 """Share of a stretch by which rounding may keep a robot that stands from a border."""
+
+_FINE_NS = 12e6
+"""Farthest that rows around corners are apart, before each gap is cut in three [ns]."""
 
 _AT_BORDER = 1e-9
 """Share of a stretch that is no way beyond a border."""
@@ -137,27 +144,58 @@ def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:
     speed, rate = commands[:, 3], commands[:, 4]
     last = _end_of(at[-1], gone[-1], speed[-1], rate[-1], border[-1])
     edges = np.append(at, last)
-    t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
     way = _Way(edges, gone, speed, rate)
-    late = t - lag
-    done = np.asarray((way.area(t) - way.area(late)) / lag, dtype=np.float64)
-    pace = (way.gone(t) - way.gone(late)) / lag
-    rise = (way.speed(t) - way.speed(late)) / lag
-    low, high = int(chain.first[nodes.start]), int(chain.first[nodes.stop])
-    start = chain.start if low == 0 else chain.waypoints[low - 1]
-    end = chain.waypoints[high - 1]
+    path = rounded_path(chain, nodes.start, nodes.stop, drive.cruise[nodes])
+    t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
+    bends = np.zeros(len(t) - 1, dtype=np.bool_)
+    if len(path.window):
+        t, bends = _with_corners(t, way, lag, path)
+    done, pace, rise = way.executed(t, lag)
     # Times are whole nanoseconds: what stands but for that stands.
     moves = (pace > _STANDS) | (np.abs(rise) * lag > _STANDS)
     pace, rise = np.where(moves, pace, 0.0), np.where(moves, rise, 0.0)
     done = np.where(moves, done, _at_border(border, done))
-    share = np.clip(done / border[-1], 0.0, 1.0)[:, None]
-    q = np.where(share < 1.0, start + share * (end - start), end)
-    full_speed = (end - start) / (border[-1] / NANOSECONDS)
-    v, a = pace[:, None] * full_speed, rise[:, None] * full_speed * NANOSECONDS
+    done = np.clip(done, 0.0, border[-1])
+    q, first, second = path.states(done / NANOSECONDS)
+    q[done >= border[-1]] = path.points[-1]
+    pace, rise = pace[:, None], rise[:, None] * NANOSECONDS
+    v, a = pace * first, rise * first + pace**2 * second
+    whole = t.astype(np.int64)
+    whole, q, v, a = with_cubics(whole, q, v, a, bends)
     # At a border, where it may stand, a robot is still in the node before it.
-    inside = done - _AT_BORDER * border[-1]
+    inside = np.interp(whole, t, done) - _AT_BORDER * border[-1]
     node = np.searchsorted(border[1:-1], inside, side="left") + nodes.start
-    return t.astype(np.int64) + round(begin), q, v, a, node
+    return whole + round(begin), q, v, a, node
+
+
+def _with_corners(
+    t: Array, way: _Way, lag: float, path: RoundedPath
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return times of rows that are fine enough around corners, and whether the way bends after each.
+
+    Args:
+        t: rising, the first at the begin of the stretch, the last at its end [ns].
+        way: that was commanded.
+        lag: of what is executed [ns].
+        path: with rounded corners.
+    """
+    breaks = path.breaks() * NANOSECONDS
+    low, high = np.full(len(breaks), t[0]), np.full(len(breaks), t[-1])
+    # When each break is passed, to the nanosecond.
+    while np.any(high - low > 1.0):
+        middle = np.rint(0.5 * (low + high))
+        past = way.executed(middle, lag)[0] >= breaks
+        low, high = np.where(past, low, middle), np.where(past, middle, high)
+    t = np.unique(np.concatenate([t, high]))
+    middle = way.executed(0.5 * (t[1:] + t[:-1]), lag)[0]
+    bent = path.bent_pieces()
+    piece = np.searchsorted(bent.low * NANOSECONDS, middle) - 1
+    inside = (piece >= 0) & (middle < bent.high[piece] * NANOSECONDS)
+    pieces = np.where(inside, np.ceil(np.diff(t) / _FINE_NS), 1.0).astype(np.int64)
+    of = np.repeat(np.arange(len(pieces)), pieces)
+    rank = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    fine = np.rint(t[of] + rank / pieces[of] * np.diff(t)[of])
+    return np.append(fine, t[-1]), inside[of]
 
 
 def _at_border(border: Array, done: Array) -> Array:
@@ -195,6 +233,13 @@ class _Way:
             gone + span * (speed / 2.0 + rate * span / 6.0)
         )
         self._area = np.concatenate([[0.0], np.cumsum(areas)])
+
+    def executed(self, t: Array, lag: float) -> tuple[Array, Array, Array]:
+        """Return way, speed and its change at some times: means over a time before them."""
+        late = t - lag
+        done = np.asarray((self.area(t) - self.area(late)) / lag, dtype=np.float64)
+        pace = (self.gone(t) - self.gone(late)) / lag
+        return done, pace, (self.speed(t) - self.speed(late)) / lag
 
     def _piece(self, t: Array) -> tuple[Indices, Array]:
         piece = np.searchsorted(self._edges, t, side="right") - 1

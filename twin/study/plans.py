@@ -10,7 +10,6 @@ from pathlib import Path
 from planning.errors import RequestError, ScenarioError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
 from twin.planning.line.repeated import repeated_plans
@@ -22,6 +21,7 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
+from twin.planning.timed import timed
 from twin.run.policies import (
     ASYNCHRONOUS,
     AT_ONCE,
@@ -104,8 +104,8 @@ def plan_for_study(
                 candidates=candidates,
                 seed=scenario.seed,
             )
-    timed = {name: within_limits(plan) for name, plan in plans.items()}
-    plans = repeated_plans(timed, turns.pattern, watch)
+    within = {name: timed(plan, scenario, watch) for name, plan in plans.items()}
+    plans = repeated_plans(within, turns.pattern, watch)
     return {name: plan for name, plan in plans.items() if name in needed}
 
 

@@ -40,7 +40,9 @@ def test_a_robot_leaves_a_node_as_fast_as_it_can_still_stop(
     )
     last = data.draw(st.integers(0, len(lengths) - 1))
     node = data.draw(st.integers(0, last))
-    bound = exit_bound(np.array(lengths), np.array(tops), node, last, ramp)
+    bound = exit_bound(
+        np.array(lengths), np.array(tops), node, last, np.full(len(lengths), ramp)
+    )
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planning.cell.motion_limits import MotionLimits
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture
@@ -22,6 +23,8 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
+from scheduling.motion_times import within_limits
+from scheduling.shortcuts.corners import round_corners
 from tests.scheduling.mini_world import random_plan
 
 
@@ -145,8 +148,10 @@ def test_a_cut_or_foreign_document_is_refused(
     file.write_text("[]")
     with pytest.raises(OutputError, match="holds no temporal plan graph"):
         load_plan(tmp_path, _models(tpg))
-    file.write_text(json.dumps({**json.loads(text), "version": 3}))
-    with pytest.raises(OutputError, match=r"version 3: .*plan again \(valid: 1, 2\)"):
+    file.write_text(json.dumps({**json.loads(text), "version": 4}))
+    with pytest.raises(
+        OutputError, match=r"version 4: .*plan again \(valid: 1, 2, 3\)"
+    ):
         load_plan(tmp_path, _models(tpg))
     document = json.loads(text)
     del document["tasks"][0]["robot"]
@@ -247,3 +252,62 @@ def test_the_hash_of_a_plan_is_that_of_its_content(
     assert plan_sha256(again) == plan_sha256(tpg)
     other = dataclasses.replace(tpg, cause=1 - tpg.cause)
     assert plan_sha256(other) != plan_sha256(tpg)
+
+
+def test_rounded_corners_come_back_and_are_checked(tmp_path: Path) -> None:
+    graph = _with_corners()
+    save_plan(graph, tmp_path)
+    assert json.loads((tmp_path / "plan.json").read_text())["version"] == 3
+    _same(graph, load_plan(tmp_path, _models(graph)))
+
+
+def _with_corners() -> TemporalPlanGraph:
+    plan = random_plan(2, 1, rounds=8)
+    robots = tuple(
+        dataclasses.replace(
+            robot,
+            limits=MotionLimits(
+                np.full(robot.model.dof, 1.5),
+                np.full(robot.model.dof, 3.0),
+                np.full(robot.model.dof, 60.0),
+            ),
+        )
+        for robot in plan.cell.robots
+    )
+    cell = dataclasses.replace(plan.cell, robots=robots)
+    graph = within_limits(
+        round_corners(build_tpg(dataclasses.replace(plan, cell=cell)))
+    )
+    assert any(chain.corners is not None for chain in graph.chains)
+    return graph
+
+
+@pytest.mark.parametrize(
+    ("field", "change", "message"),
+    [
+        ("begin", lambda a: a + 10**6, "rounded_begin|rounded_stop"),
+        ("stop", lambda a: a * 0, "rounded_begin"),
+        ("bend", lambda a: a + 1, "rounded_bend"),
+        ("window", lambda a: a * 100.0, "rounded_window"),
+        ("window", lambda a: -a, "rounded_window"),
+        ("length", lambda a: a * 0.1, "rounded_window"),
+    ],
+)
+def test_damaged_corners_are_refused(
+    field: str, change: Callable[[Any], Any], message: str, tmp_path: Path
+) -> None:
+    graph = _with_corners()
+    chains = tuple(
+        chain
+        if chain.corners is None
+        else dataclasses.replace(
+            chain,
+            corners=dataclasses.replace(
+                chain.corners, **{field: change(getattr(chain.corners, field))}
+            ),
+        )
+        for chain in graph.chains
+    )
+    save_plan(dataclasses.replace(graph, chains=chains), tmp_path)
+    with pytest.raises(OutputError, match=message):
+        load_plan(tmp_path, _models(graph))

@@ -52,10 +52,10 @@ def apex_mr(
     from planning.importers.apex_mr.press_contacts import READINGS
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
+    from twin.commands.imports.tool_choice import choose_tool
     from twin.host.atomic import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
-    from twin.planning.tool_choice import choose_tool
     from twin.scenario.document.text import scenario_text
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection

@@ -213,8 +213,8 @@ def _settled(drive: DriveArrays, n: int, last: int) -> int:
         return last
     # What becomes clear later counts only within the way of braking.
     far, stop = 0.0, last
-    while stop > n and far < 0.5 * drive.ramp[n]:
-        far += drive.length[stop]
+    while stop > n and far < 0.5:
+        far += drive.length[stop] / drive.ramp[stop]
         stop -= 1
     return stop
 
@@ -234,7 +234,7 @@ def _pass(
 ) -> None:
     """Take a node, as ``Passage.go`` does without stops by the clock."""
     length, ramp = drive.length[n], drive.ramp[n]
-    bound = exit_bound(drive.length, top, n, last, ramp)
+    bound = exit_bound(drive.length, top, n, last, drive.ramp)
     pending[k] += stand[n]
     gone = 0.0
     if pending[k] > 0:

@@ -55,6 +55,8 @@ class PlanningSection(Section):
         speed_rad_s: the speed of the ``l1`` model, 1 by default, and where it is given the greatest
             sum of joint speeds of the ``limits`` model [rad/s]; the path of a plan is as long as its
             time, so slower ones than 0.01 take more memory than a plan is worth.
+        corners: with the ``limits`` model, whether robots pass corners of transits at speed, on a
+            curve, where that is free and shortens the plan: ``smooth``; or ``rest`` at all.
         step_s: time between the waypoints of a path [s].
         attempts: transit searches, each longer than the one before, until the planner gives up.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
@@ -70,6 +72,7 @@ class PlanningSection(Section):
 
     speed_model: SpeedModelName | None = None
     speed_rad_s: Annotated[float, Field(ge=0.01, le=100)] | None = None
+    corners: Literal["smooth", "rest"] = "rest"
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"

@@ -1,0 +1,305 @@
+"""Corners of transits rounded where that is free and pays, so that robots need not rest at them.
+
+What a bend sweeps is checked as what a shortcut does: alone among what never moves, then against
+everybody else's nodes, with the order that they get. Which corners are rounded, and how much,
+follows from the times that the robot's limits ask for; the plan never ends later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from planning.cell.motion_limits import MotionLimits
+from planning.timing.blend import longest_window
+from planning.timing.rounded_stretch import rounded_stretch
+from planning.timing.stretch import straight_stretch
+from planning.transforms import Array
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.stretches import StretchConflicts, nodes_stretch
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.invariant import check_invariant
+from scheduling.motion_times import nominal_durations, stretch_numbers, within_limits
+from scheduling.pace import is_bounded
+from scheduling.shortcuts.candidates import find_spans
+from scheduling.shortcuts.replacement_check import Pieces, Rivals, stands_stay_clear
+from scheduling.shortcuts.rewiring import Swap, rewire
+from scheduling.shortcuts.rounded_nodes import BentNodes, bent_nodes
+from scheduling.shortcuts.runs import Run, find_runs
+from scheduling.shortcuts.scenery import Scenery
+from scheduling.stretch_times import stretch_drive
+
+_SHORTER = 0.6
+"""A window that is in somebody's way is next tried that much shorter."""
+
+_SHORTEST = 0.03
+"""Corners whose windows would be a smaller share of the longest ones are not rounded."""
+
+_TRIES = 30
+"""How often the windows of a run may be made shorter."""
+
+_LATER = 1e-9
+"""Makespans that differ by less are the same [s]."""
+
+_GAIN = 1e-4
+"""Least time that a way without some rest has to save [s]."""
+
+_MOST = 16
+"""Most ways in a row without a rest."""
+
+
+def round_corners(
+    tpg: TemporalPlanGraph,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> TemporalPlanGraph:
+    """Return a graph in which robots with limits of acceleration pass corners of transits at speed.
+
+    It is the same graph where no corner was rounded. Nodes are not timed yet, see
+    ``within_limits``. Robots whose tool's speed or whose joints' efforts are limited rest at corners.
+
+    Args:
+        tpg: a graph that keeps its invariant, without rounded corners.
+        progress: told the runs done and in all.
+
+    Raises:
+        PlanInvariantError: the result breaks the invariant, a fault of this program.
+    """
+    timed = within_limits(tpg)
+    chains = [
+        replace(chain, duration=other.duration)
+        for chain, other in zip(tpg.chains, timed.chains, strict=True)
+    ]
+    rounder = _Rounder(replace(tpg, chains=tuple(chains)))
+    for done, run in enumerate(rounder.runs):
+        progress(done, len(rounder.runs))
+        rounder.round_run(run)
+    progress(len(rounder.runs), len(rounder.runs))
+    found = rounder.graph.tpg
+    if all(chain.corners is None for chain in found.chains):
+        return tpg
+    check_invariant(DerivedTpg(found))
+    return found
+
+
+class _Rounder:
+    """The graph as it is now, and the runs of it whose corners may be rounded.
+
+    Args:
+        tpg: the graph; durations are those within limits.
+
+    Attributes:
+        graph: as it is now.
+        runs: all runs, chain by chain.
+    """
+
+    def __init__(self, tpg: TemporalPlanGraph) -> None:
+        self.graph = DerivedTpg(tpg)
+        # On curves neither the speed of a tool nor efforts of joints are worked out.
+        limits = {r.name: r.limits for r in tpg.cell.robots if not is_bounded(r)}
+        self._limits = [limits.get(chain.robot) for chain in tpg.chains]
+        self._scenery = Scenery()
+        self.runs: list[Run] = []
+        cuts: list[list[int]] = [[] for _ in tpg.chains]
+        spans = find_spans(self.graph)
+        for k, (chain, own) in enumerate(zip(tpg.chains, self._limits, strict=True)):
+            mine = [span for span in spans if span.chain == k]
+            if own is None or not mine:
+                continue
+            number = stretch_numbers(tpg, k)
+            self.runs += find_runs(chain, mine, number, own)
+            cuts[k] = [node for s in mine for node in (s.first, s.last + 1)]
+        lengths = [len(chain) for chain in tpg.chains]
+        self._pieces = Pieces(lengths, cuts, StretchConflicts())
+
+    def round_run(self, run: Run) -> None:
+        """Round the corners of a run where it pays; the plan does not end later."""
+        limits = self._limits[run.chain]
+        assert limits is not None
+        before = self.graph
+        speed = np.diff(run.points, axis=0) / np.diff(run.at)[:, None]
+        longest = np.zeros(len(run.points))
+        for k in range(1, len(speed)):
+            longest[k] = longest_window(limits, speed[k] - speed[k - 1])
+        choice = _Choice(limits, run)
+        most = longest.copy()
+        for _ in range(_TRIES):
+            most[most < _SHORTEST * longest] = 0.0
+            rests = choice.rests(most)
+            swaps = self._round(run, limits, rests, most)
+            if swaps is None:
+                continue
+            if not swaps:
+                return
+            quicker = self._time(run, rests, limits)
+            if (
+                quicker
+                and self.graph.rollout.makespan <= before.rollout.makespan + _LATER
+            ):
+                return
+            self._undo(before, swaps)
+            most *= _SHORTER
+
+    def _round(
+        self, run: Run, limits: MotionLimits, rests: list[int], most: Array
+    ) -> list[Swap] | None:
+        """Round all corners of a run but some; return what was replaced.
+
+        Args:
+            run: the run.
+            limits: of its robot.
+            rests: ends of ways at which the robot rests, from first to last.
+            most: longest windows at the ends of ways; where one is in the way it is made shorter.
+
+        Returns:
+            None where something is in the way of a bend: then nothing is replaced.
+        """
+        before, swaps, way = self.graph, list[Swap](), run.way.copy()
+        start = run.room.start
+        for first, last in pairwise(rests):
+            if last - first < 2:
+                continue
+            windows = run.windows(first, last, most)
+            path = run.path(first, last, windows)
+            pace = rounded_stretch(limits, path)
+            assert pace is not None
+            for low, high in run.bends(path, pace):
+                room = range(start, run.room.stop)
+                offset = way[start - run.begins[0] : room.stop - run.begins[0] + 1]
+                chain = self.graph.tpg.chains[run.chain]
+                found = bent_nodes(chain, room, offset, path, low, high)
+                blocked = (low, high) if found is None else self._take(run, found)
+                if found is None or blocked is not None:
+                    _shorten(run, most, windows, first, blocked or (low, high))
+                    self._undo(before, swaps)
+                    return None
+                swaps.append(_swap(run, found))
+                at = found.first - run.begins[0]
+                way[at : at + len(found.way)] = found.way
+                assert found.nodes.corners is not None
+                start = found.first + int(found.nodes.corners.stop[0])
+        return swaps
+
+    def _take(self, run: Run, found: BentNodes) -> tuple[float, float] | None:
+        """Take the nodes of a bend, or return the part of the way that is in somebody's way."""
+        graph, nodes, swap = self.graph, found.nodes, _swap(run, found)
+        amid = self._scenery.amid(graph, run.chain, swap.first, swap.last)
+        chords = np.vstack([nodes.start[None], nodes.waypoints])
+        for k, (a, b) in enumerate(pairwise(chords)):
+            if not amid.checker.motion_free(a, b):
+                node = int(np.searchsorted(nodes.first, k, side="right")) - 1
+                return float(found.way[node]), float(found.way[node + 1])
+        stretch = nodes_stretch(graph, run.chain, swap.first, swap.last + 1, nodes)
+        rivals = Rivals(graph, self._pieces, swap, stretch)
+        candidate = rewire(graph, swap, nodes, rivals.edges(graph))
+        if not stands_stay_clear(candidate, self._pieces, swap, stretch):
+            return float(found.way[0]), float(found.way[-1])
+        self.graph = candidate
+        self._pieces.splice(swap)
+        return None
+
+    def _undo(self, before: DerivedTpg, swaps: list[Swap]) -> None:
+        self.graph = before
+        for swap in swaps:
+            self._pieces.splice(swap)
+
+    def _time(self, run: Run, rests: list[int], limits: MotionLimits) -> bool:
+        """Give the nodes of a run the times that limits ask for; tell whether it takes less time."""
+        graph = self.graph
+        chain = graph.tpg.chains[run.chain]
+        duration = chain.duration.copy()
+        for first, last in pairwise(rests):
+            begin, stop = run.begins[first], run.begins[last]
+            drive = stretch_drive(limits, chain, begin, stop)
+            duration[begin:stop] = nominal_durations(drive)
+        chains = list(graph.tpg.chains)
+        chains[run.chain] = replace(chain, duration=duration)
+        timed = replace(graph.tpg, chains=tuple(chains))
+        own = slice(run.begins[0], run.begins[-1])
+        quicker = bool(duration[own].sum() < chain.duration[own].sum())
+        self.graph = graph.derive(timed, "ranks", "history", "spans", "order", "flat")
+        return quicker
+
+
+class _Choice:
+    """At which corners of a run a robot rests, such that the run takes the least time.
+
+    Args:
+        limits: of the robot.
+        run: its ways.
+    """
+
+    def __init__(self, limits: MotionLimits, run: Run) -> None:
+        self._limits, self._run = limits, run
+        self._known: dict[tuple[int, int, bytes], float] = {}
+
+    def rests(self, most: Array) -> list[int]:
+        """Return ends of ways at which the robot rests, the first and the last one too.
+
+        Args:
+            most: longest windows at the ends of ways, 0 where nothing can be rounded [s].
+        """
+        ways = len(self._run.at) - 1
+        least, came = np.zeros(ways + 1), np.zeros(ways + 1, dtype=np.int64)
+        for stop in range(1, ways + 1):
+            least[stop] = np.inf
+            for begin in range(stop - 1, max(stop - 1 - _MOST, -1), -1):
+                if begin + 1 < stop and most[begin + 1] <= 0.0:
+                    break
+                gain = 0.0 if begin + 1 == stop else _GAIN
+                seconds = least[begin] + self._seconds(begin, stop, most)
+                if seconds < least[stop] - gain:
+                    least[stop], came[stop] = seconds, begin
+        rests = [ways]
+        while rests[-1] > 0:
+            rests.append(int(came[rests[-1]]))
+        return rests[::-1]
+
+    def _seconds(self, first: int, last: int, most: Array) -> float:
+        """Return how long some ways take without a rest, infinite where they cannot be taken so."""
+        run, windows = self._run, np.empty(0)
+        if last - first > 1:
+            windows = run.windows(first, last, most)
+        key = first, last, windows.tobytes()
+        if key not in self._known:
+            self._known[key] = _least_seconds(self._limits, run, first, last, windows)
+        return self._known[key]
+
+
+def _least_seconds(
+    limits: MotionLimits, run: Run, first: int, last: int, windows: Array
+) -> float:
+    if last - first == 1:
+        return straight_stretch(limits, run.points[last] - run.points[first]).seconds
+    if np.min(windows) <= 0.0:
+        return float(np.inf)
+    found = rounded_stretch(limits, run.path(first, last, windows))
+    return float(np.inf) if found is None else found.seconds
+
+
+def _swap(run: Run, found: BentNodes) -> Swap:
+    count = len(found.nodes)
+    return Swap(run.chain, found.first, found.first + count - 1, count)
+
+
+def _shorten(
+    run: Run, most: Array, windows: Array, first: int, part: tuple[float, float]
+) -> None:
+    """Make the longest windows shorter at the corners that bend a part of a run.
+
+    Args:
+        run: the run.
+        most: longest windows at the ends of its ways; changed.
+        windows: at the corners after end ``first``, as they were tried.
+        first: that end.
+        part: the part, from and to [s].
+    """
+    own = np.arange(first + 1, first + 1 + len(windows))
+    near = run.at[own] + 0.5 * windows > part[0]
+    near &= run.at[own] - 0.5 * windows < part[1]
+    if not np.any(near):
+        near[:] = True
+    most[own[near]] = _SHORTER * windows[near]
