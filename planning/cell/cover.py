@@ -50,7 +50,14 @@ def capsule_cover(
     Returns:
         Capsules in the frame of ``vertices``; their union contains the hull.
     """
-    points = hull_vertices(vertices)
+    corners = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
+    return _cover(corners.tobytes(), tolerance, most, thrift)
+
+
+# Robots of a kind, and parts of a kind, have the same hulls.
+@lru_cache(maxsize=4096)
+def _cover(corners: bytes, tolerance: float, most: int, thrift: float) -> Capsules:
+    points = hull_vertices(np.frombuffer(corners).reshape(-1, 3))
     axes = _tightest_axes(points)
     local = points @ axes
     normals = directions()

@@ -27,6 +27,9 @@ _AXES = 3
 _SHARES = (1 / 64, 1 / 16, 1 / 4, 1.0)
 """Shares of the depth of hollows that are tried, the finest first."""
 
+_FEW = 64
+"""Finer pieces than have to be are made where they are no more than this."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Slab:
@@ -50,8 +53,8 @@ def prism_pieces(
     Args:
         vertices: of a closed body, shape (v, 3) [m].
         faces: its triangles, shape (f, 3).
-        within: how deep a hollow may be that a piece fills [m]; shallower ones are filled where
-            that does not make too many pieces.
+        within: how deep a hollow may be that a piece fills [m]; only shallower ones are filled
+            where that makes few pieces.
         most: pieces there may be.
 
     Returns:
@@ -68,7 +71,7 @@ def prism_pieces(
                 for slab in slabs
                 for flat in _convex_polygons(slab.loops, share * within)
             ]
-            if len(pieces) <= most:
+            if len(pieces) <= (most if share == 1.0 else min(most, _FEW)):
                 return pieces
     return None
 

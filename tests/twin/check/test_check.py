@@ -267,7 +267,8 @@ def test_shipped_scenarios_have_no_errors(file: Path) -> None:
     start = time.process_time()
     report = checked(file)
     assert not report.errors, [item.message for item in report.errors]
-    assert time.process_time() - start < 20.0  # one more where kernels are compiled
+    # Far more than it takes, and far less than searching for a plan.
+    assert time.process_time() - start < 60.0
 
 
 def test_the_speeds_of_the_shipped_boat_are_called_too_high() -> None:
