@@ -23,6 +23,7 @@ assembly:
     - {name: b1, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.2881234, 0.1441234, 1.1193]},
        goal: {xyz_m: [0.2881234, 0.1441234, 1.1193]}}
   steps: [b1]
+planning: {speed_model: joint}  # the plan below says times and no motions within limits
 execution:
   skills:
     pick: {kind: lognormal, median_s: 5, p95_s: 6}

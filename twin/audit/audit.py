@@ -8,7 +8,7 @@ only names, files, sizes and first poses are read: no hull, no capsule, no kinem
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -22,10 +22,15 @@ from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.accepted_overlaps import ContactRule
-from twin.audit.edge_order import edge_violations, logged_spans, moved_spans
+from twin.audit.edge_order import (
+    NodeSpans,
+    edge_violations,
+    logged_spans,
+    moved_spans,
+)
 from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
-from twin.audit.limit_checks import effort_violations, limit_violations, logged_halts
+from twin.audit.limit_checks import effort_violations, limit_violations
 from twin.audit.motion.efforts import GreatestEffort, efforts_of_run, greatest_efforts
 from twin.audit.motion.executed import ObjectRow, Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
@@ -135,19 +140,20 @@ def audit_run(
     """
     tpg = load_plan(folder)
     recording = read_recording(folder, tpg.cell)
-    with Auditor(tpg, engine, wanted) as auditor:
-        report = auditor.audit(recording, progress, ordered=ordered, finished=finished)
-    found = [*report.violations, *start_violations(tpg.cell, recording)]
     log = folder / _EVENTS
-    halts = logged_halts(log) if log.exists() else {}
-    found += limit_violations(tpg.cell, recording, halts)
+    spans = logged_spans(tpg, log) if log.exists() else {}
+    with Auditor(tpg, engine, wanted) as auditor:
+        report = auditor.audit(
+            recording, progress, ordered=ordered, finished=finished, spans=spans
+        )
+    found = [*report.violations, *start_violations(tpg.cell, recording)]
+    found += limit_violations(tpg.cell, recording)
     efforts = efforts_of_run(tpg.cell, recording)
-    found += effort_violations(tpg.cell, recording, efforts, halts)
+    found += effort_violations(tpg.cell, recording, efforts)
     if finished and wanted is not None:
         found += place_violations(tpg.cell, recording, wanted)
         report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))
-    if ordered and log.exists():
-        spans = logged_spans(tpg, log)
+    if ordered and spans:
         found += edge_violations(tpg, spans, _EVENTS)
         if finished and wanted is not None:
             found += rest_violations(tpg, recording, wanted, spans)
@@ -192,6 +198,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         within: float = math.inf,
         ordered: bool = True,
         finished: bool = True,
+        spans: Mapping[str, NodeSpans] | None = None,
     ) -> AuditReport:
         """Audit an execution.
 
@@ -206,6 +213,7 @@ class Auditor(AbstractContextManager["Auditor"]):
                 report is at most this [m].
             ordered: whether type-2 edges had to be kept.
             finished: whether it came to its end, so that all processes must be done.
+            spans: when nodes were started and completed, by robot or machine, where a log says so.
         """
         rule = self._rule.during(recording)
         watch = _Watch(self._world, rule, self._exempt, within)
@@ -226,7 +234,9 @@ class Auditor(AbstractContextManager["Auditor"]):
             found += support_violations(self._world, self._tpg, recording, wanted)
             found += tool_violations(self._world, recording, wanted)
             if finished:
-                found += process_violations(self._world, self._tpg, recording, wanted)
+                found += process_violations(
+                    self._world, self._tpg, recording, wanted, spans or {}
+                )
         if ordered:
             moved = moved_spans(self._tpg, recording.robots)
             found += edge_violations(self._tpg, moved, "trajectory.parquet")

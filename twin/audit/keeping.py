@@ -10,6 +10,7 @@ import numpy as np
 
 from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.edge_order import NodeSpans
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.supports import STANDING
 from twin.audit.violation import Violation
@@ -21,6 +22,7 @@ def keeping_violations(
     recording: Recording,
     wanted: Wanted,
     ends: Mapping[str, float],
+    spans: Mapping[str, NodeSpans],
 ) -> Iterator[Violation]:
     """Yield parts that were let go of before what they are to be held for was complete.
 
@@ -34,11 +36,13 @@ def keeping_violations(
         recording: what was executed, to its end.
         wanted: until when the scenario wants parts to be kept hold of.
         ends: when steps that have names were complete [s].
+        spans: when nodes were started and completed, by robot or machine; without those of a
+            machine it is not known how long its work had to be waited for.
     """
     asked: dict[str, tuple[float, str]] = {
         part: (ends[step], step) for part, step in wanted.keeps.items() if step in ends
     }
-    for part, task, end in _kept_in_plan(tpg, recording):
+    for part, task, end in _kept_in_plan(tpg, recording, spans):
         asked[part] = max(asked.get(part, (end, task)), (end, task), key=itemgetter(0))
     for part, (end, until) in asked.items():
         placed = _placed(recording, part)
@@ -52,7 +56,7 @@ def keeping_violations(
 
 
 def _kept_in_plan(
-    tpg: TemporalPlanGraph, recording: Recording
+    tpg: TemporalPlanGraph, recording: Recording, spans: Mapping[str, NodeSpans]
 ) -> Iterator[tuple[str, str, float]]:
     """Yield parts that the plan has let go of after a task of another robot, its words and its end.
 
@@ -74,10 +78,16 @@ def _kept_in_plan(
         ):
             continue
         chain = tpg.chains[tpg.chain_index[tpg.tasks[first].robot]]
-        rows = recording.robots[chain.robot]
-        at = np.flatnonzero(np.isin(rows.node, np.flatnonzero(chain.task == first)))
-        if len(at):
-            yield back.object, tpg.tasks[first].label, float(rows.t[at[-1]])
+        nodes = np.flatnonzero(chain.task == first)
+        if chain.robot in recording.robots:
+            rows = recording.robots[chain.robot]
+            end = float(rows.t[np.isin(rows.node, nodes)].max(initial=-np.inf))
+        elif chain.robot in spans:
+            end = float(spans[chain.robot].end[nodes].max())
+        else:
+            continue
+        if np.isfinite(end):
+            yield back.object, tpg.tasks[first].label, end
 
 
 def _placed(recording: Recording, part: str) -> tuple[str, float] | None:

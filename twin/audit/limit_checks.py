@@ -6,17 +6,12 @@ line, its jerk constant. So rows settle all three, at every moment, and whether 
 
 from __future__ import annotations
 
-import json
-from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import Workcell
-from planning.errors import OutputError
 from planning.transforms import Array
 from twin.audit.joint_checks import runs
 from twin.audit.motion.efforts import RobotEfforts
@@ -39,16 +34,12 @@ _SPEED, _WAY = 1e-7, 1e-8
 """Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
 
 
-def limit_violations(
-    cell: Workcell, recording: Recording, halts: Mapping[str, Array]
-) -> Iterator[Violation]:
+def limit_violations(cell: Workcell, recording: Recording) -> Iterator[Violation]:
     """Yield where a robot that is to keep to limits does not.
 
     Args:
         cell: says which robots have limits, and which.
         recording: what was executed.
-        halts: times at which the clock stopped each robot or let it go on [s]. In the middle of a
-            skill it does so at once; steps that begin or end there are not looked at.
     """
     for robot in cell.robots:
         rows = recording.robots[robot.name]
@@ -61,9 +52,7 @@ def limit_violations(
             continue
         names = robot.model.joint_names
         units = ["m" if slides else "rad" for slides in robot.model.chain.prismatic]
-        free = _beside(rows.t, halts.get(robot.name, np.empty(0)))
         for kind, unit, share, limit in _shares(rows, rows.v, rows.a, robot.limits):
-            share[free] = 0.0
             for joint, where in runs(share > 1.0):
                 worst = where[np.argmax(share[where, joint])]
                 most = (
@@ -120,22 +109,10 @@ def _fastest(v: Array, begin: Array, end: Array, span: Array) -> Array:
     return np.where(turns, np.maximum(fastest, peak), fastest)
 
 
-def _beside(t: Array, halts: Array) -> npt.NDArray[np.bool_]:
-    """Return which steps begin or end at a halt, shape (m,)."""
-    if not len(halts):
-        return np.zeros(len(t) - 1, dtype=np.bool_)
-    halts = np.sort(halts)
-    k = np.clip(np.searchsorted(halts, t), 1, len(halts)) - 1
-    later = np.minimum(k + 1, len(halts) - 1)
-    near = np.minimum(np.abs(halts[k] - t), np.abs(halts[later] - t)) <= _TICKS
-    return np.asarray(near[:-1] | near[1:])
-
-
 def effort_violations(
     cell: Workcell,
     recording: Recording,
     efforts: Mapping[str, RobotEfforts],
-    halts: Mapping[str, Array],
 ) -> Iterator[Violation]:
     """Yield where a joint needed more than it can exert though gravity alone leaves it something.
 
@@ -143,16 +120,12 @@ def effort_violations(
         cell: names the joints.
         recording: what was executed.
         efforts: of the robots of which they are known.
-        halts: see limit_violations.
     """
     for robot, own in efforts.items():
         rows, model = recording.robots[robot], cell.robot(robot).model
-        free = _beside(rows.t, halts.get(robot, np.empty(0)))
-        step = np.clip(
-            np.searchsorted(rows.t, own.t, side="right") - 1, 0, len(free) - 1
-        )
+        step = np.searchsorted(rows.t, own.t, side="right") - 1
+        step = np.clip(step, 0, len(rows.t) - 2)
         share = np.abs(own.effort) / own.limit
-        share[free[step] | free[np.maximum(step - 1, 0)]] = 0.0
         for joint, where in runs((share > 1.0 + _EFFORT) & own.borne):
             worst = where[np.argmax(share[where, joint])]
             unit = "N" if model.chain.prismatic[joint] else "N m"
@@ -166,28 +139,3 @@ def effort_violations(
                 f" {own.limit[joint]:.6g} {unit}, node {rows.node[step[worst] + 1]}",
                 "joint-effort",
             )
-
-
-def logged_halts(path: Path) -> dict[str, Array]:
-    """Return when the clock stopped robots and let them go on [s], from an event log.
-
-    Stalls are over with the same kind of event as stops; robots that were never stopped are left out.
-
-    Raises:
-        OutputError: a line of it is no event.
-    """
-    found: dict[str, list[float]] = defaultdict(list)
-    stopped = set()
-    with path.open(encoding="utf-8") as lines:
-        for number, line in enumerate(lines, 1):
-            if '"stopped"' not in line and '"resumed"' not in line:
-                continue
-            try:
-                event = json.loads(line)
-                robot, at = str(event["robot"]), float(event["t_s"])
-                if event["kind"] in ("stopped", "resumed"):
-                    found[robot].append(at)
-                    stopped |= {robot} if event["kind"] == "stopped" else set()
-            except (ValueError, KeyError, TypeError) as error:
-                raise OutputError(f"{path}:{number}: is no event: {error}") from error
-    return {robot: np.array(found[robot]) for robot in sorted(stopped)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,12 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.edge_order import NodeSpans
 from twin.audit.grips import finger_travel
 from twin.audit.keeping import keeping_violations
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.places import rows_at
+from twin.audit.rests import machine_work
 from twin.audit.supports import SUPPORT, stands_still
 from twin.audit.tools import flange_poses, hand_of, tool_frames, tool_on
 from twin.audit.violation import Violation
@@ -49,7 +51,11 @@ class _Done:
 
 
 def process_violations(
-    world: AuditWorld, tpg: TemporalPlanGraph, recording: Recording, wanted: Wanted
+    world: AuditWorld,
+    tpg: TemporalPlanGraph,
+    recording: Recording,
+    wanted: Wanted,
+    spans: Mapping[str, NodeSpans],
 ) -> Iterator[Violation]:
     """Yield processes that were not done, or not as the scenario says.
 
@@ -64,6 +70,8 @@ def process_violations(
         tpg: says which tasks are processes.
         recording: what was executed, to its end.
         wanted: the processes.
+        spans: when nodes were started and completed, by robot or machine; empty where no log says
+            so, and then machines' work is waited for by nobody.
     """
     left = [task.index for task in tpg.tasks]
     ends = dict(_placed_at(recording, wanted))
@@ -87,7 +95,10 @@ def process_violations(
             begins[process.name], ends[process.name] = done.begin, done.end
         if process.hold is not None:
             yield from _held(world, recording, wanted, process.hold, done)
-    yield from keeping_violations(tpg, recording, wanted, ends)
+    if spans:
+        work = machine_work(tpg, wanted, spans).items()
+        ends.update({wanted.rests[k].name or "": end for k, (_, _, end) in work})
+    yield from keeping_violations(tpg, recording, wanted, ends, spans)
     for name, after in wanted.order():
         if name in begins and after in ends and begins[name] < ends[after] - 1e-6:
             detail = f"{name} begins before {after} is complete"

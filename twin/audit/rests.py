@@ -43,24 +43,22 @@ def rest_violations(
         rows[row.object].append(row)
     looked: dict[str, int] = {}
     times: dict[str, tuple[float, float]] = {}
-    left = {task.index: task for task in tpg.tasks if tpg.cell.is_machine(task.robot)}
-    for rest in wanted.rests:
+    work = machine_work(tpg, wanted, spans)
+    for k, rest in enumerate(wanted.rests):
         own = rows[rest.part]
         # To be put down somewhere it comes to rest anew.
         first = looked.get(rest.part, 0) + (rest.process is None)
-        at = next((k for k in range(first, len(own)) if _lies(tpg, own[k], rest)), None)
+        at = next((n for n in range(first, len(own)) if _lies(tpg, own[n], rest)), None)
         if at is None:
             yield _violation(recording.end, rest, "it never lies where it should")
             continue
         looked[rest.part] = at
         if rest.process is None:
             continue
-        index = next((k for k, task in left.items() if _is(rest, task)), None)
-        if index is None:
+        if k not in work:
             yield _violation(recording.end, rest, "was not done")
             continue
-        task = left.pop(index)
-        begin, end = _span(tpg, spans, task.robot, index)
+        task, begin, end = work[k]
         since = own[at].t
         until = own[at + 1].t if at + 1 < len(own) else np.inf
         if not since - _TICK <= begin <= end <= until + _TICK:
@@ -80,6 +78,23 @@ def rest_violations(
             _, end = times.get(after, (-np.inf, -np.inf))
             if begin < end - _TICK:
                 yield _violation(begin, rest, f"begins before {after} is complete")
+
+
+def machine_work(
+    tpg: TemporalPlanGraph, wanted: Wanted, spans: Mapping[str, NodeSpans]
+) -> dict[int, tuple[Task, float, float]]:
+    """Return who works at parts without a robot, by number of the wanted rest: task, begin, end [s].
+
+    Tasks that are alike are taken in the plan's order. What is not in the plan is left out.
+    """
+    left = {task.index: task for task in tpg.tasks if tpg.cell.is_machine(task.robot)}
+    work = {}
+    for k, rest in enumerate(wanted.rests):
+        index = next((n for n, task in left.items() if _is(rest, task)), None)
+        if rest.process is not None and index is not None:
+            task = left.pop(index)
+            work[k] = task, *_span(tpg, spans, task.robot, index)
+    return work
 
 
 def _is(rest: WantedRest, task: Task) -> bool:

@@ -23,6 +23,7 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.one_draw import sample_node_times
 from tests.twin.simulated import run_bulk, simulate
+from twin.audit.audit import audit_run
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
 from twin.check.reach import check_reach
@@ -692,8 +693,21 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
     }
     path = tmp_path / "glue.yaml"
     path.write_text(yaml.safe_dump(document))
-    trial = tried(load_scenario(path), tmp_path / "run")
+    own = load_scenario(path)
+    trial = tried(own, tmp_path / "run")
     assert trial.summary["wait_s"]["left"] == pytest.approx(30.0)
+    # A log in which it cures for a second longer: then the bracket was let go of too early.
+    log = tmp_path / "run" / "events.jsonl"
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    for event in events:
+        if event.get("robot") == "curing" and event["kind"] == "completed":
+            event["t_s"] += 1.0
+    log.write_text("".join(json.dumps(event) + "\n" for event in events))
+    wanted = assembly_kind(own.assembly).wanted(own.cell)
+    found = audit_run(tmp_path / "run", wanted=wanted, ordered=False).violations
+    (v,) = (v for v in found if v.kind == "support")
+    assert (v.first, v.second) == ("bracket", "left")
+    assert v.t_end - v.t_start == pytest.approx(1.0, abs=0.01)
 
 
 def test_an_order_that_is_found_waits_for_what_cures(tmp_path: Path) -> None:
