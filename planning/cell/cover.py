@@ -7,15 +7,19 @@ cells make up the hull: the union of the capsules contains it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
+from hashlib import sha256
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from planning.cell.body import Capsules, ConvexBody
+from planning.disk_cache import Arrays, remembered
 from planning.transforms import Array, readonly
 
 _ROUNDING = 1e-9
@@ -52,6 +56,47 @@ def capsule_cover(
     """
     corners = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
     return _cover(corners.tobytes(), tolerance, most, thrift)
+
+
+def capsule_covers(
+    hulls: Sequence[Array], *, thrift: float = 0.5
+) -> tuple[Capsules, ...]:
+    """Bound convex hulls by capsules, each as capsule_cover does; remembered from run to run.
+
+    Args:
+        hulls: corners of each, shape (v, 3) [m].
+        thrift: see capsule_cover.
+
+    Returns:
+        The capsules of each hull, in its frame.
+    """
+    corners = [np.ascontiguousarray(hull, dtype=np.float64) for hull in hulls]
+    sizes = [len(own) for own in corners]
+    question = [_STAMP, repr((thrift, sizes)).encode(), *(c.tobytes() for c in corners)]
+
+    def find() -> Arrays:
+        covers = [capsule_cover(own, thrift=thrift) for own in corners]
+        return {
+            "counts": np.array([len(c.radius) for c in covers], dtype=np.int64),
+            "rows": np.vstack([_rows(c) for c in covers] or [np.empty((0, 7))]),
+        }
+
+    known = remembered("covers", b"".join(question), _NAMES, find)
+    ends = np.cumsum(known["counts"])[:-1]
+    return tuple(
+        Capsules(readonly(own[:, :3]), readonly(own[:, 3:6]), readonly(own[:, 6]))
+        for own in np.split(known["rows"], ends)[: len(corners)]
+    )
+
+
+_STAMP = sha256(Path(__file__).read_bytes()).digest()
+"""What is remembered was found by this file as it is."""
+
+_NAMES = frozenset({"counts", "rows"})
+
+
+def _rows(capsules: Capsules) -> Array:
+    return np.column_stack([capsules.start, capsules.end, capsules.radius])
 
 
 # Robots of a kind, and parts of a kind, have the same hulls.

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.body import Capsules, ConvexBody
-from planning.cell.cover import box_body, capsule_cover
+from planning.cell.cover import box_body, capsule_covers
 from planning.cell.forms import Box, Form, Mesh
 from planning.cell.polyhedra import round_body
 from planning.transforms import Array, Transform, readonly
@@ -143,7 +143,8 @@ def _bodies(name: str, element: Element) -> list[ConvexBody]:
     """Return the convex bodies of an element, in the frame of the shape."""
     form = element.form
     if isinstance(form, Mesh):
-        own = [ConvexBody(name, hull, capsule_cover(hull)) for hull in form.hulls]
+        covers = zip(form.hulls, capsule_covers(form.hulls), strict=True)
+        own = [ConvexBody(name, hull, capsules) for hull, capsules in covers]
     elif isinstance(form, Box):
         own = [box_body(name, form.size)]
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -13,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell.forms import Mesh
-from planning.errors import OutputError, ShapeError
-from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+from planning.disk_cache import Arrays, remembered
+from planning.errors import ShapeError
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
@@ -28,12 +27,6 @@ _FEW = 64
 _SHARES = (1.0 / 60.0, 1.0 / 20.0)
 """Hollows no deeper than such a share of the longest edge are filled, where nobody says: the
 second one where the first makes too many pieces."""
-
-
-def cache_folder() -> Path:
-    """Return the folder in which convex pieces are remembered: in the user's cache."""
-    named = os.environ.get("XDG_CACHE_HOME")
-    return Path(named or Path.home() / ".cache") / "assembly-twin" / "convex"
 
 
 _MANY = 2000
@@ -91,17 +84,17 @@ def _form(
 ) -> Mesh:
     triangles = read_triangles(path, content.content, scale)
     settings = f"{sha} {path.suffix.lower()} {scale} {within}".encode()
-    file = cache_folder() / f"{sha256(_VERSION + settings).hexdigest()}.npz"
-    cut = _remembered(file)
-    if cut is None:
+
+    def find() -> Arrays:
         told = _TOLD.get()
         if told is not None and len(triangles.faces) > _MANY:
             told(path)
-        try:
-            cut = _cut(triangles, within)
-        except ShapeError as error:
-            raise ShapeError(f"mesh {path}: {error.message}") from None
-        _remember(file, cut)
+        return _arrays(_cut(triangles, within))
+
+    try:
+        cut = _cut_of(remembered("convex", _VERSION + settings, _NAMES, find))
+    except ShapeError as error:
+        raise ShapeError(f"mesh {path}: {error.message}") from None
     return Mesh(
         readonly(triangles.vertices),
         triangles.faces,
@@ -124,26 +117,19 @@ def _cut(triangles: Triangles, within: float | None) -> Cut:
     return cut_convex(triangles, _SHARES[-1] * longest)
 
 
-def _remembered(file: Path) -> Cut | None:
-    try:
-        known = read_npz(read_file(file), kinds="if", most=LARGEST)
-        ends = np.cumsum(known["counts"])[:-1]
-        hulls = tuple(np.split(known["corners"], ends))
-        volume, missed = known["numbers"].tolist()
-        return Cut(hulls, volume, known["centre"], missed)
-    except NPZ_ERRORS:
-        return None
+_NAMES = frozenset({"counts", "corners", "centre", "numbers"})
 
 
-def _remember(file: Path, cut: Cut) -> None:
-    """Write the pieces to the cache; where that is not possible, they are found anew."""
-    with suppress(OSError, OutputError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(file) as part:
-            np.savez_compressed(
-                part,
-                counts=np.array([len(hull) for hull in cut.hulls]),
-                corners=np.vstack(cut.hulls),
-                centre=cut.centre,
-                numbers=np.array([cut.volume, cut.missed]),
-            )
+def _arrays(cut: Cut) -> Arrays:
+    return {
+        "counts": np.array([len(hull) for hull in cut.hulls]),
+        "corners": np.vstack(cut.hulls),
+        "centre": cut.centre,
+        "numbers": np.array([cut.volume, cut.missed]),
+    }
+
+
+def _cut_of(arrays: Arrays) -> Cut:
+    hulls = tuple(np.split(arrays["corners"], np.cumsum(arrays["counts"])[:-1]))
+    volume, missed = arrays["numbers"].tolist()
+    return Cut(hulls, volume, arrays["centre"], missed)

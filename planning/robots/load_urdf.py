@@ -11,8 +11,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio
 
-from planning.cell.body import ConvexBody
-from planning.cell.cover import capsule_cover, hull_vertices
+from planning.cell.body import Capsules, ConvexBody
+from planning.cell.cover import capsule_covers, hull_vertices
 from planning.cell.robot_model import (
     DriveLimits,
     KinematicChain,
@@ -161,20 +161,27 @@ def _chain(description: UrdfFile, model: Any) -> KinematicChain:
 
 
 def _parts(model: Any, geometry: Any, tool: set[str]) -> tuple[LinkPart, ...]:
-    parts = []
+    joints, groups, hulls = [], [], []
     for item in geometry.geometryObjects:
-        link = model.frames[item.parentFrame].name
         local = shape_vertices(item.geometry, item.name)
         pose = item.placement.homogeneous
-        vertices: Array = readonly(local @ pose[:3, :3].T + pose[:3, 3])
-        group = "tool" if link in tool else "arm"
-        # Tools work at close range: more capsules there spare exact decisions.
-        capsules = capsule_cover(vertices, thrift=0.2 if group == "tool" else 0.5)
-        body = ConvexBody(item.name, vertices, capsules)
-        parts.append(LinkPart(item.parentJoint - 1, group, body))
-    if not parts:
+        hulls.append(readonly(local @ pose[:3, :3].T + pose[:3, 3]))
+        groups.append("tool" if model.frames[item.parentFrame].name in tool else "arm")
+        joints.append(item.parentJoint - 1)
+    if not hulls:
         raise RobotModelError(f"{model.name} has no collision geometry")
-    return tuple(parts)
+    covers: dict[int, Capsules] = {}
+    # Tools work at close range: more capsules there spare exact decisions.
+    for group, thrift in (("tool", 0.2), ("arm", 0.5)):
+        own = [k for k, name in enumerate(groups) if name == group]
+        found = capsule_covers([hulls[k] for k in own], thrift=thrift)
+        covers.update(zip(own, found, strict=True))
+    return tuple(
+        LinkPart(joint, groups[k], ConvexBody(item.name, hulls[k], covers[k]))
+        for k, (joint, item) in enumerate(
+            zip(joints, geometry.geometryObjects, strict=True)
+        )
+    )
 
 
 def _link_pose(model: Any, link: str) -> Array:

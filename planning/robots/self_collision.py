@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
+from hashlib import sha256
 from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.cell.robot_model import KinematicChain, LinkPart
+from planning.disk_cache import Arrays, remembered
+from planning.geometry import exact
 from planning.geometry.exact import Solid, distance_at
 from planning.kinematics.chain import chain_table
 from planning.transforms import Array
@@ -35,12 +41,43 @@ def never_colliding_pairs(
       box of joint values, the distance at its centre exceeds what the joints can close within
       the box. A pair that needs more than 500 boxes is left in; that costs time, not safety.
 
+    They are remembered from run to run.
+
     Args:
         chain: the kinematics.
         parts: all parts of the robot.
         lower, upper: joint limits, shape (n,).
         home: HOME configuration, shape (n,).
     """
+    arrays: list[npt.NDArray[Any]] = [
+        *(p.body.vertices for p in parts),
+        *(lower, upper, home),
+    ]
+    arrays += [chain.placement, chain.axis, chain.prismatic]
+    numbers = repr(([p.joint for p in parts], [a.shape for a in arrays])).encode()
+    question = [*_STAMP, numbers, *(np.ascontiguousarray(a).tobytes() for a in arrays)]
+
+    def find() -> Arrays:
+        pairs = _never_colliding_pairs(chain, parts, lower, upper, home)
+        return {"pairs": np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)}
+
+    known = remembered("apart", b"".join(question), frozenset({"pairs"}), find)
+    return frozenset((int(a), int(b)) for a, b in known["pairs"])
+
+
+_STAMP = tuple(
+    sha256(Path(file).read_bytes()).digest() for file in (__file__, exact.__file__)
+)
+"""What is remembered was found by these files as they are."""
+
+
+def _never_colliding_pairs(
+    chain: KinematicChain,
+    parts: tuple[LinkPart, ...],
+    lower: Array,
+    upper: Array,
+    home: Array,
+) -> set[tuple[int, int]]:
     out = set()
     left = []
     for pair in combinations(range(len(parts)), 2):
@@ -64,7 +101,7 @@ def never_colliding_pairs(
     for pair in left:
         if _proved_apart(pair, chain, parts, lower, upper, home, distance):
             out.add(pair)
-    return frozenset(out)
+    return out
 
 
 def _proved_apart(

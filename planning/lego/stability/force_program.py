@@ -58,6 +58,8 @@ class ForceProgram:
         for option, value in (
             ("presolve", "off"),
             ("solver", "simplex"),
+            # Primal: a quarter of the time of the dual, where columns are switched on and off.
+            ("simplex_strategy", 4),
             ("threads", 1),
         ):
             self._solver.setOptionValue(option, value)

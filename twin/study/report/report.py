@@ -129,6 +129,9 @@ def _file_name(label: str) -> str:
 def _drawn(result: StudyResult, figure: Figure, name: str) -> str:
     """Write a picture into the folder, and return it for the page."""
     save_png(figure, result.folder / f"{name}.png")
+    figure.set_layout_engine(
+        "none"
+    )  # all is in its place, and that takes as long as drawing
     return picture(figure, name)
 
 

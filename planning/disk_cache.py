@@ -1,0 +1,62 @@
+"""Answers that take a while to find, remembered from run to run in the user's cache folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import OutputError
+from planning.files import LARGEST, NPZ_ERRORS, read_file, read_npz, replacing
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+WORTH = 0.1
+"""What is found in less time is found anew every time [s]."""
+
+
+def cache_folder(kind: str) -> Path:
+    """Return the folder in which answers to one kind of question are remembered."""
+    named = os.environ.get("XDG_CACHE_HOME")
+    return Path(named or Path.home() / ".cache") / "assembly-twin" / kind
+
+
+def remembered(
+    kind: str, question: bytes, names: frozenset[str], find: Callable[[], Arrays]
+) -> Arrays:
+    """Return the answer to a question: the one that is remembered, or one that is found now.
+
+    A file that cannot be read, or that has other arrays, is one that is not there; where no file
+    can be written, answers are found anew every time.
+
+    Args:
+        kind: of question: the name of a folder.
+        question: all that the answer depends on, the version of what finds it included.
+        names: of the arrays of an answer.
+        find: returns the answer.
+    """
+    file = cache_folder(kind) / f"{sha256(question).hexdigest()}.npz"
+    with suppress(*NPZ_ERRORS):
+        known = read_npz(read_file(file), kinds="if", most=LARGEST)
+        if known.keys() == names:
+            return known
+    begin = perf_counter()
+    found = find()
+    if perf_counter() - begin >= WORTH:
+        _write(file, found)
+    return found
+
+
+def _write(file: Path, answer: Arrays) -> None:
+    arrays: dict[str, Any] = dict(answer)
+    with suppress(OSError, OutputError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(file) as part:
+            np.savez_compressed(part, **arrays)

@@ -1,0 +1,118 @@
+"""Answers are found once; what is damaged or cannot be written is found anew, and is the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning import disk_cache
+from planning.cell import cover
+from planning.cell.cover import capsule_cover, capsule_covers
+from planning.disk_cache import Arrays, cache_folder, remembered
+from planning.robots import self_collision
+from planning.robots.registry import robot_model
+from planning.robots.self_collision import never_colliding_pairs
+from planning.transforms import Array
+
+NAMES = frozenset({"a", "b"})
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(disk_cache, "WORTH", 0.0)
+    return cache_folder("tried")
+
+
+def counted(answer: Arrays) -> tuple[list[int], Callable[[], Arrays]]:
+    times: list[int] = []
+
+    def find() -> Arrays:
+        times.append(1)
+        return answer
+
+    return times, find
+
+
+def test_an_answer_is_found_once(folder: Path) -> None:
+    times, find = counted({"a": np.arange(3), "b": np.array([0.1, -np.inf])})
+    for _ in range(3):
+        known = remembered("tried", b"one", NAMES, find)
+        assert known["a"].tolist() == [0, 1, 2]
+        assert known["b"].tolist() == [0.1, -np.inf]
+    assert len(times) == 1
+    remembered("tried", b"two", NAMES, find)
+    assert len(times) == 2
+    assert len(list(folder.iterdir())) == 2
+
+
+@pytest.mark.parametrize("content", [b"", b"no arrays", b"PK" * 50])
+def test_a_damaged_file_is_made_anew(folder: Path, content: bytes) -> None:
+    times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
+    remembered("tried", b"one", NAMES, find)
+    (file,) = folder.iterdir()
+    file.write_bytes(content)
+    assert remembered("tried", b"one", NAMES, find)["a"].tolist() == [0, 1, 2]
+    assert remembered("tried", b"one", NAMES, find)["a"].tolist() == [0, 1, 2]
+    assert len(times) == 2
+
+
+def test_other_arrays_are_no_answer() -> None:
+    remembered("tried", b"one", frozenset({"c"}), lambda: {"c": np.zeros(1)})
+    times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
+    assert remembered("tried", b"one", NAMES, find).keys() == NAMES
+    assert times == [1]
+
+
+def test_where_nothing_can_be_written_answers_are_found_anew(folder: Path) -> None:
+    folder.parent.mkdir(parents=True)
+    folder.write_text("a file where the folder should be")
+    times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
+    for _ in range(2):
+        assert remembered("tried", b"one", NAMES, find)["b"].tolist() == [0.0]
+    assert len(times) == 2
+
+
+def test_what_is_found_quickly_is_not_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk_cache, "WORTH", 60.0)
+    times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
+    for _ in range(2):
+        remembered("tried", b"one", NAMES, find)
+    assert len(times) == 2
+    assert not folder.exists()
+
+
+def test_covers_are_those_of_each_hull(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    hulls: list[Array] = [rng.normal(size=(n, 3)) for n in (6, 12, 30)]
+    found = capsule_covers(hulls, thrift=0.2)
+    monkeypatch.setattr(cover, "capsule_cover", None)
+    again = capsule_covers(hulls, thrift=0.2)
+    for hull, one, other in zip(hulls, found, again, strict=True):
+        alone = capsule_cover(hull, thrift=0.2)
+        for name in ("start", "end", "radius"):
+            wanted = getattr(alone, name)
+            assert np.array_equal(getattr(one, name), wanted)
+            assert np.array_equal(getattr(other, name), wanted)
+            assert not getattr(other, name).flags.writeable
+    assert capsule_covers([]) == ()
+
+
+def test_pairs_of_a_robot_are_those_that_were_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = robot_model("ur5e")
+    given = (robot.chain, robot.parts, robot.lower, robot.upper, robot.home)
+    found = never_colliding_pairs(*given)
+    assert found == robot.never_collide
+    assert len(found) > len(robot.parts)
+    monkeypatch.setattr(self_collision, "_never_colliding_pairs", None)
+    assert never_colliding_pairs(*given) == found
+    # Another question: joints that turn less far.
+    with pytest.raises(TypeError):
+        never_colliding_pairs(*given[:2], robot.lower / 2, robot.upper, robot.home)
