@@ -17,7 +17,6 @@ from planning.robots.descriptions.urdf_checks import (
     check_numbers,
     number,
 )
-from planning.robots.descriptions.xml_reading import read_xml
 from planning.transforms import Transform, identity
 
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -114,25 +113,6 @@ class UrdfFile:
         return next(c for c, (_, name) in self.parents.items() if name == joint)
 
 
-def read_urdf(
-    path: Path,
-    package_dirs: tuple[Path, ...] = (),
-    frozen: frozenset[str] = frozenset(),
-) -> UrdfFile:
-    """Read and check a URDF file.
-
-    Args:
-        path: the file.
-        package_dirs: searched for meshes after the file's own folder.
-        frozen: names of joints to treat as fixed.
-
-    Raises:
-        RobotModelError: the file is missing, is not URDF, has no moving joint, branches, lacks
-            a limit or a speed, or names a mesh that is not there.
-    """
-    return serial_chain(read_xml(path), path, package_dirs, frozen)
-
-
 def serial_chain(
     root: Element,
     path: Path,
@@ -148,7 +128,8 @@ def serial_chain(
         frozen: names of joints to treat as fixed.
 
     Raises:
-        RobotModelError: as ``read_urdf``.
+        RobotModelError: it is not URDF, has no moving joint, branches, lacks a limit or a speed,
+            or names a mesh that is not there.
     """
     dirs = search_folders(path, package_dirs)
     if root.tag == "robot" and not root.findall("joint"):
