@@ -45,7 +45,7 @@ def scenario_of(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
         InvalidScenarioError: see load_scenario.
     """
     document, included = _include_structure(parsed(path, text))
-    scenario = validated(document, Scenario, scenario_schema())
+    scenario = validated(document, Scenario, scenario_schema)
     if included is not None:
         _check_structure_file(scenario, included)
     problems = [*document.problems, *find_problems(scenario, document)]
@@ -101,7 +101,7 @@ def _include_structure(
         )
         raise InvalidScenarioError(document.path, [problem], document.lines) from None
     included = parsed(path, text)
-    validated(included, StructureSection, StructureSection.model_json_schema())
+    validated(included, StructureSection, StructureSection.model_json_schema)
     if included.problems:
         raise InvalidScenarioError(path, included.problems, included.lines)
     data = dict(document.data)

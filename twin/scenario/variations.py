@@ -116,7 +116,7 @@ def varied(scenario: Scenario, variant: Variant) -> Scenario:
     # JSON is YAML, too: what does not fit is worded as it is in a file.
     document = parsed(Path(scenario.name), json.dumps(content))
     try:
-        return validated(document, Scenario, scenario_schema())
+        return validated(document, Scenario, scenario_schema)
     except InvalidScenarioError as error:
         said = "; ".join(problem.message for problem in error.problems)
         raise ScenarioError(f"cannot vary {', '.join(variant)}: {said}") from None

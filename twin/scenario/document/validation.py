@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -60,14 +60,14 @@ def parsed(path: Path, text: str) -> YamlDocument:
 
 
 def validated(
-    document: YamlDocument, model: type[Model], schema: dict[str, Any]
+    document: YamlDocument, model: type[Model], schema: Callable[[], dict[str, Any]]
 ) -> Model:
     """Return the section that a document holds.
 
     Args:
         document: a file.
         model: what it should hold.
-        schema: the JSON schema of that.
+        schema: returns the JSON schema of that: it is made where something is wrong.
 
     Raises:
         InvalidScenarioError: with all that is wrong with single values.
@@ -76,7 +76,7 @@ def validated(
         # Validating JSON text, not Python objects: strict mode then takes lists for tuples.
         return model.model_validate_json(json.dumps(document.data))
     except ValidationError as error:
-        found = schema_problems(document, schema, error.errors())
+        found = schema_problems(document, schema(), error.errors())
         problems = [*document.problems, *found]
         raise InvalidScenarioError(document.path, problems, document.lines) from None
 
