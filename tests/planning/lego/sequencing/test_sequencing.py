@@ -297,20 +297,20 @@ def test_random_towers_are_built_or_refused_with_a_reason(data):
 
 
 @pytest.mark.expensive
-def test_a_wall_of_258_bricks():
+def test_a_wall_of_120_bricks():
     structure = []
     layer = 1
-    while len(structure) < 258:
+    while len(structure) < 120:
         shift = 0 if layer % 2 else 2
         for y in range(0, 12, 2):
             for x in range(shift, 16 - shift, 4):
                 name = f"b{len(structure)}"
                 structure.append(_brick(name, "2x4", x, y, layer, True))
         layer += 1
-    structure = structure[:258]
+    structure = structure[:120]
     found = sequence_structure(structure)
-    assert len(found.steps) == 258
-    assert found.visited == 259
+    assert len(found.steps) == 120
+    assert found.visited == 121
     assert all(not s.up and s.support is None for s in found.steps)
 
 
