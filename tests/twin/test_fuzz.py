@@ -1,4 +1,4 @@
-"""Whatever bytes a command is given, it ends in a sentence: a few hundred mutated files of each kind.
+"""Whatever bytes a command is given, it ends in a sentence: some dozens of mutated files of each kind.
 
 ``python -m benchmarks.fuzz`` tries many more of them.
 """
@@ -13,14 +13,14 @@ from benchmarks.fuzz.targets import TARGETS
 from benchmarks.fuzz.worker import Worker
 
 CASES = {
-    "scenarios": 120,
-    "plans": 30,
-    "logs": 40,
-    "blocks": 6,
-    "urdfs": 60,
-    "csvs": 40,
-    "tasks": 40,
-    "models": 60,
+    "scenarios": 60,
+    "plans": 15,
+    "logs": 20,
+    "blocks": 3,
+    "urdfs": 30,
+    "csvs": 20,
+    "tasks": 20,
+    "models": 30,
 }
 
 

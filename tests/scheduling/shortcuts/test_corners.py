@@ -49,7 +49,7 @@ def _corners(tpg: TemporalPlanGraph) -> int:
 
 
 @given(st.integers(1, 4), st.integers(0, 10_000))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
     robots: int, seed: int
 ) -> None:

@@ -82,9 +82,7 @@ def least_distances(
     return found
 
 
-@pytest.mark.parametrize(
-    "name", ["lego/cliff", "lego/fish", "lego/guitar", "multi_arm/assembly"]
-)
+@pytest.mark.parametrize("name", ["lego/cliff", "multi_arm/assembly"])
 def test_carried_parts_keep_the_clearance_of_robots(
     shipped: ShippedRuns, name: str
 ) -> None:
@@ -95,8 +93,8 @@ def test_carried_parts_keep_the_clearance_of_robots(
     clearance = tpg.cell.clearances.robot_robot
     too_near = {key: at for key, at in found.items() if at[0] < clearance - 2e-5}
     assert too_near == {}
-    if name == "lego/fish":  # they do come near
-        assert min(gap for gap, _ in found.values()) < 0.003
+    nearest = {"lego/cliff": 0.005, "multi_arm/assembly": 0.002}
+    assert min(gap for gap, _ in found.values()) < nearest[name]  # they do come near
 
 
 def test_the_measurement_sees_what_comes_too_near(shipped: ShippedRuns) -> None:
