@@ -13,6 +13,7 @@ from scipy import stats
 from planning.transforms import Array
 from scheduling.graph.machine_chains import machine_chains
 from twin.host.progress import Report, report_nothing
+from twin.study.gains.replays import replay_cost
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.chain_draws import moving_nodes
@@ -23,8 +24,8 @@ SHARE = 0.2
 _TORNADO, _TORNADO_BY_EVENTS = 200, 30
 """Replications of each input and direction, with the draws of the study's first ones."""
 
-_LEAST, _MOST_TASKS = 20, 1_000_000
-"""Fewest replications of a long plan, and tasks of all of them together beyond that."""
+_LEAST, _MOST_LOOKED_AT = 20, 4_000_000
+"""Fewest replications of a long plan; beyond that, nodes and edges of all of them together."""
 
 _SOBOL = 50
 """Replications of each combination of inputs; all of them see the same draws."""
@@ -101,7 +102,7 @@ def influences(load: Workload) -> list[Influence]:
     Args:
         load: the work of one cell.
     """
-    affordable = max(_LEAST, _MOST_TASKS // max(len(load.tpg.tasks), 1))
+    affordable = max(_LEAST, _MOST_LOOKED_AT // max(replay_cost(load), 1))
     most = _TORNADO_BY_EVENTS if load.reasons else _TORNADO
     block = Block(0, 0, min(most, affordable))
     base = makespans_s(load, block)
