@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -12,7 +12,7 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -76,7 +76,7 @@ def run_replications(
         experiment: how many are wanted.
         workloads: one for each of its cells.
         folder: of the block files, made where it is missing.
-        open_executor: gives who computes; asked again when a worker has died.
+        open_executor: gives who computes; asked once, and again when a worker has died.
         progress: told of replications done and wanted, of all cells together; how many
             are wanted is a forecast until the precision is reached.
 
@@ -93,26 +93,27 @@ def run_replications(
     done = set(blocks_done(folder))
     wanted: set[Block] = set()
     begin = 0
-    for target in experiment.targets():
-        blocks = [
-            block
-            for cell, load in enumerate(workloads)
-            for block in blocks_of(cell, begin, target, _block_size(load))
-        ]
-        missing = []
-        for block in blocks:
-            found = None
-            if block in done:
-                found = _kept(folder, block, workloads[block.cell].made_from)
-            if found is None:
-                missing.append(block)
-            else:
-                counter.add(found)
-        wanted.update(blocks)
-        _compute(missing, parcels, folder, open_executor, counter)
-        begin = target
-        if counter.enough(target):
-            break
+    with _Workers(open_executor) as workers:
+        for target in experiment.targets():
+            blocks = [
+                block
+                for cell, load in enumerate(workloads)
+                for block in blocks_of(cell, begin, target, _block_size(load))
+            ]
+            missing = []
+            for block in blocks:
+                found = None
+                if block in done:
+                    found = _kept(folder, block, workloads[block.cell].made_from)
+                if found is None:
+                    missing.append(block)
+                else:
+                    counter.add(found)
+            wanted.update(blocks)
+            _compute(missing, parcels, folder, workers, counter)
+            begin = target
+            if counter.enough(target):
+                break
     for block in sorted(done - wanted, key=lambda b: (b.cell, b.first)):
         place = put_aside(folder, block)
         _log.warning("%s: is no block of this study and counts for nothing", place)
@@ -178,18 +179,47 @@ class _Counter:
         return np.asarray(values[np.isfinite(values)], dtype=float)
 
 
+class _Workers:
+    """Who computes: opened when there is something to do, kept until one of them dies or all is done."""
+
+    def __init__(self, open_executor: OpenExecutor) -> None:
+        self._open = open_executor
+        self._opened = ExitStack()
+        self._executor: Executor | None = None
+
+    def __enter__(self) -> _Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor = None
+        self._opened.close()
+
+    @contextmanager
+    def at_work(self) -> Iterator[Executor]:
+        """Give the executor; what is raised meanwhile ends it, and the next one is a new one."""
+        if self._executor is None:
+            self._executor = self._opened.enter_context(self._open())
+        try:
+            yield self._executor
+        except BaseException as error:
+            self._executor = None
+            # An executor may have better words for it.
+            self._opened.__exit__(type(error), error, error.__traceback__)
+            raise
+
+
 def _compute(
     blocks: Iterable[Block],
     parcels: Sequence[Parcel],
     folder: Path,
-    open_executor: OpenExecutor,
+    workers: _Workers,
     counter: _Counter,
 ) -> None:
     waiting = deque(blocks)
     restarts = 0
     while waiting:
         try:
-            with open_executor() as executor:
+            with workers.at_work() as executor:
                 _drain(executor, waiting, parcels, folder, counter)
         except BrokenExecutor as error:
             restarts += 1

@@ -159,6 +159,27 @@ def test_sampling_goes_on_until_the_mean_is_known(tmp_path: Path) -> None:
     assert all(done <= total for done, total in reports)
 
 
+def test_workers_stay_from_one_step_of_sampling_to_the_next(tmp_path: Path) -> None:
+    """Opened once, though one asks again and again whether the mean is known; none for nothing."""
+    rule = Precision(relative_half_width=0.001, least=20, most=300)
+    experiment = Experiment(("asynchronous",), precision=rule)
+    opened: list[str] = []
+
+    @contextmanager
+    def own() -> Iterator[Executor]:
+        opened.append("opened")
+        with _in_process() as executor:
+            yield executor
+        opened.append("closed")
+
+    assert len(list(experiment.targets())) > 2
+    count = run_replications(experiment, _loads()[:1], tmp_path / "a", own)
+    assert count > list(experiment.targets())[1]
+    assert opened == ["opened", "closed"]
+    run_replications(experiment, _loads()[:1], tmp_path / "a", own)
+    assert opened == ["opened", "closed"]
+
+
 def test_engines_fill_the_same_rows(tmp_path: Path) -> None:
     bulk = compute_block(pack(toy_workload()), Block(0, 3, 9))
     events = compute_block(pack(toy_workload(reasons=("asked",))), Block(0, 3, 9))
