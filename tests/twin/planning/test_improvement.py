@@ -19,7 +19,7 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
-from twin.planning.pipeline import nominal_s, plan_motions, plan_scenario
+from twin.planning.pipeline import Planned, nominal_s, plan_motions, plan_scenario
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 
@@ -71,6 +71,12 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
 @pytest.fixture(scope="module")
 def first(scenario: Scenario) -> PlannedMotions:
     return plan_motions(scenario, Path(), StageWatch())
+
+
+@pytest.fixture(scope="module")
+def plain(scenario: Scenario) -> Planned:
+    """Return the plan that nothing improves."""
+    return plan_scenario(scenario)
 
 
 def _rater(first: PlannedMotions, *, shortcuts: bool) -> PlanRater:
@@ -201,8 +207,9 @@ def _of_robot(
     return plan.with_choice(next(way for way in ways if way.robot == robot))
 
 
-def test_an_improved_plan_is_safe_and_no_worse(scenario: Scenario) -> None:
-    plain = plan_scenario(scenario)
+def test_an_improved_plan_is_safe_and_no_worse(
+    scenario: Scenario, plain: Planned
+) -> None:
     better = plan_scenario(_changed(scenario, improve_tries=6))
     assert nominal_s(better.tpg) <= nominal_s(plain.tpg)
     assert verify_plan(better.tpg).problems == ()
@@ -221,21 +228,22 @@ def test_what_cannot_be_improved_is_refused(scenario: Scenario) -> None:
 
 
 def test_no_plan_is_below_the_bound_of_load(
-    scenario: Scenario, first: PlannedMotions
+    plain: Planned, first: PlannedMotions
 ) -> None:
-    planned = plan_scenario(scenario)
-    assert planned.load_bound_s is not None
-    assert 0.0 < planned.load_bound_s <= nominal_s(planned.tpg)
+    assert plain.load_bound_s is not None
+    assert 0.0 < plain.load_bound_s <= nominal_s(plain.tpg)
     rater = _rater(first, shortcuts=True)
     for work, plan in _walk(_work(first), first.task_plan, 4):
         if work.order != _work(first).order:
             continue  # the bound is that of an order of the steps
         rated = rater.rate(work, plan)
-        assert rated is None or planned.load_bound_s <= rated.makespan_s
+        assert rated is None or plain.load_bound_s <= rated.makespan_s
 
 
-def test_steps_stay_in_their_order_where_that_is_asked_for(scenario: Scenario) -> None:
+def test_steps_stay_in_their_order_where_that_is_asked_for(
+    scenario: Scenario, plain: Planned
+) -> None:
     kept = plan_scenario(_changed(scenario, improve_tries=6, improve_order=False))
     assert kept.step_order == ()
     assert [choice.step for choice in kept.task_plan.choices] == [1, 2, 3, 4]
-    assert kept.assembly.steps == plan_scenario(scenario).assembly.steps
+    assert kept.assembly.steps == plain.assembly.steps
