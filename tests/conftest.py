@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from xdist.scheduler import LoadScopeScheduling
 
 if TYPE_CHECKING:
     from tests.shipped_runs import ShippedRuns
+
+
+class _Scopes(LoadScopeScheduling):
+    """Keeps a file's tests in one process, as they share what they plan; commands of docs do not."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        if nodeid.startswith("tests/docs/test_commands.py"):
+            return nodeid
+        return str(super()._split_scope(nodeid))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    """Return who says which tests run in which process."""
+    return _Scopes(config, log)
 
 
 @pytest.fixture(scope="session")

@@ -18,7 +18,7 @@ from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
 
-_VERSION = b"4"
+_VERSION = b"5"
 """Changes whenever meshes are cut in another way."""
 
 _FEW = 64

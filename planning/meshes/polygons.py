@@ -24,7 +24,7 @@ def joined_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
         within: how deep a hollow may be [m].
 
     Returns:
-        The corners of the convex hulls of what is left.
+        The corners of the convex hulls of what is left; those that have no width are left out.
     """
     polygons = dict(enumerate(rings))
     owner = {edge: k for k, ring in polygons.items() for edge in _edges(ring)}
@@ -47,7 +47,8 @@ def joined_rings(points: Array, rings: list[Ring], within: float) -> list[Ring]:
             del owner[edge]
         polygons[one] = joined
         owner.update(dict.fromkeys(_edges(joined), one))
-    return [tuple(_hull(points, ring)) for ring in polygons.values()]
+    hulls = [tuple(_hull(points, ring)) for ring in polygons.values()]
+    return [hull for hull in hulls if _is_wide(points, hull)]
 
 
 def _edges(ring: Ring) -> list[tuple[int, int]]:
@@ -109,6 +110,14 @@ def _hull(points: Array, ring: Ring) -> list[int]:
         return out[:-1]
 
     return half(order) + half(order[::-1])
+
+
+def _is_wide(points: Array, hull: Ring) -> bool:
+    """Tell whether the corners of a convex polygon are not all on one line."""
+    at = points[list(hull)] - points[hull[0]]
+    farthest = at[np.argmax(np.hypot(at[:, 0], at[:, 1]))]
+    doubled = np.abs(farthest[0] * at[:, 1] - farthest[1] * at[:, 0]).max()
+    return bool(doubled > _ROUNDING * np.hypot(*farthest))
 
 
 def _turn(points: Array, a: int, b: int, c: int) -> float:

@@ -180,7 +180,7 @@ def _holds(loop: Array, point: Array) -> bool:
 
 
 def _counterclockwise(points: Array, triangles: npt.NDArray[np.uint32]) -> list[Ring]:
-    """Return triangles as rings, without those that have no area."""
+    """Return triangles as rings that go around counterclockwise."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     rings = np.where((doubled < 0.0)[:, None], triangles[:, ::-1], triangles)
