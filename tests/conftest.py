@@ -13,11 +13,16 @@ if TYPE_CHECKING:
 
 
 class _Scopes(LoadScopeScheduling):
-    """Keeps a file's tests in one process, as they share what they plan; commands of docs do not."""
+    """Keeps a file's tests in one process, as they share what they plan; commands of docs do not.
+
+    Tests of constructions stay together: their kernels take minutes to compile, once is enough.
+    """
 
     def _split_scope(self, nodeid: str) -> str:
         if nodeid.startswith("tests/docs/test_commands.py"):
             return nodeid
+        if "construction" in nodeid.split("::")[0]:
+            return "construction"
         return str(super()._split_scope(nodeid))
 
 
