@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
@@ -29,7 +30,11 @@ def cache_folder(kind: str) -> Path:
 
 
 def remembered(
-    kind: str, question: bytes, names: frozenset[str], find: Callable[[], Arrays]
+    kind: str,
+    question: bytes,
+    names: frozenset[str],
+    find: Callable[[], Arrays],
+    sources: Sequence[str],
 ) -> Arrays:
     """Return the answer to a question: the one that is remembered, or one that is found now.
 
@@ -38,11 +43,16 @@ def remembered(
 
     Args:
         kind: of question: the name of a folder.
-        question: all that the answer depends on, the version of what finds it included.
+        question: all that is given to what finds the answer.
         names: of the arrays of an answer.
         find: returns the answer.
+        sources: files with the code that decides the answer (``__file__`` of modules). What was
+            found by them as they were before is no answer.
     """
-    file = cache_folder(kind) / f"{sha256(question).hexdigest()}.npz"
+    asked = sha256(question)
+    for source in sources:
+        asked.update(_hash_of(source))
+    file = cache_folder(kind) / f"{asked.hexdigest()}.npz"
     with suppress(*NPZ_ERRORS):
         known = read_npz(read_file(file), kinds="if", most=LARGEST)
         if known.keys() == names:
@@ -52,6 +62,12 @@ def remembered(
     if perf_counter() - begin >= WORTH:
         _write(file, found)
     return found
+
+
+@cache
+def _hash_of(source: str) -> bytes:
+    """Return the hash of a file of code, which does not change while it runs."""
+    return sha256(Path(source).read_bytes()).digest()
 
 
 def _write(file: Path, answer: Arrays) -> None:

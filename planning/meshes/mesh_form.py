@@ -11,15 +11,23 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.cell import cover
 from planning.cell.forms import Mesh
 from planning.disk_cache import Arrays, remembered
 from planning.errors import ShapeError
+from planning.meshes import convex_pieces, mesh_file, polygons, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
 
-_VERSION = b"5"
-"""Changes whenever meshes are cut in another way."""
+_SOURCES = (
+    __file__,
+    mesh_file.__file__,
+    convex_pieces.__file__,
+    prisms.__file__,
+    polygons.__file__,
+    cover.__file__,
+)
 
 _FEW = 64
 """More pieces of a body are too many, where nobody says how it is to be cut."""
@@ -92,7 +100,7 @@ def _form(
         return _arrays(_cut(triangles, within))
 
     try:
-        cut = _cut_of(remembered("convex", _VERSION + settings, _NAMES, find))
+        cut = _cut_of(remembered("convex", settings, _NAMES, find, _SOURCES))
     except ShapeError as error:
         raise ShapeError(f"mesh {path}: {error.message}") from None
     return Mesh(

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
-from hashlib import sha256
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +14,7 @@ from planning.cell.robot_model import KinematicChain, LinkPart
 from planning.disk_cache import Arrays, remembered
 from planning.geometry import exact
 from planning.geometry.exact import Solid, distance_at
+from planning.kinematics import chain as kinematic_chain
 from planning.kinematics.chain import chain_table
 from planning.transforms import Array
 
@@ -55,20 +54,18 @@ def never_colliding_pairs(
     ]
     arrays += [chain.placement, chain.axis, chain.prismatic]
     numbers = repr(([p.joint for p in parts], [a.shape for a in arrays])).encode()
-    question = [*_STAMP, numbers, *(np.ascontiguousarray(a).tobytes() for a in arrays)]
+    question = [numbers, *(np.ascontiguousarray(a).tobytes() for a in arrays)]
 
     def find() -> Arrays:
         pairs = _never_colliding_pairs(chain, parts, lower, upper, home)
         return {"pairs": np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)}
 
-    known = remembered("apart", b"".join(question), frozenset({"pairs"}), find)
+    names = frozenset({"pairs"})
+    known = remembered("apart", b"".join(question), names, find, _SOURCES)
     return frozenset((int(a), int(b)) for a, b in known["pairs"])
 
 
-_STAMP = tuple(
-    sha256(Path(file).read_bytes()).digest() for file in (__file__, exact.__file__)
-)
-"""What is remembered was found by these files as they are."""
+_SOURCES = (__file__, exact.__file__, kinematic_chain.__file__)
 
 
 def _never_colliding_pairs(

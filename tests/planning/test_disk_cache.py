@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
+from trimesh.creation import extrude_triangulation
 
-from planning import disk_cache
-from planning.cell import cover
+from planning import disk_cache, errors, files, packed, transforms
+from planning.cell import body, cover, forms
 from planning.cell.cover import capsule_cover, capsule_covers
 from planning.disk_cache import Arrays, cache_folder, remembered
+from planning.meshes import mesh_form
 from planning.robots import self_collision
 from planning.robots.registry import robot_model
 from planning.robots.self_collision import never_colliding_pairs
@@ -40,11 +44,11 @@ def counted(answer: Arrays) -> tuple[list[int], Callable[[], Arrays]]:
 def test_an_answer_is_found_once(folder: Path) -> None:
     times, find = counted({"a": np.arange(3), "b": np.array([0.1, -np.inf])})
     for _ in range(3):
-        known = remembered("tried", b"one", NAMES, find)
+        known = remembered("tried", b"one", NAMES, find, [])
         assert known["a"].tolist() == [0, 1, 2]
         assert known["b"].tolist() == [0.1, -np.inf]
     assert len(times) == 1
-    remembered("tried", b"two", NAMES, find)
+    remembered("tried", b"two", NAMES, find, [])
     assert len(times) == 2
     assert len(list(folder.iterdir())) == 2
 
@@ -52,18 +56,18 @@ def test_an_answer_is_found_once(folder: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"no arrays", b"PK" * 50])
 def test_a_damaged_file_is_made_anew(folder: Path, content: bytes) -> None:
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
-    remembered("tried", b"one", NAMES, find)
+    remembered("tried", b"one", NAMES, find, [])
     (file,) = folder.iterdir()
     file.write_bytes(content)
-    assert remembered("tried", b"one", NAMES, find)["a"].tolist() == [0, 1, 2]
-    assert remembered("tried", b"one", NAMES, find)["a"].tolist() == [0, 1, 2]
+    assert remembered("tried", b"one", NAMES, find, [])["a"].tolist() == [0, 1, 2]
+    assert remembered("tried", b"one", NAMES, find, [])["a"].tolist() == [0, 1, 2]
     assert len(times) == 2
 
 
 def test_other_arrays_are_no_answer() -> None:
-    remembered("tried", b"one", frozenset({"c"}), lambda: {"c": np.zeros(1)})
+    remembered("tried", b"one", frozenset({"c"}), lambda: {"c": np.zeros(1)}, [])
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
-    assert remembered("tried", b"one", NAMES, find).keys() == NAMES
+    assert remembered("tried", b"one", NAMES, find, []).keys() == NAMES
     assert times == [1]
 
 
@@ -72,8 +76,43 @@ def test_where_nothing_can_be_written_answers_are_found_anew(folder: Path) -> No
     folder.write_text("a file where the folder should be")
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
     for _ in range(2):
-        assert remembered("tried", b"one", NAMES, find)["b"].tolist() == [0.0]
+        assert remembered("tried", b"one", NAMES, find, [])["b"].tolist() == [0.0]
     assert len(times) == 2
+
+
+def test_what_another_source_found_is_no_answer(tmp_path: Path) -> None:
+    sources = [str(tmp_path / name) for name in ("one.py", "other.py")]
+    for source in sources:
+        Path(source).write_text("a = 1")
+    times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
+
+    def in_another_process() -> None:
+        disk_cache._hash_of.cache_clear()
+        for _ in range(2):
+            remembered("tried", b"one", NAMES, find, sources)
+
+    in_another_process()
+    in_another_process()
+    assert len(times) == 1
+    for count, source in enumerate(sources, start=2):
+        Path(source).write_text("a = 2")
+        in_another_process()
+        assert len(times) == count
+    Path(sources[0]).write_text("a = 1")
+    Path(sources[1]).write_text("a = 1")
+    in_another_process()  # as it was at first
+    assert len(times) == 3
+
+
+def test_sources_are_read_once_a_process_and_when_they_are_first_needed(
+    tmp_path: Path,
+) -> None:
+    source = tmp_path / "one.py"
+    source.write_text("a = 1")
+    _, find = counted({"a": np.arange(3), "b": np.zeros(1)})
+    remembered("tried", b"one", NAMES, find, [str(source)])
+    source.unlink()
+    remembered("tried", b"two", NAMES, find, [str(source)])
 
 
 def test_what_is_found_quickly_is_not_written(
@@ -82,7 +121,7 @@ def test_what_is_found_quickly_is_not_written(
     monkeypatch.setattr(disk_cache, "WORTH", 60.0)
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
     for _ in range(2):
-        remembered("tried", b"one", NAMES, find)
+        remembered("tried", b"one", NAMES, find, [])
     assert len(times) == 2
     assert not folder.exists()
 
@@ -116,3 +155,60 @@ def test_pairs_of_a_robot_are_those_that_were_found(
     # Another question: joints that turn less far.
     with pytest.raises(TypeError):
         never_colliding_pairs(*given[:2], robot.lower / 2, robot.upper, robot.home)
+
+
+PLUMBING = {
+    Path(m.__file__)
+    for m in (disk_cache, errors, files, transforms, packed, body, forms)
+}
+"""Code that hands answers on, and decides none."""
+
+
+def a_bracket(folder: Path) -> Callable[[], object]:
+    corners = [(0, 0), (0.1, 0), (0.1, 0.02), (0.02, 0.02), (0.02, 0.1), (0, 0.1)]
+    triangles = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
+    file = folder / "bracket.stl"
+    extrude_triangulation(corners, triangles, height=0.01).export(file)
+    return lambda: mesh_form.mesh_form(file)
+
+
+def a_hull(_: Path) -> Callable[[], object]:
+    hull = np.random.default_rng(3).normal(size=(9, 3))
+    return lambda: capsule_covers([hull])
+
+
+def a_robot(_: Path) -> Callable[[], object]:
+    robot = robot_model("ur5e")
+    some = robot.parts[::3]  # all would take long while being watched
+    given = (robot.chain, some, robot.lower, robot.upper, robot.home)
+    return lambda: never_colliding_pairs(*given)
+
+
+@pytest.mark.parametrize(
+    ("question", "sources"),
+    [
+        (a_bracket, mesh_form._SOURCES),
+        (a_hull, [cover.__file__]),
+        (a_robot, self_collision._SOURCES),
+    ],
+)
+def test_the_sources_of_an_answer_are_the_code_that_finds_it(
+    question: Callable[[Path], Callable[[], object]],
+    sources: Sequence[str],
+    tmp_path: Path,
+) -> None:
+    """What runs while an answer is found is written down, and compared with what is named."""
+    ask = question(tmp_path)
+    ran = set()
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        ran.add(Path(frame.f_code.co_filename))
+
+    sys.setprofile(note)
+    try:
+        ask()
+    finally:
+        sys.setprofile(None)
+    project = Path(disk_cache.__file__).parent
+    own = {path for path in ran if path.is_relative_to(project)}
+    assert own - PLUMBING == {Path(source) for source in sources}
