@@ -17,7 +17,7 @@ from scheduling.shortcuts.candidates import Span
 from scheduling.shortcuts.rewiring import Swap, rewire
 from scheduling.shortcuts.rounded_nodes import bent_nodes
 from scheduling.shortcuts.runs import Run, find_runs
-from tests.twin.driven_toys import limited
+from tests.twin.driven_toys import with_limits
 from tests.twin.twin_toys import random_tpg
 
 
@@ -35,21 +35,12 @@ def bent_tpg(
     """
     rng = np.random.default_rng(seed)
     tpg = random_tpg(
-        seed,
-        dofs=dofs,
-        tasks=tasks,
-        nodes_per_transit=nodes_per_transit,
-        edges=edges,
+        seed, dofs=dofs, tasks=tasks, nodes_per_transit=nodes_per_transit, edges=edges
     )
-    robots = tuple(limited(robot, rng) for robot in tpg.cell.robots)
-    tpg = replace(
-        tpg,
-        cell=replace(tpg.cell, robots=robots),
-        chains=tuple(_with_legs(chain, rng) for chain in tpg.chains),
-    )
-    graph = DerivedTpg(within_limits(tpg))
+    tpg = with_limits(tpg, rng, _with_legs)
+    graph = DerivedTpg(tpg)
     for k, chain in enumerate(tpg.chains):
-        limits = robots[k].limits
+        limits = tpg.cell.robots[k].limits
         assert limits is not None
         spans = list(_spans(chain, k))
         for run in find_runs(chain, spans, stretch_numbers(tpg, k), limits):

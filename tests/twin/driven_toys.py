@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,21 +24,10 @@ def driven_tpg(
     edges: int = 8,
 ) -> TemporalPlanGraph:
     """Return a random graph whose transits are one or two straight stretches, with random limits."""
-    rng = np.random.default_rng(seed)
     tpg = random_tpg(
-        seed,
-        dofs=dofs,
-        tasks=tasks,
-        nodes_per_transit=nodes_per_transit,
-        edges=edges,
+        seed, dofs=dofs, tasks=tasks, nodes_per_transit=nodes_per_transit, edges=edges
     )
-    robots = tuple(limited(robot, rng) for robot in tpg.cell.robots)
-    tpg = replace(
-        tpg,
-        cell=replace(tpg.cell, robots=robots),
-        chains=tuple(_straightened(chain, rng) for chain in tpg.chains),
-    )
-    return within_limits(tpg)
+    return with_limits(tpg, np.random.default_rng(seed), _straightened)
 
 
 DRIVEN_TPGS = st.builds(
@@ -50,7 +40,19 @@ DRIVEN_TPGS = st.builds(
 )
 
 
-def limited(robot: PlacedRobot, rng: np.random.Generator) -> PlacedRobot:
+def with_limits(
+    tpg: TemporalPlanGraph,
+    rng: np.random.Generator,
+    laid: Callable[[NodeChain, np.random.Generator], NodeChain],
+) -> TemporalPlanGraph:
+    """Return a graph with random limits, and with chains as they are laid at random."""
+    robots = tuple(_limited(robot, rng) for robot in tpg.cell.robots)
+    chains = tuple(laid(chain, rng) for chain in tpg.chains)
+    cell = replace(tpg.cell, robots=robots)
+    return within_limits(replace(tpg, cell=cell, chains=chains))
+
+
+def _limited(robot: PlacedRobot, rng: np.random.Generator) -> PlacedRobot:
     """Return a robot with random limits."""
     n = robot.model.dof
     limits = MotionLimits(

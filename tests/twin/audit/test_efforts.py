@@ -14,6 +14,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.transforms import Array, from_rpy, translation
+from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import effort_violations
 from twin.audit.motion.efforts import efforts_of_run, greatest_efforts
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
@@ -30,18 +31,6 @@ PENDULUM = """<robot name="pendulum">
   <axis xyz="0 -1 0"/>
   <limit lower="-3" upper="3" velocity="9" effort="100"/></joint>
 </robot>"""
-
-
-def swing(jerk: float, seconds: float) -> tuple[Array, Array, Array, Array]:
-    t = np.arange(5) * seconds
-    q, v, a = np.zeros(5), np.zeros(5), np.zeros(5)
-    for k, j in enumerate((jerk, -jerk, -jerk, jerk)):
-        a[k + 1] = a[k] + j * seconds
-        v[k + 1] = v[k] + a[k] * seconds + j * seconds**2 / 2.0
-        q[k + 1] = (
-            q[k] + v[k] * seconds + a[k] * seconds**2 / 2.0 + j * seconds**3 / 6.0
-        )
-    return t, q, v, a
 
 
 def limited(robot: PlacedRobot) -> PlacedRobot:

@@ -17,6 +17,7 @@ from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from tests.twin.audit.audit_cell import HandWrittenRun, two_arm_cell
+from tests.twin.audit.swings import swing
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import toy_cell
@@ -176,19 +177,6 @@ def test_robots_that_the_clock_stops_brake_within_limits() -> None:
         later += bool(rows["robot_1"].t[-1] > calm["robot_1"].t[-1])
         assert found_in(cell, rows) == []
     assert later > 6
-
-
-def swing(jerk: float, seconds: float) -> tuple[Array, Array, Array, Array]:
-    """From rest to rest in four stretches of constant jerk: times, ways, speeds, accelerations."""
-    t = np.arange(5) * seconds
-    q, v, a = np.zeros(5), np.zeros(5), np.zeros(5)
-    for k, j in enumerate((jerk, -jerk, -jerk, jerk)):
-        a[k + 1] = a[k] + j * seconds
-        v[k + 1] = v[k] + a[k] * seconds + j * seconds**2 / 2.0
-        q[k + 1] = (
-            q[k] + v[k] * seconds + a[k] * seconds**2 / 2.0 + j * seconds**3 / 6.0
-        )
-    return t, q, v, a
 
 
 @pytest.mark.parametrize(

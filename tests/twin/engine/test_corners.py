@@ -10,24 +10,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.stretch_times import chain_bends, rounded_path
 from tests.twin.bent_toys import BENT_TPGS, bent_tpg
 from tests.twin.drawn_runs import ANYTHING, VARIED
-from tests.twin.engine.test_driven import (
+from tests.twin.engine.driven_checks import (
     MESSAGES,
     NOMINAL,
     QUIET,
+    assert_engines_agree,
     assert_inside_cleared_nodes,
+    assert_takes_as_planned,
     assert_within_limits,
     travelled,
 )
 from tests.twin.simulated import simulate
-from twin.durations import NANOSECONDS
-from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.run_record import Policy
 from twin.run.trajectory import robot_trajectories
@@ -69,15 +67,8 @@ def test_both_engines_give_the_same_nanoseconds(
     depth: int | None,
     seed: int,
 ) -> None:
-    messages = Messages.of_seconds(depth)
-    model = ExecutionModel(VARIED, policy, messages, disturbances)
-    engine = BulkEngine(tpg, model)
-    found = engine.execute(engine.sample(seed=seed, replications=range(4)))
-    simulator = Simulator(tpg, model)
-    for k in range(4):
-        run = simulator.run(seed=seed, replication=k)
-        assert np.concatenate(run.start_ns).tolist() == found.start_ns[:, k].tolist()
-        assert np.concatenate(run.end_ns).tolist() == found.end_ns[:, k].tolist()
+    model = ExecutionModel(VARIED, policy, Messages.of_seconds(depth), disturbances)
+    assert_engines_agree(tpg, model, seed)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -85,13 +76,7 @@ def test_both_engines_give_the_same_nanoseconds(
 def test_nobody_who_is_cleared_in_time_takes_longer_than_planned(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    free = replace(
-        tpg, edges=tpg.edges[:0], cause=tpg.cause[:0], dependencies=tpg.dependencies[:0]
-    )
-    run = simulate(free, NOMINAL, seed=seed)
-    planned = earliest_times(free)
-    for end, nominal in zip(run.end_ns, planned.end, strict=True):
-        assert np.allclose(end / NANOSECONDS, nominal, atol=1e-6)
+    assert_takes_as_planned(tpg, seed, within_s=1e-6)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -17,12 +17,10 @@ from scheduling.motion_times import within_limits
 from scheduling.slowed_motions import overloads, slowed_motions
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
-from twin.audit.motion.executed import Recording, read_recording
-from twin.engine.engine import Simulator
-from twin.recorders.motion_tables import write_motion
+from tests.twin.run.recordings import MANY_STALLS, NO_STALLS, recorded
+from twin.audit.motion.executed import Recording
 from twin.run.cubic_motion import cubic_at
-from twin.trial.simulation import scenario_execution
-from twin.uncertainty.disturbances import Disturbances, Stalls
+from twin.uncertainty.disturbances import Stalls
 
 
 def with_heavy_parts(tpg: TemporalPlanGraph, mass: float) -> TemporalPlanGraph:
@@ -43,23 +41,16 @@ def loads(
     yield since, recording.end, name, pose
 
 
-@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("stalls", [NO_STALLS, MANY_STALLS], ids=["calm", "late"])
 def test_they_keep_within_their_limits(
-    late: bool, shipped: ShippedRuns, tmp_path: Path
+    stalls: Stalls, shipped: ShippedRuns, tmp_path: Path
 ) -> None:
     found = shipped("multi_arm/tray")
     mass = 1.5
     tpg = with_heavy_parts(found.planned.tpg, mass)
     assert slowed_motions(tpg)
     assert not overloads(tpg)
-    model = scenario_execution(found.scenario)
-    if late:
-        stalls = Stalls(count_per_robot=5, duration_s=(0.1, 2.0))
-        model = replace(model, disturbances=Disturbances(stalls=stalls))
-    run = Simulator(tpg, model).run(seed=3)
-    assert run.outcome == "completed"
-    write_motion(tmp_path, tpg, run)
-    recording = read_recording(tmp_path, tpg.cell)
+    recording = recorded(tmp_path, found.scenario, tpg, stalls)
     worst = []
     for robot in tpg.cell.robots:
         rows, drives = recording.robots[robot.name], robot.model.drives

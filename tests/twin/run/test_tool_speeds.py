@@ -13,12 +13,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
-from twin.audit.motion.executed import Recording, read_recording
-from twin.engine.engine import Simulator
-from twin.recorders.motion_tables import write_motion
+from tests.twin.run.recordings import MANY_STALLS, NO_STALLS, recorded
+from twin.audit.motion.executed import Recording
 from twin.run.cubic_motion import cubic_at
-from twin.trial.simulation import scenario_execution
-from twin.uncertainty.disturbances import Disturbances, Stalls
+from twin.uncertainty.disturbances import Stalls
 
 FREE, LOADED = 0.3, 0.1
 """Limits of the tool's speed, and of that with a part in hand [m/s]."""
@@ -52,22 +50,15 @@ def in_hand(recording: Recording, robot: str, times: np.ndarray) -> np.ndarray:
     return holds
 
 
-@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("stalls", [NO_STALLS, MANY_STALLS], ids=["calm", "late"])
 def test_no_executed_motion_passes_them(
-    late: bool, shipped: ShippedRuns, tmp_path: Path
+    stalls: Stalls, shipped: ShippedRuns, tmp_path: Path
 ) -> None:
     found = shipped("multi_arm/tray")
     tpg = capped(found.planned.tpg, FREE, LOADED)
     assert by_tool_speed(tpg) > 10
     assert by_tool_speed(found.planned.tpg) == 0
-    model = scenario_execution(found.scenario)
-    if late:
-        stalls = Stalls(count_per_robot=5, duration_s=(0.1, 2.0))
-        model = replace(model, disturbances=Disturbances(stalls=stalls))
-    run = Simulator(tpg, model).run(seed=3)
-    assert run.outcome == "completed"
-    write_motion(tmp_path, tpg, run)
-    recording = read_recording(tmp_path, tpg.cell)
+    recording = recorded(tmp_path, found.scenario, tpg, stalls)
     for robot in tpg.cell.robots:
         rows = recording.robots[robot.name]
         arm = PinocchioArm(robot.model)

@@ -20,7 +20,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from planning.errors import OutputError
 from planning.robots.registry import robot_model
-from planning.transforms import Array, from_quat_wxyz, translation
+from planning.transforms import Array, Indices, from_quat_wxyz, translation
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
@@ -136,16 +136,23 @@ def full_seconds(run: RecordedRun) -> list[int]:
     return sorted({*held[:: max(len(held) // 4, 1)], *times[:: len(times) // 4]})
 
 
+def joint_states(
+    messages: dict[str, list[Any]], robot: str
+) -> tuple[list[Any], Indices, Array]:
+    """The messages of where a robot's joints are, their times [ns], and the values [rad or m]."""
+    said = messages[f"/{robot}/joint_states"]
+    times, values = [item.t for item in said], [item.m.position for item in said]
+    return said, np.array(times), np.array(values)
+
+
 def test_joint_states_are_those_of_the_table(
     run: RecordedRun, messages: dict[str, list[Any]]
 ) -> None:
     for robot in run.tpg.cell.robots:
-        said = messages[f"/{robot.name}/joint_states"]
         motion = run.motions[robot.name]
-        t_ns = np.array([item.t for item in said])
+        said, t_ns, q = joint_states(messages, robot.name)
         assert t_ns.tolist() == [stamp(item.m.header) for item in said]
         assert (t_ns[0], t_ns[-1]) == (0, motion.t_ns[-1])
-        q = np.array([item.m.position for item in said])
         assert np.array_equal(q, motion.at(t_ns))
         assert {tuple(item.m.name) for item in said} == {robot.model.joint_names}
         v = np.array([item.m.velocity for item in said])
@@ -161,10 +168,8 @@ def test_who_interpolates_sees_the_motion(
 ) -> None:
     """What is left out is nothing: robots stand, or move as straight as the rate lets them."""
     for robot in run.tpg.cell.robots:
-        said = messages[f"/{robot.name}/joint_states"]
         motion = run.motions[robot.name]
-        t_ns = np.array([item.t for item in said])
-        q = np.array([item.m.position for item in said])
+        _, t_ns, q = joint_states(messages, robot.name)
         fine = np.arange(0, motion.t_ns[-1], NANOSECONDS // 500)
         exact = motion.at(fine)
         seen = np.stack([np.interp(fine, t_ns, column) for column in q.T], axis=1)
