@@ -14,15 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.motion_limits import MotionLimits
-from planning.errors import PlanInvariantError
 from planning.kernels import kernel
 from planning.timing.ramps import exit_bound, pass_through
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.transforms import Array, Indices
 from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.pace import Pace, is_bounded, paces
-from scheduling.stretch_times import chain_bends, node_ends, stretch_drive
+from scheduling.pace import Pace, paces
+from scheduling.stretch_times import chain_bends, stretch_drive
 
 _STILL = 1e-12
 """Joint values that differ by less are the same [rad or m]."""
@@ -113,23 +112,10 @@ def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
                 own = slice(chain.first[begin], chain.first[stop])
                 fraction[own] = motion.passed[1:] / motion.seconds
             continue
-        if any(chain_bends(chain, begin, stop)):
-            if is_bounded(tpg.cell.robot(chain.robot)):
-                raise PlanInvariantError(
-                    f"corners of {chain.robot!r} are rounded, but on curves neither the speed of its"
-                    " tool nor efforts of joints are held: plan it with planning.corners: rest"
-                )
-            found = stretch_drive(pace.limits, chain, begin, stop)
-            cruise[nodes], ramp[nodes], lag[nodes] = found.cruise, found.ramp, found.lag
-            cap[nodes] = found.cap
-            continue
-        ends = node_ends(chain, begin, stop)
-        straight, slowing = pace.stretch(begin, ends[0], ends[-1] - ends[0])
-        slowed[nodes], slowed_by[nodes] = slowing.factor, slowing.cause
-        if straight.cruise > 0.0:
-            lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-            cruise[nodes] = straight.cruise * lengths / lengths.sum()
-            ramp[nodes], lag[nodes] = straight.ramp, straight.lag
+        found = stretch_drive(pace, chain, begin, stop)
+        cruise[nodes], ramp[nodes], lag[nodes] = found.cruise, found.ramp, found.lag
+        slowed[nodes], slowed_by[nodes] = found.slowed, found.slowed_by
+        cap[nodes] = found.cap
     rests = np.append(np.diff(stretch) > 0, True)[:count]
     drive = Drive(cruise, ramp, lag, rests, slowed, slowed_by, cap)
     moving = ramp > 0.0

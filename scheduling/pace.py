@@ -7,13 +7,16 @@ along it; a skill, whose path is followed by one clock, is slowed down as a whol
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.chain import joint_table
+from planning.timing.blend import RoundedPath
+from planning.timing.path_bounds import PathBounds
+from planning.timing.rounded_stretch import RoundedStretch, rounded_stretch
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
@@ -94,6 +97,86 @@ class Pace:
             found = borne_stretch(found, borne)
             slowing = _borne(slowing, borne, found.seconds / free.seconds)
         return found, slowing
+
+    def full_speed_seconds(self, node: int, start: Array, way: Array) -> float:
+        """Return how long a straight line takes at the full speed of a way with rounded corners [s].
+
+        At that speed the tool is not too fast anywhere on it, and joints can still bear that the robot
+        speeds up and slows down.
+
+        Args:
+            node: the first of the way.
+            start: where the line begins, shape (n,).
+            way: from there to its end, shape (n,).
+        """
+        if self._loads is None:
+            return straight_stretch(self.limits, way).cruise
+        load, seconds = self._loads.after(node, 0), 0.0
+        cap = self._tool_speed(load)
+        if np.isfinite(cap):
+            tip = self._tip(load)
+            seconds = tool_speed_along(self._joints, tip, start, way) / cap
+        seconds = straight_stretch(self.limits, way, seconds).cruise
+        if self._weighed and seconds > 0.0:
+            ends = np.array([start, start + way])
+            line = RoundedPath(np.array([0.0, seconds]), ends, np.empty(0))
+            bounds = self._dynamics_with(load).along_legs(line)
+            seconds *= bounds.full_speed_factor()
+        return seconds
+
+    def rounded(self, node: int, path: RoundedPath) -> RoundedStretch | None:
+        """Return how a polyline with rounded corners is passed, None where that cannot be.
+
+        Args:
+            node: the first of the way.
+            path: the polyline; its legs take as long as ``full_speed_seconds`` says, or longer.
+        """
+        if self._loads is None:
+            return rounded_stretch(self.limits, path)
+        return rounded_stretch(self.limits, path, self._bounds(node, path))
+
+    def rounded_slowing(
+        self, node: int, path: RoundedPath, found: RoundedStretch
+    ) -> Slowing:
+        """Return by how much a polyline with rounded corners takes longer than joints allow.
+
+        Args:
+            node: the first of the way.
+            path: the polyline.
+            found: how it is passed.
+        """
+        if self._loads is None:
+            return Slowing()
+        ways, taken = np.diff(path.points, axis=0), np.diff(path.at)
+        least = [straight_stretch(self.limits, way).cruise for way in ways]
+        share = float(np.max(np.array(least) / taken))
+        quick = RoundedPath(path.at * share, path.points, path.window * share)
+        free = rounded_stretch(self.limits, quick)
+        bounds = self._bounds(node, path)
+        unweighed = rounded_stretch(self.limits, path, replace(bounds, efforts=None))
+        assert free is not None
+        assert unweighed is not None
+        factor = found.seconds / free.seconds
+        if found.seconds <= unweighed.seconds * _SAME or bounds.efforts is None:
+            return _slower(factor, BY_TOOL_SPEED)
+        joint = bounds.efforts.nearest(found.ramp, found.bent_ramp, found.cap)
+        return _slower(factor, BY_EFFORT + joint)
+
+    def _bounds(self, node: int, path: RoundedPath) -> PathBounds:
+        """Return what bounds a way with rounded corners besides limits of joints."""
+        assert self._loads is not None
+        load, bent = self._loads.after(node, 0), path.bent_pieces()
+        most = np.ones(len(bent.low))
+        cap = self._tool_speed(load)
+        if np.isfinite(cap):
+            tip = self._tip(load)
+            for k, piece in enumerate(zip(bent.low, bent.high, strict=True)):
+                ends = np.array(piece)
+                speed = greatest_tool_speed(self._joints, tip, ends, *path.states(ends))
+                most[k] = min(1.0, cap / max(speed, cap))
+        if not self._weighed:
+            return PathBounds(most)
+        return PathBounds(most, self._dynamics_with(load).along_rounded(path, bent))
 
     def skill(self, node: int, motion: SmoothPath) -> Slowing:
         """Return by how much a skill is slowed down.

@@ -7,14 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
 from planning.errors import PlanInvariantError
 from planning.timing.blend import RoundedPath
-from planning.timing.rounded_stretch import rounded_stretch
-from planning.timing.stretch import straight_stretch
 from planning.transforms import Array
-from scheduling.graph.drive import BY_JOINTS, Drive
+from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.pace import Pace
 
 
 class Bend(NamedTuple):
@@ -46,13 +44,11 @@ class Bend(NamedTuple):
         return np.asarray(legs / way[:, None])
 
 
-def stretch_drive(
-    limits: MotionLimits, chain: NodeChain, begin: int, stop: int
-) -> Drive:
+def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
     """Return how fast the nodes of a stretch can be passed; its ``ramp`` is 0 if it does not move.
 
     Args:
-        limits: of the robot.
+        pace: of the robot.
         chain: its nodes.
         begin, stop: pose nodes ``range(begin, stop)`` of it, a stretch.
 
@@ -63,31 +59,32 @@ def stretch_drive(
     ramp, lag, cap = np.zeros(count), np.zeros(count), np.ones(count)
     rests = np.zeros(count, dtype=np.bool_)
     rests[-1:] = True
-    plain = np.ones(count), np.full(count, BY_JOINTS)
-    ends = node_ends(chain, begin, stop)
-    way = np.diff(ends, axis=0)
     bends = list(chain_bends(chain, begin, stop))
     if not bends:
-        found = straight_stretch(limits, way.sum(axis=0))
-        if found.cruise <= 0.0:
-            return Drive(np.zeros(count), ramp, lag, rests, *plain, cap)
-        lengths = np.linalg.norm(way, axis=1)
-        ramp[:], lag[:] = found.ramp, found.lag
-        cruise = found.cruise * lengths / lengths.sum()
-        return Drive(cruise, ramp, lag, rests, *plain, cap)
-    cruise = _full_speed_times(limits, chain, begin, stop, bends)
-    pace = rounded_stretch(limits, rounded_path(chain, begin, stop, cruise))
-    if pace is None:
-        raise PlanInvariantError(
-            f"a corner of {chain.robot!r} cannot be passed within its limits"
-        )
-    ramp[:], lag[:] = pace.ramp, pace.lag
-    border = np.concatenate([[0.0], np.cumsum(cruise)])
-    for low, high, most in zip(pace.low, pace.high, pace.cap, strict=True):
-        zone = (border[1:] > low) & (border[:-1] < high)
-        cap[zone] = np.minimum(cap[zone], most)
-        ramp[zone] = pace.bent_ramp
-    return Drive(cruise, ramp, lag, rests, *plain, cap)
+        ends = node_ends(chain, begin, stop)
+        found, slowing = pace.stretch(begin, ends[0], ends[-1] - ends[0])
+        cruise = np.zeros(count)
+        if found.cruise > 0.0:
+            lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+            cruise = found.cruise * lengths / lengths.sum()
+            ramp[:], lag[:] = found.ramp, found.lag
+    else:
+        cruise = _full_speed_times(pace, chain, begin, stop, bends)
+        path = rounded_path(chain, begin, stop, cruise)
+        curve = pace.rounded(begin, path)
+        if curve is None:
+            raise PlanInvariantError(
+                f"a corner of {chain.robot!r} cannot be passed within its limits"
+            )
+        slowing = pace.rounded_slowing(begin, path, curve)
+        ramp[:], lag[:] = curve.ramp, curve.lag
+        border = np.concatenate([[0.0], np.cumsum(cruise)])
+        for low, high, most in zip(curve.low, curve.high, curve.cap, strict=True):
+            zone = (border[1:] > low) & (border[:-1] < high)
+            cap[zone] = np.minimum(cap[zone], most)
+            ramp[zone] = curve.bent_ramp
+    slowed, by = np.full(count, slowing.factor), np.full(count, slowing.cause)
+    return Drive(cruise, ramp, lag, rests, slowed, by, cap)
 
 
 def rounded_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> RoundedPath:
@@ -146,7 +143,7 @@ def node_ends(chain: NodeChain, begin: int, stop: int) -> Array:
 
 
 def _full_speed_times(
-    limits: MotionLimits, chain: NodeChain, begin: int, stop: int, bends: list[Bend]
+    pace: Pace, chain: NodeChain, begin: int, stop: int, bends: list[Bend]
 ) -> Array:
     """Return the time at full speed of each node of a stretch with bends [s].
 
@@ -156,8 +153,7 @@ def _full_speed_times(
     ends = node_ends(chain, begin, stop)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     cruise = np.zeros(stop - begin)
-    unit, least, done = 1.0, 0.0, 0
-    leave = 0.0
+    unit, leave, done = 1.0, 0.0, 0
     for bend in bends:
         a, b = bend.begin - begin, bend.stop - begin
         speed = bend.velocity(ends[a], ends[b])
@@ -167,8 +163,9 @@ def _full_speed_times(
         cruise[done:a] = length[done:a] / (enter / unit)
         chords = np.diff(chain.first[bend.begin : bend.stop + 1])
         cruise[a:b] = bend.length * unit * chords / chords.sum()
-        for row in speed:
-            least = max(least, straight_stretch(limits, row / unit).cruise)
         leave, done = float(np.linalg.norm(speed[-1])) / unit, b
     cruise[done:] = length[done:] / leave
-    return cruise * least
+    path = rounded_path(chain, begin, stop, cruise)
+    legs = zip(path.points, np.diff(path.points, axis=0), strict=False)
+    least = [pace.full_speed_seconds(begin, *leg) for leg in legs]
+    return cruise * np.max(np.array(least) / np.diff(path.at))

@@ -10,6 +10,13 @@ import numpy as np
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
 from planning.timing.blend import BentPieces, RoundedPath, greatest_speed
+from planning.timing.path_bounds import (
+    PathBounds,
+    PathEfforts,
+    greatest_borne_speed,
+    least_ramp,
+    no_efforts,
+)
 from planning.timing.ramps import exit_bound, pass_through
 from planning.transforms import Array
 
@@ -48,19 +55,31 @@ class RoundedStretch:
     seconds: float
 
 
-def rounded_stretch(limits: MotionLimits, path: RoundedPath) -> RoundedStretch | None:
+def rounded_stretch(
+    limits: MotionLimits, path: RoundedPath, bounds: PathBounds | None = None
+) -> RoundedStretch | None:
     """Return the quickest motion along a polyline with rounded corners.
 
     Args:
         limits: of the robot.
-        path: the polyline; no leg is faster than joints may be.
+        path: the polyline; no leg is faster than joints and the tool may be.
+        bounds: what else it keeps to.
 
     Returns:
         None where some corner cannot be passed at any speed.
     """
     bent = path.bent_pieces()
+    legs, bends = len(path.at) - 1, len(bent.low)
+    if bounds is None:
+        bounds = PathBounds(np.ones(bends))
     found = _quickest(
-        limits.acceleration, limits.jerk, path.velocity, float(path.at[-1]), bent
+        limits.acceleration,
+        limits.jerk,
+        path.velocity,
+        float(path.at[-1]),
+        bent,
+        bounds.efforts or no_efforts(legs, bends),
+        bounds.cap,
     )
     ramp, lag, bent_ramp, seconds, cap = found
     if not math.isfinite(seconds):
@@ -71,11 +90,17 @@ def rounded_stretch(limits: MotionLimits, path: RoundedPath) -> RoundedStretch |
 
 @kernel
 def _quickest(
-    acceleration: Array, jerk: Array, velocity: Array, total: float, bent: BentPieces
+    acceleration: Array,
+    jerk: Array,
+    velocity: Array,
+    total: float,
+    bent: BentPieces,
+    efforts: PathEfforts,
+    most: Array,
 ) -> tuple[float, float, float, float, Array]:
     """Return ramp, lag, ramp in zones, seconds and caps of the quickest that is tried."""
     count = len(bent.low)
-    least, jerky = 0.0, 0.0
+    least, jerky = least_ramp(efforts.legs), 0.0
     for leg in range(len(velocity)):
         for i in range(len(acceleration)):
             speed = abs(velocity[leg, i])
@@ -83,13 +108,15 @@ def _quickest(
             jerky = max(jerky, 2.0 * speed / jerk[i])
     best_ramp, best_lag, best_bent, best = least, 0.0, least, math.inf
     best_cap, cap = np.zeros(count), np.zeros(count)
+    if not math.isfinite(least):
+        return best_ramp, best_lag, best_bent, best, best_cap
     for slower in _SLOWER:
         ramp = least * slower
         lag = max(jerky / ramp, _LEAST_LAG)
         for share in _SHARES:
             slowest = 1.0
             for p in range(count):
-                cap[p] = greatest_speed(
+                by_joints = greatest_speed(
                     acceleration,
                     jerk,
                     bent.first[p],
@@ -98,6 +125,8 @@ def _quickest(
                     share / ramp,
                     lag,
                 )
+                borne = greatest_borne_speed(efforts.bends, p, share / ramp)
+                cap[p] = min(min(by_joints, borne), most[p])
                 slowest = min(slowest, cap[p])
             if slowest <= 0.0:
                 continue

@@ -16,15 +16,18 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio
 from scipy import constants
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
+from planning.timing.blend import BentPieces, RoundedPath
+from planning.timing.path_bounds import EffortRows, PathEfforts
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Indices, Transform
 
 _TURN = 0.05
 """Farthest from sample to sample, all joints added up [rad or m]."""
@@ -169,24 +172,75 @@ class ArmDynamics:
         t, q, v, a = motion.t[rows], motion.q[rows], motion.v[rows], motion.a[rows]
         turns = np.abs(np.diff(q, axis=0)).sum(axis=1)
         counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _PIECE)
-        piece = np.repeat(np.arange(len(counts)), counts + 1)
-        number = np.arange(len(piece)) - np.repeat(
-            np.cumsum(counts + 1) - counts - 1, counts + 1
-        )
+        piece, share = _samples(counts)
         span = np.diff(t)[piece, None]
-        since = span * (number / counts[piece])[:, None]
+        since = span * share[:, None]
         jerk = (a[piece + 1] - a[piece]) / span
         rise = a[piece] + since * jerk
         rate = v[piece] + since * (a[piece] + since * jerk / 2.0)
         at = q[piece] + since * (
             v[piece] + since * (a[piece] / 2.0 + since * jerk / 6.0)
         )
-        inner = (number > 0) & (number < counts[piece])
+        inner = (share > 0.0) & (share < 1.0)
         still = np.zeros_like(at)
         weight = self._efforts(at, still, still)
         rest = self._efforts(at, rate, rise) - weight
         loose, extra = _between(weight, inner), _between(rest, inner)
         return self._bearing(weight, loose, rest[None], extra)
+
+    def along_rounded(self, path: RoundedPath, bent: BentPieces) -> PathEfforts:
+        """Return how joints bear a way with rounded corners.
+
+        Args:
+            path: the way.
+            bent: pieces of it that are not straight.
+        """
+        span = bent.high - bent.low
+        turns = bent.first.sum(axis=1) * span
+        counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _PIECE)
+        piece, share = _samples(counts)
+        way = bent.low[piece] + share * span[piece]
+        return PathEfforts(self.along_legs(path), self._rows(*path.states(way), piece))
+
+    def along_legs(self, path: RoundedPath) -> EffortRows:
+        """Return how joints bear the straight legs of a way with rounded corners."""
+        ways = np.diff(path.points, axis=0)
+        turns = np.abs(ways).sum(axis=1)
+        counts = np.maximum(np.ceil(turns / _TURN).astype(np.int64), _FEWEST)
+        piece, share = _samples(counts)
+        q = path.points[piece] + share[:, None] * ways[piece]
+        return self._rows(q, path.velocity[piece], np.zeros_like(q), piece)
+
+    def _rows(
+        self, q: Array, first: Array, second: Array, piece: Indices
+    ) -> EffortRows:
+        """Return how joints bear a path that may be passed at any speed.
+
+        Args:
+            q: samples of it, shape (rows, n); what lies between those of a piece is allowed for.
+            first, second: derivatives there by the way along the path, likewise.
+            piece: which piece each sample is of, rising, shape (rows,).
+        """
+        begins = np.flatnonzero(np.diff(piece, prepend=-1, append=piece[-1] + 1))
+        inner = np.ones(len(q), dtype=np.bool_)
+        inner[begins[:-1]] = inner[begins[1:] - 1] = False
+        still = np.zeros_like(q)
+        weight = self._efforts(q, still, still)
+        push = self._efforts(q, still, first) - weight
+        swing = self._efforts(q, first, second) - weight
+        room, more = self._effort - _between(weight, inner), _between(swing, inner)
+        # Against gravity and with it.
+        spare = np.stack([room - weight, room + weight], axis=1)
+        rates = np.stack([np.abs(push) + _between(push, inner)] * 2, axis=1)
+        squares = np.maximum(np.stack([more + swing, more - swing], axis=1), 0.0)
+        joint = np.broadcast_to(np.arange(q.shape[1]), spare.shape)
+        return EffortRows(
+            spare.ravel(),
+            rates.ravel(),
+            squares.ravel(),
+            joint.ravel(),
+            begins * (spare.shape[1] * spare.shape[2]),
+        )
 
     def _efforts(self, q: Array, v: Array, a: Array) -> Array:
         """Return what the joints exert in some states, shape (rows, n) [N m or N]."""
@@ -206,7 +260,8 @@ class ArmDynamics:
             extra: by how much that may be more between samples, shape (rows, n).
         """
         spare = self._effort - np.abs(weight) - loose
-        tight = spare <= _SPARE * self._effort
+        known = np.isfinite(self._effort)
+        tight = known & (spare <= _SPARE * self._effort)
         overloaded = int(np.argmax(tight.any(axis=0))) if tight.any() else -1
         # Against gravity and with it: what is left on the one side and on the other.
         up = self._effort - weight - loose
@@ -265,7 +320,7 @@ def _untold(model: RobotModel) -> str | None:
     return None
 
 
-def _between(values: Array, inner: Array | None = None) -> Array:
+def _between(values: Array, inner: npt.NDArray[np.bool_] | None = None) -> Array:
     """Return by how much values may be more between samples than at them, like ``values``.
 
     Args:
@@ -281,6 +336,17 @@ def _between(values: Array, inner: Array | None = None) -> Array:
     near[1:] = np.maximum(near[1:], bend[:-1])
     near[:-1] = np.maximum(near[:-1], bend[1:])
     return near / 4.0
+
+
+def _samples(counts: Indices) -> tuple[Indices, Array]:
+    """Return samples of pieces of a path: which piece each is of, and its share of that.
+
+    Args:
+        counts: steps from sample to sample of each piece, from its one end to the other, shape (p,).
+    """
+    piece = np.repeat(np.arange(len(counts)), counts + 1)
+    begin = np.repeat(np.cumsum(counts + 1) - counts - 1, counts + 1)
+    return piece, (np.arange(len(piece)) - begin) / counts[piece]
 
 
 @lru_cache(maxsize=64)

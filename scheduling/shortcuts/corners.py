@@ -13,17 +13,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
 from planning.timing.blend import longest_window
-from planning.timing.rounded_stretch import rounded_stretch
-from planning.timing.stretch import straight_stretch
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.stretches import StretchConflicts, nodes_stretch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import nominal_durations, stretch_numbers, within_limits
-from scheduling.pace import is_bounded
+from scheduling.pace import Pace, paces
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.replacement_check import Pieces, Rivals, stands_stay_clear
 from scheduling.shortcuts.rewiring import Swap, rewire
@@ -59,7 +56,7 @@ def round_corners(
     """Return a graph in which robots with limits of acceleration pass corners of transits at speed.
 
     It is the same graph where no corner was rounded. Nodes are not timed yet, see
-    ``within_limits``. Robots whose tool's speed or whose joints' efforts are limited rest at corners.
+    ``within_limits``.
 
     Args:
         tpg: a graph that keeps its invariant, without rounded corners.
@@ -98,14 +95,12 @@ class _Rounder:
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
         self.graph = DerivedTpg(tpg)
-        # On curves neither the speed of a tool nor efforts of joints are worked out.
-        limits = {r.name: r.limits for r in tpg.cell.robots if not is_bounded(r)}
-        self._limits = [limits.get(chain.robot) for chain in tpg.chains]
+        self._paces = list(paces(tpg))
         self._scenery = Scenery()
         self.runs: list[Run] = []
         cuts: list[list[int]] = [[] for _ in tpg.chains]
         spans = find_spans(self.graph)
-        for k, (chain, own) in enumerate(zip(tpg.chains, self._limits, strict=True)):
+        for k, (chain, own) in enumerate(zip(tpg.chains, self._paces, strict=True)):
             mine = [span for span in spans if span.chain == k]
             if own is None or not mine:
                 continue
@@ -117,24 +112,24 @@ class _Rounder:
 
     def round_run(self, run: Run) -> None:
         """Round the corners of a run where it pays; the plan does not end later."""
-        limits = self._limits[run.chain]
-        assert limits is not None
+        pace = self._paces[run.chain]
+        assert pace is not None
         before = self.graph
         speed = np.diff(run.points, axis=0) / np.diff(run.at)[:, None]
         longest = np.zeros(len(run.points))
         for k in range(1, len(speed)):
-            longest[k] = longest_window(limits, speed[k] - speed[k - 1])
-        choice = _Choice(limits, run)
+            longest[k] = longest_window(pace.limits, speed[k] - speed[k - 1])
+        choice = _Choice(pace, run)
         most = longest.copy()
         for _ in range(_TRIES):
             most[most < _SHORTEST * longest] = 0.0
             rests = choice.rests(most)
-            swaps = self._round(run, limits, rests, most)
+            swaps = self._round(run, pace, rests, most)
             if swaps is None:
                 continue
             if not swaps:
                 return
-            quicker = self._time(run, rests, limits)
+            quicker = self._time(run, rests, pace)
             if (
                 quicker
                 and self.graph.rollout.makespan <= before.rollout.makespan + _LATER
@@ -144,13 +139,13 @@ class _Rounder:
             most *= _SHORTER
 
     def _round(
-        self, run: Run, limits: MotionLimits, rests: list[int], most: Array
+        self, run: Run, pace: Pace, rests: list[int], most: Array
     ) -> list[Swap] | None:
         """Round all corners of a run but some; return what was replaced.
 
         Args:
             run: the run.
-            limits: of its robot.
+            pace: of its robot.
             rests: ends of ways at which the robot rests, from first to last.
             most: longest windows at the ends of ways; where one is in the way it is made shorter.
 
@@ -164,9 +159,9 @@ class _Rounder:
                 continue
             windows = run.windows(first, last, most)
             path = run.path(first, last, windows)
-            pace = rounded_stretch(limits, path)
-            assert pace is not None
-            for low, high in run.bends(path, pace):
+            curve = pace.rounded(run.begins[first], path)
+            assert curve is not None
+            for low, high in run.bends(path, curve):
                 room = range(start, run.room.stop)
                 offset = way[start - run.begins[0] : room.stop - run.begins[0] + 1]
                 chain = self.graph.tpg.chains[run.chain]
@@ -206,14 +201,14 @@ class _Rounder:
         for swap in swaps:
             self._pieces.splice(swap)
 
-    def _time(self, run: Run, rests: list[int], limits: MotionLimits) -> bool:
+    def _time(self, run: Run, rests: list[int], pace: Pace) -> bool:
         """Give the nodes of a run the times that limits ask for; tell whether it takes less time."""
         graph = self.graph
         chain = graph.tpg.chains[run.chain]
         duration = chain.duration.copy()
         for first, last in pairwise(rests):
             begin, stop = run.begins[first], run.begins[last]
-            drive = stretch_drive(limits, chain, begin, stop)
+            drive = stretch_drive(pace, chain, begin, stop)
             duration[begin:stop] = nominal_durations(drive)
         chains = list(graph.tpg.chains)
         chains[run.chain] = replace(chain, duration=duration)
@@ -228,12 +223,12 @@ class _Choice:
     """At which corners of a run a robot rests, such that the run takes the least time.
 
     Args:
-        limits: of the robot.
+        pace: of the robot.
         run: its ways.
     """
 
-    def __init__(self, limits: MotionLimits, run: Run) -> None:
-        self._limits, self._run = limits, run
+    def __init__(self, pace: Pace, run: Run) -> None:
+        self._pace, self._run = pace, run
         self._known: dict[tuple[int, int, bytes], float] = {}
 
     def rests(self, most: Array) -> list[int]:
@@ -265,18 +260,20 @@ class _Choice:
             windows = run.windows(first, last, most)
         key = first, last, windows.tobytes()
         if key not in self._known:
-            self._known[key] = _least_seconds(self._limits, run, first, last, windows)
+            self._known[key] = _least_seconds(self._pace, run, first, last, windows)
         return self._known[key]
 
 
 def _least_seconds(
-    limits: MotionLimits, run: Run, first: int, last: int, windows: Array
+    pace: Pace, run: Run, first: int, last: int, windows: Array
 ) -> float:
+    node = run.begins[first]
     if last - first == 1:
-        return straight_stretch(limits, run.points[last] - run.points[first]).seconds
+        way = run.points[last] - run.points[first]
+        return pace.stretch(node, run.points[first], way)[0].seconds
     if np.min(windows) <= 0.0:
         return float(np.inf)
-    found = rounded_stretch(limits, run.path(first, last, windows))
+    found = pace.rounded(node, run.path(first, last, windows))
     return float(np.inf) if found is None else found.seconds
 
 

@@ -8,12 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
 from planning.timing.blend import RoundedPath, ordered_windows
 from planning.timing.rounded_stretch import RoundedStretch
-from planning.timing.stretch import straight_stretch
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.pace import Pace
 from scheduling.shortcuts.candidates import Span
 from scheduling.stretch_times import node_ends
 
@@ -92,7 +91,7 @@ def find_runs(
     chain: NodeChain,
     spans: Sequence[Span],
     number: Indices,
-    limits: MotionLimits,
+    pace: Pace,
 ) -> Iterator[Run]:
     """Yield the runs of a chain.
 
@@ -100,17 +99,17 @@ def find_runs(
         chain: the chain.
         spans: of it, in order.
         number: of the stretch of each node, see ``stretch_numbers``.
-        limits: of the robot.
+        pace: of the robot.
     """
     done = 0
     for span in spans:
-        for run in _runs_of(chain, span, number, limits, done):
+        for run in _runs_of(chain, span, number, pace, done):
             yield run
             done = run.begins[-1]
 
 
 def _runs_of(
-    chain: NodeChain, span: Span, number: Indices, limits: MotionLimits, done: int
+    chain: NodeChain, span: Span, number: Indices, pace: Pace, done: int
 ) -> Iterator[Run]:
     """Yield the runs of a span.
 
@@ -118,7 +117,7 @@ def _runs_of(
         chain: the chain.
         span: nodes of it that may be replaced.
         number: of the stretch of each node, see ``stretch_numbers``.
-        limits: of the robot.
+        pace: of the robot.
         done: the node after the last run: a way is part of one run at most.
     """
     low = int(np.searchsorted(number, number[span.first]))
@@ -132,7 +131,8 @@ def _runs_of(
     ends = node_ends(chain, low, high)
     length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     points = ends[[b - low for b in begins]]
-    cruise = [straight_stretch(limits, way).cruise for way in np.diff(points, axis=0)]
+    ways = zip(begins, points, np.diff(points, axis=0), strict=False)
+    cruise = [pace.full_speed_seconds(*way) for way in ways]
     still = [k for k, seconds in enumerate(cruise) if seconds < _LEAST]
     for before, b in pairwise([-1, *still, len(cruise)]):
         a = before + 1

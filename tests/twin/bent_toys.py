@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import strategies as st
 
-from planning.timing.rounded_stretch import rounded_stretch
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import stretch_numbers, within_limits
+from scheduling.pace import Pace, paces
 from scheduling.shortcuts.candidates import Span
 from scheduling.shortcuts.rewiring import Swap, rewire
 from scheduling.shortcuts.rounded_nodes import bent_nodes
@@ -39,12 +39,11 @@ def bent_tpg(
     )
     tpg = with_limits(tpg, rng, _with_legs)
     graph = DerivedTpg(tpg)
-    for k, chain in enumerate(tpg.chains):
-        limits = tpg.cell.robots[k].limits
-        assert limits is not None
+    for k, (chain, pace) in enumerate(zip(tpg.chains, paces(tpg), strict=True)):
+        assert pace is not None
         spans = list(_spans(chain, k))
-        for run in find_runs(chain, spans, stretch_numbers(tpg, k), limits):
-            graph = _bent(graph, run, rng)
+        for run in find_runs(chain, spans, stretch_numbers(tpg, k), pace):
+            graph = _bent(graph, run, pace, rng)
     return within_limits(graph.tpg)
 
 
@@ -67,10 +66,10 @@ def _spans(chain: NodeChain, index: int) -> Iterator[Span]:
             yield Span(index, first, int(nodes[-1]))
 
 
-def _bent(graph: DerivedTpg, run: Run, rng: np.random.Generator) -> DerivedTpg:
+def _bent(
+    graph: DerivedTpg, run: Run, pace: Pace, rng: np.random.Generator
+) -> DerivedTpg:
     """Return a graph with some corners of a run rounded."""
-    limits = graph.tpg.cell.robots[run.chain].limits
-    assert limits is not None
     most = 10.0 ** rng.uniform(-2.5, 0.5, len(run.at))
     rests = np.flatnonzero(rng.random(len(run.at)) < 0.2)
     rests = np.unique([0, *rests, len(run.at) - 1])
@@ -82,10 +81,10 @@ def _bent(graph: DerivedTpg, run: Run, rng: np.random.Generator) -> DerivedTpg:
         if np.min(windows) <= 1e-4:
             continue
         path = run.path(first, last, windows)
-        pace = rounded_stretch(limits, path)
-        assert pace is not None
+        curve = pace.rounded(run.begins[first], path)
+        assert curve is not None
         tried, kept = graph, (start, way.copy())
-        for low, high in run.bends(path, pace):
+        for low, high in run.bends(path, curve):
             room = range(start, run.room.stop)
             own = way[start - run.begins[0] : room.stop - run.begins[0] + 1]
             chain = tried.tpg.chains[run.chain]
