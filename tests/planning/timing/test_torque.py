@@ -5,75 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.motion_limits import limits_of
 from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import robot_model
 from planning.timing.smooth_path import smooth_path
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.torque import ArmDynamics, Payload, borne_stretch, why_unchecked
-from planning.transforms import from_rpy
-from tests.planning.timing.pinocchio_arm import PinocchioArm
+from tests.planning.timing.drawn_arm import MODELS, Drawn
 from twin.run.cubic_motion import cubic_at
-
-MODELS = ("ur5e", "panda", "iiwa14")
-
-
-class Drawn:
-    """A robot with something in its hand, hung up somehow, and quick limits."""
-
-    def __init__(self, name: str, seed: int) -> None:
-        self.rng = rng = np.random.default_rng(seed)
-        model = robot_model(name)
-        base = from_rpy(
-            rng.normal(size=3), rng.choice([0.0, 1.0], 3) * rng.normal(size=3)
-        )
-        self.robot = PlacedRobot(name, model, base, model.home)
-        mass = float(rng.choice([0.0, 1.0, 2.5]))
-        box = box_shape("part", rng.uniform(0.02, 0.3, 3))
-        pose = from_rpy(rng.uniform(-0.1, 0.1, 3), rng.normal(size=3))
-        self.payload = Payload(mass, box, pose)
-        held = [self.payload] if mass else []
-        self.dynamics = ArmDynamics(self.robot, model, held)
-        usual = limits_of(model)
-        scale = rng.choice([1.0, 4.0, 10.0])
-        self.limits = MotionLimits(
-            usual.velocity, usual.acceleration * scale, usual.jerk * scale
-        )
-
-    def configuration(self) -> np.ndarray:
-        model = self.robot.model
-        return self.rng.uniform(model.lower, model.upper) * 0.6
-
-    def efforts(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return efforts by the URDF, with the payload hung on its last joint."""
-        model = self.robot.model
-        arm = PinocchioArm(model)
-        body = arm.body
-        down = self.robot.base[:3, :3].T @ (0.0, 0.0, -9.80665)
-        body.gravity = pinocchio.Motion(down, np.zeros(3))
-        if self.dynamics_loaded:
-            box = pinocchio.Inertia.FromBox(self.payload.mass, *self.payload.shape.size)
-            place = pinocchio.SE3(model.flange @ self.payload.pose)
-            body.appendBodyToJoint(body.njoints - 1, box, place)
-        data = body.createData()
-        rows = zip(q, v, a, strict=True)
-        return np.array([pinocchio.rnea(body, data, *row).copy() for row in rows])
-
-    @property
-    def dynamics_loaded(self) -> bool:
-        return self.payload.mass > 0.0
-
-    def worst(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Return the greatest share of its limit that any joint exerts."""
-        drives = self.robot.model.drives
-        assert drives is not None
-        return float(np.max(np.abs(self.efforts(q, v, a)) / drives.effort))
 
 
 def slower(stretch: Stretch, factor: float) -> Stretch:
@@ -192,3 +136,17 @@ def test_descriptions_that_tell_too_little_are_not_checked() -> None:
     assert "same mass" in str(why("ur5e", inertias=alike))
     weak = replace(model.drives, effort=np.full(6, 1.0))
     assert "hold the arm at HOME" in str(why("ur5e", drives=weak))
+
+
+def test_a_joint_of_unknown_effort_bears_anything() -> None:
+    model = robot_model("ur5e")
+    assert model.drives is not None
+    effort = np.array(model.drives.effort)
+    effort[2] = np.inf
+    model = replace(model, drives=replace(model.drives, effort=effort))
+    robot = PlacedRobot("arm", model, np.eye(4), model.home)
+    way = np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0])
+    stretch = straight_stretch(limits_of(model), way)
+    found = ArmDynamics(robot, model).along_stretch(model.home, way, stretch)
+    assert found.overloaded < 0
+    assert found.joint != 2
