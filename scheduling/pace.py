@@ -253,7 +253,7 @@ def _borne(slowing: Slowing, borne: Bearing, factor: float) -> Slowing:
 def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
     """Yield the pace of each chain's robot; None where it keeps to no limits, and for machines."""
     limited = {robot.name: robot for robot in tpg.cell.robots}
-    bounded = any(is_bounded(robot) for robot in tpg.cell.robots)
+    bounded = any(_is_bounded(robot) for robot in tpg.cell.robots)
     loads = hand_loads(tpg) if bounded else [None] * len(tpg.chains)
     for chain, own in zip(tpg.chains, loads, strict=True):
         robot = limited.get(chain.robot)
@@ -263,7 +263,7 @@ def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
             yield Pace(robot, robot.limits, own)
 
 
-def is_bounded(robot: PlacedRobot) -> bool:
+def _is_bounded(robot: PlacedRobot) -> bool:
     """Tell whether anything but limits of joints bounds the motions of a robot."""
     limits = robot.limits
     if limits is None:

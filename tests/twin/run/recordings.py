@@ -6,6 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import within_limits
+from scheduling.shortcuts.corners import round_corners
 from twin.audit.motion.executed import Recording, read_recording
 from twin.engine.engine import Simulator
 from twin.recorders.motion_tables import write_motion
@@ -28,3 +30,10 @@ def recorded(
     assert run.outcome == "completed"
     write_motion(folder, tpg, run)
     return read_recording(folder, tpg.cell)
+
+
+def with_rounded_corners(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return a graph whose robots pass corners of transits at speed, some at least."""
+    found = within_limits(round_corners(tpg))
+    assert any(chain.corners is not None for chain in found.chains)
+    return found

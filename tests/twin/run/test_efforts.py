@@ -17,7 +17,12 @@ from scheduling.motion_times import within_limits
 from scheduling.slowed_motions import overloads, slowed_motions
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
-from tests.twin.run.recordings import MANY_STALLS, NO_STALLS, recorded
+from tests.twin.run.recordings import (
+    MANY_STALLS,
+    NO_STALLS,
+    recorded,
+    with_rounded_corners,
+)
 from twin.audit.motion.executed import Recording
 from twin.run.cubic_motion import cubic_at
 from twin.uncertainty.disturbances import Stalls
@@ -41,13 +46,16 @@ def loads(
     yield since, recording.end, name, pose
 
 
+@pytest.mark.parametrize("corners", ["rest", "smooth"])
 @pytest.mark.parametrize("stalls", [NO_STALLS, MANY_STALLS], ids=["calm", "late"])
 def test_they_keep_within_their_limits(
-    stalls: Stalls, shipped: ShippedRuns, tmp_path: Path
+    corners: str, stalls: Stalls, shipped: ShippedRuns, tmp_path: Path
 ) -> None:
     found = shipped("multi_arm/tray")
     mass = 1.5
     tpg = with_heavy_parts(found.planned.tpg, mass)
+    if corners == "smooth":
+        tpg = with_rounded_corners(tpg)
     assert slowed_motions(tpg)
     assert not overloads(tpg)
     recording = recorded(tmp_path, found.scenario, tpg, stalls)

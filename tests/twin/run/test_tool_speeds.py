@@ -13,7 +13,12 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
-from tests.twin.run.recordings import MANY_STALLS, NO_STALLS, recorded
+from tests.twin.run.recordings import (
+    MANY_STALLS,
+    NO_STALLS,
+    recorded,
+    with_rounded_corners,
+)
 from twin.audit.motion.executed import Recording
 from twin.run.cubic_motion import cubic_at
 from twin.uncertainty.disturbances import Stalls
@@ -50,12 +55,15 @@ def in_hand(recording: Recording, robot: str, times: np.ndarray) -> np.ndarray:
     return holds
 
 
+@pytest.mark.parametrize("corners", ["rest", "smooth"])
 @pytest.mark.parametrize("stalls", [NO_STALLS, MANY_STALLS], ids=["calm", "late"])
 def test_no_executed_motion_passes_them(
-    stalls: Stalls, shipped: ShippedRuns, tmp_path: Path
+    corners: str, stalls: Stalls, shipped: ShippedRuns, tmp_path: Path
 ) -> None:
     found = shipped("multi_arm/tray")
     tpg = capped(found.planned.tpg, FREE, LOADED)
+    if corners == "smooth":
+        tpg = with_rounded_corners(tpg)
     assert by_tool_speed(tpg) > 10
     assert by_tool_speed(found.planned.tpg) == 0
     recording = recorded(tmp_path, found.scenario, tpg, stalls)
