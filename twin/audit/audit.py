@@ -30,12 +30,17 @@ from twin.audit.edge_order import (
 )
 from twin.audit.grips import GripWatch
 from twin.audit.joint_checks import joint_violations
-from twin.audit.limit_checks import effort_violations, limit_violations
+from twin.audit.limit_checks import (
+    effort_violations,
+    limit_violations,
+    tool_speed_violations,
+)
 from twin.audit.motion.efforts import GreatestEffort, efforts_of_run, greatest_efforts
 from twin.audit.motion.executed import ObjectRow, Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
 from twin.audit.motion.reach import travel_of_points
 from twin.audit.motion.sampling import Stretch, stretches
+from twin.audit.motion.tool_speeds import tool_speeds_of_run
 from twin.audit.places import helpers_left, place_violations, start_violations
 from twin.audit.processes import process_violations
 from twin.audit.resting import RestWatch
@@ -150,6 +155,7 @@ def audit_run(
     found += limit_violations(tpg.cell, recording)
     efforts = efforts_of_run(tpg.cell, recording)
     found += effort_violations(tpg.cell, recording, efforts)
+    found += tool_speed_violations(tool_speeds_of_run(tpg.cell, recording))
     if finished and wanted is not None:
         found += place_violations(tpg.cell, recording, wanted)
         report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))

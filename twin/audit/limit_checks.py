@@ -1,21 +1,25 @@
 """Limits of motion: speeds, accelerations, jerks and efforts of what was executed, by its tables.
 
+Limits of the tool's speed, and of the sum of joint speeds, are looked at where a robot is sampled.
+
 Between two rows a joint moves on a cubic in time: its speed is a parabola, its acceleration a straight
 line, its jerk constant. So rows settle all three, at every moment, and whether they fit each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.transforms import Array
 from twin.audit.joint_checks import runs
 from twin.audit.motion.efforts import RobotEfforts
 from twin.audit.motion.executed import Recording, RobotRows
+from twin.audit.motion.states import moving_samples, states_at
+from twin.audit.motion.tool_speeds import ToolSpeeds
 from twin.audit.violation import Violation, ViolationKind
 
 _BEYOND = 1e-6
@@ -52,6 +56,7 @@ def limit_violations(cell: Workcell, recording: Recording) -> Iterator[Violation
             continue
         names = robot.model.joint_names
         units = ["m" if slides else "rad" for slides in robot.model.chain.prismatic]
+        yield from _sum_violations(robot, rows)
         for kind, unit, share, limit in _shares(rows, rows.v, rows.a, robot.limits):
             for joint, where in runs(share > 1.0):
                 worst = where[np.argmax(share[where, joint])]
@@ -70,6 +75,48 @@ def limit_violations(cell: Workcell, recording: Recording) -> Iterator[Violation
                     f"{most}, node {rows.node[worst + 1]}",
                     kind,
                 )
+
+
+def _sum_violations(robot: PlacedRobot, rows: RobotRows) -> Iterator[Violation]:
+    """Yield where the speeds of all joints add up to more than they may, at samples."""
+    assert robot.limits is not None
+    limit = robot.limits.sum_of_speeds
+    if np.isinf(limit):
+        return
+    t = moving_samples(rows, float(rows.t[0]), float(rows.t[-1]))
+    share = np.abs(states_at(rows, t)[1]).sum(axis=1) / limit
+    what = f"the limit of {limit:.6g} rad/s for all joint speeds added up"
+    yield from _seen(robot.name, "all joints", t, share, what, "joint-speed")
+
+
+def tool_speed_violations(
+    speeds: Iterable[ToolSpeeds],
+) -> Iterator[Violation]:
+    """Yield where a tool was faster than it may be.
+
+    Args:
+        speeds: of the tools for which that is limited.
+    """
+    for own in speeds:
+        hand = "with a part in hand" if own.loaded else "with nothing in hand"
+        what = f"its limit of {own.limit:.6g} m/s {hand}"
+        share = own.speed / own.limit
+        yield from _seen(own.robot, "tool", own.t, share, what, "tool-speed")
+
+
+def _seen(
+    robot: str,
+    second: str,
+    t: Array,
+    share: Array,
+    what: str,
+    kind: ViolationKind,
+) -> Iterator[Violation]:
+    """Yield where samples are beyond a limit, one violation from where it begins to where it ends."""
+    for _, where in runs(share[:, None] > 1.0 + _BEYOND):
+        most = f"{np.max(share[where]):.4g} times {what}"
+        times = float(t[where[0]]), float(t[where[-1]])
+        yield Violation(*times, robot, second, 0.0, most, kind)
 
 
 def _shares(

@@ -14,6 +14,7 @@ ViolationKind = Literal[
     "joint-jerk",
     "joint-effort",
     "joint-motion",
+    "tool-speed",
     "edge-order",
     "hanging",
     "grip",
@@ -33,7 +34,7 @@ class Violation:
         first, second: who and what. Of a ``contact`` two entities, such as ``"left/arm"``,
             ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
             ``"jump"``; of the kinds of joints the robot and
-            its joint; of an ``edge-order`` the robots, the one that must be complete first; of
+            its joint, or ``"all joints"``; of a ``tool-speed`` the robot and ``"tool"``; of an ``edge-order`` the robots, the one that must be complete first; of
             ``hanging`` the object and the nearest thing that stands; of a ``grip`` the object
             and its holder; of a ``place`` the object and its place; of a ``support`` the object
             and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at

@@ -13,14 +13,10 @@ import pinocchio
 from scipy import constants
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.robots.descriptions.written_options import written_options
-from planning.robots.descriptions.xml_reading import read_xml
-from planning.robots.registry import ROBOTS
 from planning.transforms import Array
-from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-
-_SAMPLE_S = 0.01
-"""So often efforts are worked out at least while a robot moves [s]."""
+from twin.audit.motion.described_arm import DescribedArm
+from twin.audit.motion.executed import ObjectRow, Recording
+from twin.audit.motion.states import moving_samples, states_at
 
 _SPARE = 0.01
 """Share of its effort that gravity has to leave a joint which can be held to it."""
@@ -121,8 +117,8 @@ def _efforts(
             if row.holder == robot.name:
                 held[row.object] = row
         dynamics.hold([(objects[name], row) for name, row in held.items()])
-        t = _samples(rows, begin, end)
-        q, v, a = _states(rows, t)
+        t = moving_samples(rows, begin, end)
+        q, v, a = states_at(rows, t)
         own = dynamics.efforts(q, v, a)
         can = np.repeat(at_home[None], len(t), axis=0)
         over = np.any(np.abs(own) > limit, axis=1)
@@ -142,32 +138,6 @@ def _efforts(
     )
 
 
-def _samples(rows: RobotRows, begin: float, end: float) -> Array:
-    """Return the times of all rows in a span, its ends, and more while the robot moves."""
-    low, high = np.searchsorted(rows.t, [begin, end])
-    knots = np.unique(np.concatenate([[begin], rows.t[low:high], [end]]))
-    assert rows.v is not None
-    moves = np.any(rows.v != 0.0, axis=1)
-    parts = [knots]
-    for a, b in pairwise(knots.tolist()):
-        k = int(np.searchsorted(rows.t, a, side="right"))
-        if moves[max(k - 1, 0)] or moves[min(k, len(moves) - 1)]:
-            count = int(np.ceil((b - a) / _SAMPLE_S))
-            parts.append(np.linspace(a, b, count + 1)[1:-1])
-    return np.unique(np.concatenate(parts))
-
-
-def _states(rows: RobotRows, t: Array) -> tuple[Array, Array, Array]:
-    """Return configurations, speeds and accelerations at some times, shape (m, n) each."""
-    assert rows.v is not None
-    assert rows.a is not None
-    k = np.clip(np.searchsorted(rows.t, t, side="right") - 1, 0, len(rows.t) - 2)
-    span, since = (rows.t[k + 1] - rows.t[k])[:, None], (t - rows.t[k])[:, None]
-    jerk = (rows.a[k + 1] - rows.a[k]) / span
-    v = rows.v[k] + since * (rows.a[k] + 0.5 * since * jerk)
-    return rows.at(t), v, rows.a[k] + since * jerk
-
-
 class _Dynamics:
     """The bodies of a robot with their masses, and of what it holds.
 
@@ -176,22 +146,13 @@ class _Dynamics:
     """
 
     def __init__(self, robot: PlacedRobot) -> None:
-        model = pinocchio.buildModelFromUrdf(str(robot.model.urdf))
+        self._arm = DescribedArm(robot.model)
+        model = self._arm.body
         model.gravity.linear = robot.base[:3, :3].T @ (0.0, 0.0, -constants.g)
-        names = list(model.names)
-        self._joints = [model.joints[names.index(n)] for n in robot.model.joint_names]
         self._flange = pinocchio.SE3(robot.model.flange)
         self._bare, self._model = model, model
         self._data = model.createData()
-        self._still = pinocchio.neutral(model)
-        moved = set(robot.model.joint_names)
-        if held := [name for name in names[1:] if name not in moved]:
-            known = written_options(read_xml(robot.model.urdf))
-            frozen = (known or ROBOTS[robot.model.name]).frozen
-            for name in held:
-                self._still[model.joints[names.index(name)].idx_q] = frozen[name]
-        last = names.index(robot.model.joint_names[-1])
-        self._last = last
+        last = self._arm.last
         beyond = [k for k in range(last, model.njoints) if last in model.supports[k]]
         self.has_masses = sum(model.inertias[k].mass for k in beyond) > 0.0
 
@@ -205,7 +166,7 @@ class _Dynamics:
                     item.mass, np.array(item.shape.centre_of_mass), box.inertia
                 )
                 pose = self._flange * pinocchio.SE3(row.pose)
-                self._model.appendBodyToJoint(self._last, body, pose)
+                self._model.appendBodyToJoint(self._arm.last, body, pose)
         self._data = self._model.createData()
 
     def gravity(self, q: Array) -> Array:
@@ -215,16 +176,9 @@ class _Dynamics:
     def efforts(self, q: Array, v: Array, a: Array) -> Array:
         """Return the efforts at some states, shape (m, n)."""
         out = np.empty_like(q)
-        columns = [joint.idx_v for joint in self._joints]
         for k in range(len(q)):
-            state = self._still.copy()
-            for joint, value in zip(self._joints, q[k].tolist(), strict=True):
-                if joint.nq == joint.nv:
-                    state[joint.idx_q] = value
-                else:  # a continuous joint is kept as the cosine and the sine of its angle
-                    state[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-            speed, rise = np.zeros(self._model.nv), np.zeros(self._model.nv)
-            speed[columns], rise[columns] = v[k], a[k]
-            found: Any = pinocchio.rnea(self._model, self._data, state, speed, rise)
-            out[k] = found[columns]
+            at = self._arm.state(q[k])
+            rates = self._arm.rates(v[k]), self._arm.rates(a[k])
+            found: Any = pinocchio.rnea(self._model, self._data, at, *rates)
+            out[k] = found[self._arm.columns]
         return out
