@@ -103,13 +103,11 @@ def _fixtures(
 
 
 def _robot(base: Base) -> dict[str, Any]:
-    # Torches wait where they are in nobody's way.
-    away = {"home_deg": [0, -150, 140, -80, -90, 0]} if base.tool == "torch" else {}
     return {
         "name": base.name,
         "model": "ur5e",
         "tool": base.tool,
-        **away,
+        **({"home_deg": list(base.home)} if base.home else {}),
         "base": {"xyz_m": list(base.xyz), "rpy_deg": [0, 0, base.yaw]},
     }
 

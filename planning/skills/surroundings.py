@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -203,7 +203,18 @@ class SkillTrial:
         found = next(self._obstructions, None)
         while found is not None and self._may_touch(found.by):
             found = next(self._obstructions, None)
-        return self._pressed_into() if found is None else found
+        return self._pressed_into() if found is None else self._told(found)
+
+    def _told(self, found: Obstruction) -> Obstruction:
+        """Return an obstruction that says so where a robot is in the way as it waits at HOME."""
+        name = (found.by or "").partition("/")[0]
+        for robot in self._scene.cell.robots:
+            if robot.name == name != self.path.robot:
+                at = self._scene.configurations[name]
+                if np.array_equal(at, robot.home):
+                    words = f"{found.words}, as {name} stands at HOME"
+                    return replace(found, words=words)
+        return found
 
     def _may_touch(self, name: str | None) -> bool:
         """Tell whether the tool comes near to an object, but no deeper into it than it may."""

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.check.balance import check_balance
 from twin.check.efforts import check_efforts
 from twin.check.finding import Finding, Findings, Subject
-from twin.check.lying import check_fixtures, check_goals, check_starts
+from twin.check.lying import (
+    check_balance,
+    check_fixtures,
+    check_goals,
+    check_starts,
+)
 from twin.check.meshes import check_meshes
 from twin.check.reach import check_reach
 from twin.check.robots import check_bases, check_homes, check_speeds
@@ -22,6 +26,7 @@ from twin.check.tools import (
     check_payloads,
     check_tool_frames,
 )
+from twin.check.units import check_units
 from twin.scenario.document.problems import InvalidScenarioError, Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
@@ -126,8 +131,9 @@ def check_scenario(
         RobotModelError: a robot description cannot be used.
     """
     subject = Subject(scenario, folder)
-    found: list[Finding] = []
-    for check in _CHECKS:
+    # What a wrong unit makes of a cell would be found by all others in their own words.
+    found = _few(check_units(subject))
+    for check in _CHECKS if not found else ():
         found += _few(check(subject))
     at_fault = any(item.error for item in found)
     if subject.kind.at_once:

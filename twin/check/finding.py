@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from planning.cell.workcell import Workcell
-from planning.skills.outfits import in_every_outfit
+from planning.skills.outfits import in_every_outfit, rack_tools
 from twin.check.ordered_parts import OrderedParts
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import AssemblyKind, assembly_kind
@@ -48,9 +48,14 @@ class Subject:
     folder: Path
 
     @cached_property
+    def built(self) -> Workcell:
+        """The cell as it is before the first motion, as planning gets it."""
+        return build_workcell(self.scenario, self.folder)
+
+    @cached_property
     def cell(self) -> Workcell:
-        """The cell as it is before the first motion."""
-        return in_every_outfit(build_workcell(self.scenario, self.folder))
+        """The same with a robot that changes its tools as several: one with each of them on it."""
+        return in_every_outfit(self.built)
 
     @cached_property
     def kind(self) -> AssemblyKind:
@@ -92,7 +97,11 @@ class Subject:
             item.name: ("cell", "fixtures", number, "name")
             for number, item in enumerate(self.scenario.cell.fixtures)
         }
-        return {name: path for path, name in self.kind.names()} | fixtures
+        racks: dict[str, KeyPath] = {
+            tool.name: ("cell", "tools", tool.name, "rack")
+            for tool in rack_tools(self.built)
+        }
+        return {name: path for path, name in self.kind.names()} | fixtures | racks
 
 
 def millimetres(distance_m: float) -> str:

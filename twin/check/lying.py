@@ -1,4 +1,4 @@
-"""Checks of what lies or stands somewhere: overlaps, and what hangs in the air."""
+"""Checks of what lies or stands somewhere: overlaps, what hangs in the air, and what would fall."""
 
 from __future__ import annotations
 
@@ -110,6 +110,25 @@ def check_goals(subject: Subject) -> Findings:
         if number + 1 in supply.leaves:
             for gone, _ in supply.leaves[number + 1].parts:
                 del where[gone]
+
+
+def check_balance(subject: Subject) -> Findings:
+    """Yield the first part that would fall, in the order in which parts are put in place."""
+    from planning.parts.balance import PartBalance, balance_groups
+
+    parts = subject.parts
+    if parts is None or parts.steps is None or parts.listed.balance is None:
+        return
+    gone = parts.listed.supply.leaves.keys()
+    for _, own, rule in balance_groups(parts.steps, parts.listed.balance, gone):
+        balance = PartBalance(subject.cell, own, rule)
+        if balance.fall is not None:
+            yield Finding(
+                subject.thing_at(balance.fall.body, "goal"),
+                balance.refusal(balance.fall),
+                error=True,
+            )
+            return
 
 
 def check_fixtures(subject: Subject) -> Findings:

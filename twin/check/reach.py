@@ -17,12 +17,14 @@ from planning.errors import (
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
 from planning.parts.assembly import Grip, PartWays
-from planning.parts.part_steps import WorkStep, stop_pose
+from planning.parts.part_steps import WorkStep, stop_pose, touched_in_racks
 from planning.parts.steps import Place
 from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.parts.tool_grips import robot_grips
 from planning.skills.joint_paths import SkillPath, skill_postures
+from planning.skills.outfits import rack_tools
 from planning.skills.subgoals import SkillTargets
+from planning.skills.tool_changes import find_tool_changes
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, position
 from twin.check.ordered_parts import OrderedParts
@@ -44,6 +46,7 @@ def check_reach(subject: Subject) -> Findings:
     """Yield what no robot reaches: an error where the planner would find none either."""
     section = subject.scenario.assembly
     if subject.parts is not None:
+        yield from _check_racks(subject, subject.parts)
         yield from _check_parts(subject, subject.parts)
     elif isinstance(section, GoalsSection):
         yield from _check_moves(subject, section)
@@ -64,14 +67,41 @@ def reach_bound(robot: PlacedRobot, frame: str) -> float:
 
 def too_far(robot: PlacedRobot, frame: str, target: Transform) -> bool:
     """Tell whether a pose is beyond the arm's length, however it is bent."""
+    return away_from(robot, target) > reach_bound(robot, frame) + 1e-3
+
+
+def away_from(robot: PlacedRobot, target: Transform) -> float:
+    """Return how far a pose is away from the first joint of a robot [m]."""
     first = robot.base @ placed_first(robot)
-    away = float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
-    return away > reach_bound(robot, frame) + 1e-3
+    return float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
+
+
+def _beyond(robots: list[PlacedRobot], frame: str, target: Transform) -> str:
+    """Return how far away the nearest robot is, where no arm is long enough for a pose."""
+    if not all(too_far(robot, frame, target) for robot in robots):
+        return ""
+    ways = {robot.name: away_from(robot, target) for robot in robots}
+    nearest = min(robots, key=lambda r: ways[r.name] - reach_bound(r, frame))
+    return (
+        f"; {nearest.name}, the nearest, is {ways[nearest.name]:.2f} m away, and with its tool"
+        f" {reach_bound(nearest, frame):.2f} m long"
+    )
 
 
 def placed_first(robot: PlacedRobot) -> Transform:
     """Return the pose of the first joint in the frame of the base."""
     return np.asarray(robot.model.chain.placement[0])
+
+
+def _check_racks(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield the first rack at which a tool cannot be changed, as the planner says it."""
+    cell, goals = subject.built, parts.listed.goals
+    try:
+        find_tool_changes(cell, goals, touched_in_racks(cell, goals))
+    except InfeasibleStepError as error:
+        words = set(re.findall(r"[\w.-]+", error.message))
+        named = next(tool.name for tool in rack_tools(cell) if tool.name in words)
+        yield Finding(subject.thing_at(named, "rack"), error.message, error=True)
 
 
 def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
@@ -125,7 +155,8 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
         yield Finding(
             key,
             f"no robot reaches {name}: {words}; tried {min(tried, _MOST_GRIPS)} grips, with"
-            f" approach_m {ways.approach:g} and leave_m {ways.leave:g}",
+            f" approach_m {ways.approach:g} and leave_m {ways.leave:g}"
+            + _beyond(robots, frame, end if picks else part.start),
             error=tried <= _MOST_GRIPS,
         )
 

@@ -34,8 +34,10 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     for name, value in values.items():
         if name not in joints or joints[name].get("type") == "fixed":
+            choices = free_joints(root)
             raise RobotModelError(
-                f"{path} has no joint {name!r} to hold", choices=free_joints(root)
+                f"{path} has no joint {name!r} to hold (valid: {', '.join(choices) or 'none'})",
+                choices=choices,
             )
         _require_within(joints[name], value, f"{path}: joint {name!r}")
     for name, value in _with_followers(joints, values, path).items():

@@ -127,6 +127,24 @@ ONE_PROBLEM = {
         "on, 0.1], pose",
         "a number expected",
     ),
+    "neither a number nor a list": (
+        "      model: gp4\n",
+        "      model: gp4\n      limits: {velocity: fast}\n",
+        "fast}",
+        "velocity: a list [..] or a number expected, not 'fast'",
+    ),
+    "a number out of bounds where a list may stand": (
+        "      model: gp4\n",
+        "      model: gp4\n      limits: {velocity: 0}\n",
+        "0}",
+        "velocity: must be greater than 0, not 0",
+    ),
+    "an entry where a number may stand": (
+        "      model: gp4\n",
+        "      model: gp4\n      limits: {velocity: [1, fast]}\n",
+        "fast]",
+        "velocity[1]: a number expected, not 'fast'",
+    ),
     "not finite": (
         "[1, 1, 0.1]",
         "[1, .nan, 0.1]",

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from planning.errors import InfeasibleStepError
-from twin.check.balance import check_balance
 from twin.check.finding import Subject
+from twin.check.lying import check_balance
 from twin.planning.pipeline import plan_scenario
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario

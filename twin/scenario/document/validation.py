@@ -91,6 +91,7 @@ def schema_problems(
         schema: JSON schema of the whole file, to know which keys a mapping may have.
         errors: the entries of ``ValidationError.errors()``.
     """
+    errors, kinds = _of_kinds_given(document, errors)
     out = []
     meant: set[KeyPath] = set()  # missing keys that an unknown key stands for
     for error in errors:
@@ -118,13 +119,45 @@ def schema_problems(
             node = _node_at(schema, loc)
             place = (*at, "kind") if kind == "union_tag_invalid" else at
             mark = document.mark_of(place, key=loc[-1:] == ("[key]",))
-            out.append(Problem(mark, _label(at) + _explain(kind, error, node)))
+            words = " or ".join(kinds.get(at, ())) if kind in _EXPECTED else ""
+            text = _explain(kind, error, node)
+            if words:
+                text = f"{words} expected, not {_given(error)}"
+            out.append(Problem(mark, _label(at) + text))
     return out
+
+
+def _of_kinds_given(
+    document: YamlDocument, errors: Iterable[Any]
+) -> tuple[list[Any], dict[KeyPath, list[str]]]:
+    """Return the errors of values that may be of several kinds, such as a number or a list, once.
+
+    Returns:
+        The errors without those of kinds that the value is not, where it is of another one and
+        wrong by that; and all kinds that a value may be, where it is of none.
+    """
+    placed = [(document.nearest(tuple(error["loc"])), error) for error in errors]
+    kept: list[Any] = []
+    kinds: dict[KeyPath, list[str]] = {}
+    for at, error in placed:
+        # What follows the place is the name of a kind.
+        if error["type"] in _EXPECTED and len(error["loc"]) > len(at):
+            if any(
+                place[: len(at)] == at
+                and (len(place) > len(at) or other["type"] not in _EXPECTED)
+                for place, other in placed
+            ):
+                continue
+            kinds.setdefault(at, []).append(_EXPECTED[error["type"]])
+            if len(kinds[at]) > 1:
+                continue
+        kept.append(error)
+    return kept, {at: words for at, words in kinds.items() if len(words) > 1}
 
 
 def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> str:
     value, context = error.get("input"), error.get("ctx", {})
-    given = "nothing" if value is None else _describe(value)
+    given = _given(error)
     if kind in ("value_error", "assertion_error"):
         return str(error["msg"]).removeprefix("Value error, ")
     if kind == "union_tag_not_found":
@@ -157,6 +190,11 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
         noun = "entry" if least == 1 else "entries"
         return f"{few}{least} {noun} expected, not {count}"
     return str(error["msg"])
+
+
+def _given(error: Mapping[str, Any]) -> str:
+    value = error.get("input")
+    return "nothing" if value is None else _describe(value)
 
 
 def _unknown_kind(kind: str, valid: list[str]) -> str:
