@@ -18,7 +18,7 @@ import numpy as np
 from planning.cell.body import ConvexBody
 from planning.cell.cover import capsule_cover
 from planning.cell.forms import Capsule, Cylinder
-from planning.transforms import Array, readonly
+from planning.transforms import readonly
 
 _STANDS_OUT = 1e-4
 _FEWEST, _MOST, _STEP = 16, 48, 4
@@ -49,18 +49,6 @@ def round_body(form: Cylinder | Capsule) -> ConvexBody:
         ]
     )
     return ConvexBody("round", readonly(vertices), capsule_cover(vertices))
-
-
-def stands_out(form: Cylinder | Capsule) -> float:
-    """Return how far the polyhedron around a form stands out of it at most [m]."""
-    vertices: Array = round_body(form).vertices
-    high = vertices[:, 2]
-    if isinstance(form, Capsule):
-        high = high - np.clip(high, -0.5 * form.length, 0.5 * form.length)
-        return (
-            float(np.sqrt((vertices[:, :2] ** 2).sum(1) + high**2).max()) - form.radius
-        )
-    return float(np.linalg.norm(vertices[:, :2], axis=1).max()) - form.radius
 
 
 def _of_cylinder(form: Cylinder) -> list[tuple[float, float]]:

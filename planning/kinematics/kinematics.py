@@ -112,13 +112,15 @@ def inverse_kinematics(
     return [solution.copy() for solution in found]
 
 
+_RESTARTS = 20
+"""Random starts for a pose on a way, where the search from the configuration before it fails."""
+
+
 def follow_poses(
     robot: PlacedRobot,
     frames: Sequence[str],
     targets: Sequence[Transform],
     start: Array,
-    *,
-    restarts: int = 20,
 ) -> Iterator[Array | None]:
     """Yield the configurations that lead through poses, each the solution nearest to the last.
 
@@ -130,7 +132,6 @@ def follow_poses(
         frames: which frame is to be at each pose.
         targets: wanted poses in the world; the first is that of ``start``.
         start: configuration to begin with, shape (n,) [rad or m].
-        restarts: number of random starts where the search from the last one fails.
 
     Yields:
         One configuration a pose from the second on; None, as the last, where there is none.
@@ -148,7 +149,7 @@ def follow_poses(
         yield from chain[first:done]
         if done < len(targets):
             others = inverse_kinematics(
-                robot, frames[done], targets[done], chain[done - 1], restarts=restarts
+                robot, frames[done], targets[done], chain[done - 1], restarts=_RESTARTS
             )
             if not others:
                 yield None

@@ -12,7 +12,7 @@ from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.parts.assembly import Grip
 from planning.parts.part_skills import PartSkills, held_pose
 from planning.parts.part_steps import PartStep
-from planning.parts.relays import End, Relay, ends_of, find_relays
+from planning.parts.relays import End, Relay, find_ends, find_relays
 from planning.parts.targets import handover_targets
 from planning.skills.contacts import NOTHING, SkillContacts, gripped
 from planning.skills.handovers import ready_postures, receiver_clash
@@ -104,12 +104,9 @@ def find_handovers(skills: PartSkills, step: PartStep) -> list[Handover]:
         skills: of the robots.
         step: that no robot can do alone.
     """
-    cell, assembly = skills.cell, skills.assembly
-    robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
-    picks = ends_of(robots, assembly, skills, step, pick=True)
-    places = ends_of(robots, assembly, skills, step, pick=False)
+    picks, places = find_ends(skills, step)
     found: list[Handover] = []
-    for giver, receiver in permutations(robots, 2):
+    for giver, receiver in permutations(skills.cell.robots, 2):
         tries = islice(_meetings(picks, places, giver, receiver), _MOST_MEETINGS)
         ways = (_handover(skills, step, *meeting) for meeting in tries)
         found += islice((way for way in ways if way is not None), 1)

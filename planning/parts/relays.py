@@ -91,20 +91,17 @@ def find_relays(skills: PartSkills, step: PartStep) -> list[Relay]:
         skills: of the robots.
         step: that no robot can do alone.
     """
-    cell, assembly = skills.cell, skills.assembly
-    robots = [robot for robot in cell.robots if step.step.done_by(robot.name)]
-    picks = ends_of(robots, assembly, skills, step, pick=True)
-    places = ends_of(robots, assembly, skills, step, pick=False)
+    picks, places = find_ends(skills, step)
     if not picks or not places:
         return []
     found: list[Relay] = []
-    for rest, touched in _rests(cell, assembly, step, (picks, places)):
+    for rest, touched in _rests(skills.cell, skills.assembly, step, (picks, places)):
         there = replace(step, goal=rest, at_goal=touched)
         taken = replace(step, part=replace(step.part, start=rest), at_start=touched)
-        laid = _through(skills, there, picks, rest, assembly, pick=False)
+        laid = _through(skills, there, picks, pick=False)
         if not laid:
             continue
-        up = _through(skills, taken, places, rest, assembly, pick=True)
+        up = _through(skills, taken, places, pick=True)
         ways = [_relay(pair, rest, touched) for pair in product(laid, up)]
         if ways:
             found.append(min(ways, key=lambda way: way.cost))
@@ -131,20 +128,17 @@ def _relay(
     )
 
 
-def ends_of(
-    robots: Sequence[PlacedRobot],
-    assembly: PartAssembly,
-    skills: PartSkills,
-    step: PartStep,
-    *,
-    pick: bool,
-) -> list[End]:
-    """Return how robots can pick a part, or place it, some ways for each."""
+def find_ends(skills: PartSkills, step: PartStep) -> tuple[list[End], list[End]]:
+    """Return how robots can pick the part of a step, and how they can place it, some ways each."""
+    return _ends(skills, step, pick=True), _ends(skills, step, pick=False)
+
+
+def _ends(skills: PartSkills, step: PartStep, *, pick: bool) -> list[End]:
     at = step.part.start if pick else step.goal
     out = []
-    rules = assembly.ways(step.part.name).grips
-    for robot in robots:
-        if overload(robot, step.part) is not None:
+    rules = skills.assembly.ways(step.part.name).grips
+    for robot in skills.cell.robots:
+        if not step.step.done_by(robot.name) or overload(robot, step.part) is not None:
             continue
         count = 0
         for grip in robot_grips(robot, step.part.shape, at, at, rules):
@@ -168,13 +162,12 @@ def _through(
     skills: PartSkills,
     step: PartStep,
     ends: Sequence[End],
-    rest: Transform,
-    assembly: PartAssembly,
     *,
     pick: bool,
 ) -> list[tuple[End, SkillPath, float]]:
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
-    rules = assembly.ways(step.part.name).grips
+    rest = step.part.start if pick else step.goal
+    rules = skills.assembly.ways(step.part.name).grips
     robots = {end.robot.name: end.robot for end in ends}
     good = {
         (name, grip.pose.tobytes())

@@ -228,41 +228,39 @@ def shape_vertices(shape: Any, name: str) -> Array:
 
 
 _SIDES = 24
+"""Side faces of what stands for something round: cylinders stand out by 0.9 % of the radius."""
 
 
-def frustum(
-    radius_low: float, radius_high: float, low: float, high: float, sides: int = _SIDES
-) -> Array:
+def frustum(radius_low: float, radius_high: float, low: float, high: float) -> Array:
     """Return the corners of a prism around a cone frustum (or cylinder) along z.
 
     Args:
         radius_low, radius_high: radii at the two ends [m].
         low, high: z of the two ends [m].
-        sides: number of side faces; each touches the cone.
 
     Returns:
-        Shape (2 * sides, 3), the low ring first.
+        Shape (48, 3), the low ring first; every side face touches the cone.
     """
-    angle = 2.0 * np.pi * np.arange(sides) / sides
-    ring = np.column_stack([np.cos(angle), np.sin(angle)]) / np.cos(np.pi / sides)
+    angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    ring = np.column_stack([np.cos(angle), np.sin(angle)]) / np.cos(np.pi / _SIDES)
     return np.vstack(
         [
-            np.column_stack([radius_low * ring, np.full(sides, low)]),
-            np.column_stack([radius_high * ring, np.full(sides, high)]),
+            np.column_stack([radius_low * ring, np.full(_SIDES, low)]),
+            np.column_stack([radius_high * ring, np.full(_SIDES, high)]),
         ]
     )
 
 
-def sphere(radius: float, sides: int = _SIDES) -> Array:
+def sphere(radius: float) -> Array:
     """Return the corners of a polyhedron around a sphere, shape (v, 3).
 
-    A ring every ``pi / sides`` of latitude; the faces of such a net come no closer to the
-    centre than ``cos(pi / sides) ** 2`` of its corners, by which the radius is enlarged.
+    A ring every ``pi / 24`` of latitude; the faces of such a net come no closer to the
+    centre than ``cos(pi / 24) ** 2`` of its corners, by which the radius is enlarged.
     """
-    latitude = np.linspace(-np.pi / 2, np.pi / 2, sides + 1)
-    longitude = 2.0 * np.pi * np.arange(sides) / sides
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, _SIDES + 1)
+    longitude = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     lat, lon = (grid.ravel() for grid in np.meshgrid(latitude, longitude))
     unit = np.column_stack(
         [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
     )
-    return np.asarray(np.unique(radius / np.cos(np.pi / sides) ** 2 * unit, axis=0))
+    return np.asarray(np.unique(radius / np.cos(np.pi / _SIDES) ** 2 * unit, axis=0))

@@ -10,10 +10,14 @@ import numpy.typing as npt
 
 from planning.cell import machine as machines
 from planning.errors import OutputError
+from planning.transforms import Indices
 from scheduling.graph.drive import BY_EFFORT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Arrays = Mapping[str, npt.NDArray[Any]]
+
+Expected = tuple[str, type, tuple[int, ...]]
+"""Name, type and shape of an array."""
 
 LARGEST_BYTES = 2**30
 """Most that the arrays of a plan may take in memory: 500 times the largest shipped one."""
@@ -94,8 +98,8 @@ def check_limits(tpg: TemporalPlanGraph) -> None:
 
 def _expected_of_shape(
     name: str, elements: Sequence[Mapping[str, Any]], arrays: Arrays
-) -> Iterator[tuple[str, type, tuple[int, ...]]]:
-    """Yield name, type and shape of the arrays of what is no box."""
+) -> Iterator[Expected]:
+    """Yield what is expected of the arrays of what is no box."""
     yield f"shape_{name}_pose", np.float64, (len(elements), 4, 4)
     for k, element in enumerate(elements):
         if element["form"] != "mesh":
@@ -110,78 +114,85 @@ def _expected_of_shape(
         yield f"{key}_centre", np.float64, (3,)
 
 
-def _expected(
-    document: Mapping[str, Any], arrays: Arrays
-) -> Iterator[tuple[str, type, tuple[int, ...]]]:
-    """Yield name, type and shape of every array, those first on which others depend."""
+def _expected(document: Mapping[str, Any], arrays: Arrays) -> Iterator[Expected]:
+    """Yield what is expected of every array, those first on which others depend."""
     cell, tasks = document["cell"], document["tasks"]
     joints = dict.fromkeys(cell.get("machines", ()), machines.MODEL.dof)
     joints |= {robot["name"]: len(robot["joints"]) for robot in cell["robots"]}
-    for i, robot in enumerate(cell["robots"]):
-        yield f"robot_{i}_base", np.float64, (4, 4)
-        yield f"robot_{i}_home", np.float64, (joints[robot["name"]],)
-        yield f"robot_{i}_frames", np.float64, (len(robot["frames"]), 4, 4)
-        if f"robot_{i}_limits" in arrays:
-            yield f"robot_{i}_limits", np.float64, (3, joints[robot["name"]])
-            yield f"robot_{i}_caps", np.float64, (3,)
-            for name in ("limits", "caps"):
-                values, none = arrays[f"robot_{i}_{name}"], "is negative; 0 is no limit"
-                _require(values >= 0.0, f"robot_{i}_{name}", values, none)
-    for what, count in (
-        ("fixture", len(cell["fixtures"])),
-        ("object", len(cell["objects"])),
-    ):
-        yield f"{what}_size", np.float64, (count, 3)
-        pose = "pose" if what == "fixture" else "start"
-        yield f"{what}_{pose}", np.float64, (count, 4, 4)
-    for item in (*cell["fixtures"], *cell["objects"]):
-        if item.get("shape") is not None:
-            yield from _expected_of_shape(item["name"], item["shape"], arrays)
-    yield "task_shape", np.int64, (len(tasks), 2)
-    shape = arrays["task_shape"]
-    _require(shape >= 0, "task_shape", shape, "must be at least 0")
-    _require(shape <= 10**6, "task_shape", shape, "is beyond 1e6")
+    yield from _expected_of_cell(cell, joints, arrays)
     dof = np.array([joints[task["robot"]] for task in tasks], dtype=np.int64)
-    _require(
-        shape[:, 1] == dof, "task_shape", shape[:, 1], "is not the number of joints"
-    )
-    yield "task_path", np.float64, (int(shape.prod(axis=1).sum()),)
-    handlings = sum(len(task["handlings"]) for task in tasks)
-    yield "task_handling_pose", np.float64, (handlings, 4, 4)
+    yield from _expected_of_tasks(tasks, dof, arrays)
     yield "handling_pose", np.float64, (len(document["handlings"]), 4, 4)
     for i, robot in enumerate(document["chains"]):
-        nodes, points = (
-            arrays[f"chain_{i}_task"].size,
-            arrays[f"chain_{i}_fraction"].size,
-        )
-        yield f"chain_{i}_start", np.float64, (joints[robot],)
-        yield f"chain_{i}_waypoints", np.float64, (points, joints[robot])
-        yield f"chain_{i}_fraction", np.float64, (points,)
-        yield f"chain_{i}_first", np.int64, (nodes + 1,)
-        yield f"chain_{i}_task", np.int64, (nodes,)
-        yield f"chain_{i}_skill", np.bool_, (nodes,)
-        yield f"chain_{i}_duration", np.float64, (nodes,)
-        yield f"chain_{i}_planned_start", np.float64, (nodes,)
-        if f"chain_{i}_cruise" in arrays:
-            yield from (
-                (f"chain_{i}_{name}", kind, (nodes,)) for name, kind in _DRIVE.items()
-            )
-        if f"chain_{i}_rounded_begin" in arrays:
-            prefix = f"chain_{i}_rounded_"
-            bends, count = arrays[f"{prefix}begin"].size, arrays[f"{prefix}bend"].size
-            for name in ("begin", "stop"):
-                yield f"{prefix}{name}", np.int64, (bends,)
-            yield f"{prefix}length", np.float64, (bends,)
-            yield f"{prefix}bend", np.int64, (count,)
-            for name in ("at", "window"):
-                yield f"{prefix}{name}", np.float64, (count,)
-            yield f"{prefix}corner", np.float64, (count, joints[robot])
+        yield from _expected_of_chain(f"chain_{i}_", joints[robot], arrays)
     yield "edges", np.int64, (len(arrays["edges"]) if arrays["edges"].ndim else 0, 4)
     yield "cause", np.uint8, (len(arrays["edges"]),)
     yield "dependencies", np.int64, (arrays["dependencies"].size // 2, 2)
     yield "slots", np.int64, (len(tasks) if arrays["slots"].size else 0,)
     if "products" in arrays:
         yield "products", np.int64, (len(tasks),)
+
+
+def _expected_of_cell(
+    cell: Mapping[str, Any], joints: Mapping[str, int], arrays: Arrays
+) -> Iterator[Expected]:
+    for i, robot in enumerate(cell["robots"]):
+        dof = joints[robot["name"]]
+        yield f"robot_{i}_base", np.float64, (4, 4)
+        yield f"robot_{i}_home", np.float64, (dof,)
+        yield f"robot_{i}_frames", np.float64, (len(robot["frames"]), 4, 4)
+        if f"robot_{i}_limits" in arrays:
+            yield f"robot_{i}_limits", np.float64, (3, dof)
+            yield f"robot_{i}_caps", np.float64, (3,)
+            for name in (f"robot_{i}_limits", f"robot_{i}_caps"):
+                values = arrays[name]
+                _require(values >= 0.0, name, values, "is negative; 0 is no limit")
+    for what, pose in (("fixture", "pose"), ("object", "start")):
+        count = len(cell[f"{what}s"])
+        yield f"{what}_size", np.float64, (count, 3)
+        yield f"{what}_{pose}", np.float64, (count, 4, 4)
+    for item in (*cell["fixtures"], *cell["objects"]):
+        if item.get("shape") is not None:
+            yield from _expected_of_shape(item["name"], item["shape"], arrays)
+
+
+def _expected_of_tasks(
+    tasks: Sequence[Mapping[str, Any]], dof: Indices, arrays: Arrays
+) -> Iterator[Expected]:
+    yield "task_shape", np.int64, (len(tasks), 2)
+    shape = arrays["task_shape"]
+    _require(shape >= 0, "task_shape", shape, "must be at least 0")
+    _require(shape <= 10**6, "task_shape", shape, "is beyond 1e6")
+    of_path = shape[:, 1]
+    _require(of_path == dof, "task_shape", of_path, "is not the number of joints")
+    yield "task_path", np.float64, (int(shape.prod(axis=1).sum()),)
+    handlings = sum(len(task["handlings"]) for task in tasks)
+    yield "task_handling_pose", np.float64, (handlings, 4, 4)
+
+
+def _expected_of_chain(prefix: str, dof: int, arrays: Arrays) -> Iterator[Expected]:
+    nodes, points = arrays[f"{prefix}task"].size, arrays[f"{prefix}fraction"].size
+    yield f"{prefix}start", np.float64, (dof,)
+    yield f"{prefix}waypoints", np.float64, (points, dof)
+    yield f"{prefix}fraction", np.float64, (points,)
+    yield f"{prefix}first", np.int64, (nodes + 1,)
+    yield f"{prefix}task", np.int64, (nodes,)
+    yield f"{prefix}skill", np.bool_, (nodes,)
+    yield f"{prefix}duration", np.float64, (nodes,)
+    yield f"{prefix}planned_start", np.float64, (nodes,)
+    if f"{prefix}cruise" in arrays:
+        for name, kind in _DRIVE.items():
+            yield f"{prefix}{name}", kind, (nodes,)
+    if f"{prefix}rounded_begin" in arrays:
+        rounded = f"{prefix}rounded_"
+        bends, count = arrays[f"{rounded}begin"].size, arrays[f"{rounded}bend"].size
+        for name in ("begin", "stop"):
+            yield f"{rounded}{name}", np.int64, (bends,)
+        yield f"{rounded}length", np.float64, (bends,)
+        yield f"{rounded}bend", np.int64, (count,)
+        for name in ("at", "window"):
+            yield f"{rounded}{name}", np.float64, (count,)
+        yield f"{rounded}corner", np.float64, (count, dof)
 
 
 def _require(

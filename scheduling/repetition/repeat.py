@@ -17,7 +17,6 @@ copy after copy; hence v comes after that stand in all earlier copies and ahead 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -41,15 +40,12 @@ _MORE = 4
 def repeat_graph(
     tpg: TemporalPlanGraph,
     pattern: Pattern,
-    *,
-    progress: Callable[[int, int], None] | None = None,
 ) -> TemporalPlanGraph:
     """Return the graph of all products of a pattern, reduced and proved.
 
     Args:
         tpg: of the pattern.
         pattern: how it is repeated.
-        progress: called as conflicts are searched for, see ``find_motion_edges``.
 
     Raises:
         PlanInvariantError: a robot or object that stands in one copy is in the way of a motion
@@ -58,12 +54,10 @@ def repeat_graph(
     least = pattern.reach + 3
     for copies in range(least, least + _MORE + 1):
         if pattern.copies <= copies:
-            return connect_nodes(
-                DerivedTpg(copied_nodes(tpg, pattern)), progress=progress
-            )
+            return connect_nodes(DerivedTpg(copied_nodes(tpg, pattern)))
         cut = pattern.copies - copies
         short = replace(pattern, products=pattern.products - cut * pattern.period)
-        few = connect_nodes(DerivedTpg(copied_nodes(tpg, short)), progress=progress)
+        few = connect_nodes(DerivedTpg(copied_nodes(tpg, short)))
         lengths = [len(chain) for chain in tpg.chains]
         edges = _Edges(few.edges, few.cause, np.array(lengths, dtype=np.int64))
         if edges.repeat(copies - 2):

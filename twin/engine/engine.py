@@ -92,31 +92,7 @@ class Simulator:
         """
         times = self._sampler.sample(seed=seed, replication=replication)
         contraction = None if recorders else self._contraction
-        if contraction is None:
-            tpg, own, dispatcher = self.tpg, times, self._dispatcher
-        else:
-            tpg, own = contraction.tpg, _segment_times(contraction, times)
-            dispatcher = self._contracted_dispatcher
-        execution: Execution
-        if self.driven:
-            execution = DrivenExecution(
-                tpg,
-                own,
-                dispatcher.copy(),
-                self._model.messages,
-                planned=self._planned,
-                observers=Observers(recorders),
-            )
-        else:
-            execution = Execution(
-                tpg,
-                own,
-                dispatcher.copy(),
-                self._model.messages,
-                sequential=self._model.policy == "sequential",
-                planned=self._planned,
-                observers=Observers(recorders),
-            )
+        execution = self._execution(times, contraction, Observers(recorders))
         outcome = execution.execute()
         start, end = _arrays(execution.start), _arrays(execution.end)
         if contraction is not None:
@@ -161,6 +137,24 @@ class Simulator:
         if outcome == "failed" and not execution.failed:
             raise DeadlockError(execution.deadlock(), run)
         return run
+
+    def _execution(
+        self, times: NodeTimes, contraction: Contraction | None, observers: Observers
+    ) -> Execution:
+        """Return the cell at time 0; its nodes are whole segments where they are contracted."""
+        tpg, dispatcher = self.tpg, self._dispatcher
+        if contraction is not None:
+            tpg, dispatcher = contraction.tpg, self._contracted_dispatcher
+            times = _segment_times(contraction, times)
+        given = tpg, times, dispatcher.copy(), self._model.messages
+        if self.driven:
+            return DrivenExecution(*given, planned=self._planned, observers=observers)
+        return Execution(
+            *given,
+            sequential=self._model.policy == "sequential",
+            planned=self._planned,
+            observers=observers,
+        )
 
 
 def _makespan_ns(

@@ -28,6 +28,8 @@ from twin.run.team_colours import team_colours
 _TASKS_A_ROW = 36
 _MOST_LANES = 96
 """Lanes of all rows together: what does not go into so many is left out of the picture."""
+_MARGIN = 1.012
+"""Length of all rows over that of the run: the line at its end is to be seen."""
 _WIDTH_IN = 15.0
 _LANE_IN = 0.42
 _LANE_HEIGHT = 0.72
@@ -55,39 +57,11 @@ def gantt_figure(
         title: first words of the heading.
         plan: which plan ``tpg`` is.
     """
-    told = robot_activities(tpg, events)
-    tasks = {task.kind for task in tpg.tasks}
-    lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
-    lanes |= {
-        name: told[name]
-        for name in (item.name for item in tpg.cell.machines)
-        if any(item.state in tasks for item in told.get(name, ()))
-    }
+    lanes = _lanes(tpg, events)
     total_s = max(run.makespan_s, 1e-9)
-    most = max(
-        (len({item.task for item in lane}) for lane in lanes.values()), default=0
-    )
-    rows = max(1, -(-most // _TASKS_A_ROW))
-    row_s = total_s * 1.012 / rows
-    shown_s = total_s
-    if rows * len(lanes) > _MOST_LANES:
-        rows = max(1, _MOST_LANES // len(lanes))
-        shown_s = rows * row_s
-    height = rows * (len(lanes) * _LANE_IN + 0.42) + 1.25
-    figure = Figure(figsize=(_WIDTH_IN, height), dpi=130, facecolor="white")
-    top, bottom = 1 - 0.62 / height, 0.62 / height
-    axes = figure.subplots(
-        rows,
-        1,
-        squeeze=False,
-        gridspec_kw={
-            "left": 0.075,
-            "right": 0.985,
-            "top": top,
-            "bottom": bottom + 0.32 / height,
-            "hspace": 0.42 / (len(lanes) * _LANE_IN),
-        },
-    )[:, 0]
+    rows, row_s = _wrapped(lanes, total_s)
+    shown_s = min(rows * row_s, total_s)
+    figure, axes = _empty_rows(rows, len(lanes))
     links = _binding_edges(tpg, run, list(lanes))
     for row, axis in enumerate(axes):
         window = (row * row_s, (row + 1) * row_s)
@@ -103,7 +77,7 @@ def gantt_figure(
     heading = f"{title}   " if title else ""
     figure.text(
         0.075,
-        1 - 0.36 / height,
+        1 - 0.36 / figure.get_figheight(),
         f"{heading}{policy_name(plan, run.policy)}, "
         + ("makespan" if run.outcome == "completed" else f"{run.outcome} after")
         + f" {run.makespan_s:.2f} s"
@@ -115,6 +89,54 @@ def gantt_figure(
     seen = {item.state for lane in lanes.values() for item in lane}
     _legend(figure, seen, plan_colours(tpg))
     return figure
+
+
+def _lanes(
+    tpg: TemporalPlanGraph, events: Sequence[Event]
+) -> dict[str, Sequence[Activity]]:
+    """Return what each robot did, and each machine that had a task."""
+    told = robot_activities(tpg, events)
+    tasks = {task.kind for task in tpg.tasks}
+    lanes = {robot.name: told.get(robot.name, ()) for robot in tpg.cell.robots}
+    return lanes | {
+        name: told[name]
+        for name in (item.name for item in tpg.cell.machines)
+        if any(item.state in tasks for item in told.get(name, ()))
+    }
+
+
+def _wrapped(
+    lanes: Mapping[str, Sequence[Activity]], total_s: float
+) -> tuple[int, float]:
+    """Return into how many rows a run is wrapped, and how long each is [s].
+
+    A lane of a row has few enough tasks to be read. Rows beyond the most lanes are left out.
+    """
+    tasks = [len({item.task for item in lane}) for lane in lanes.values()]
+    rows = max(1, -(-max(tasks, default=0) // _TASKS_A_ROW))
+    row_s = total_s * _MARGIN / rows
+    if rows * len(lanes) > _MOST_LANES:
+        rows = max(1, _MOST_LANES // len(lanes))
+    return rows, row_s
+
+
+def _empty_rows(rows: int, lanes: int) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure with room for a heading, a legend and rows of lanes."""
+    height = rows * (lanes * _LANE_IN + 0.42) + 1.25
+    figure = Figure(figsize=(_WIDTH_IN, height), dpi=130, facecolor="white")
+    axes = figure.subplots(
+        rows,
+        1,
+        squeeze=False,
+        gridspec_kw={
+            "left": 0.075,
+            "right": 0.985,
+            "top": 1 - 0.62 / height,
+            "bottom": (0.62 + 0.32) / height,
+            "hspace": 0.42 / (lanes * _LANE_IN),
+        },
+    )
+    return figure, axes[:, 0].tolist()
 
 
 def _style(axis: Axes, robots: Sequence[str], window: tuple[float, float]) -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.robot_model import KinematicChain, LinkPart, RobotModel
+from planning.cell.immovable import immovable
 from planning.cell.shape import Shape
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.construction.checks.checker import SpaceTimeChecker
@@ -20,7 +18,6 @@ from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import entity
 from planning.skills.contacts import Pairs, gripped
-from planning.transforms import readonly
 
 _GHOST = "part in its place"
 
@@ -134,21 +131,5 @@ class StepScenes:
 
 def _ghost(shape: Shape, part: Part) -> PlacedRobot:
     """Return a robot that is nothing but the part in its place."""
-    model = RobotModel(
-        name=_GHOST,
-        urdf=Path(),
-        package_dirs=(),
-        joint_names=("none",),
-        lower=readonly(np.zeros(1)),
-        upper=readonly(np.zeros(1)),
-        velocity=readonly(np.ones(1)),
-        chain=KinematicChain(
-            readonly(np.eye(4)[None]), readonly([[0.0, 0.0, 1.0]]), np.array([True])
-        ),
-        flange=readonly(np.eye(4)),
-        frames={},
-        parts=tuple(LinkPart(0, "arm", body) for body in shape.pieces),
-        never_collide=frozenset(combinations(range(len(shape.pieces)), 2)),
-        home=readonly(np.zeros(1)),
-    )
-    return PlacedRobot(_GHOST, model, part.goal, readonly(np.zeros(1)))
+    model = immovable(_GHOST, shape.pieces)
+    return PlacedRobot(_GHOST, model, part.goal, model.home)

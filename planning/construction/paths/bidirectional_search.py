@@ -119,19 +119,10 @@ def grow(
         behind = back.size[0]
         if behind == 0:
             continue
-        # A goal that is early enough still.
-        pick = int(random_share(state) * behind)
-        root = back.root[pick]
-        if back.t[root] > bound:
-            root = -1
-            for k in range(behind):
-                r = back.root[(pick + k) % behind]
-                if back.t[r] <= bound:
-                    root = r
-                    break
-            if root < 0:
-                roots = 0
-                continue
+        root = _root_in_time(back, int(random_share(state) * behind), bound)
+        if root < 0:
+            roots = 0
+            continue
         t = sample_between(query, back.goal[root], back.t[root], state, q)
         tree, other = (ahead, back) if forward else (back, ahead)
         forward = not forward
@@ -206,6 +197,20 @@ def _add_node(forest: _Forest, q: Array, t: float, parent: int, goal: int) -> in
     forest.root[k] = forest.root[parent] if parent >= 0 else k
     forest.goal[k] = goal
     return k
+
+
+@inner_kernel
+def _root_in_time(forest: _Forest, first: int, bound: float) -> int:
+    """Return the root of a node, or of the next one whose root is no later than a bound.
+
+    Nodes are looked at in a circle from ``first`` on; -1 where all roots are too late.
+    """
+    size = forest.size[0]
+    for k in range(size):
+        root: int = forest.root[(first + k) % size]
+        if forest.t[root] <= bound:
+            return root
+    return -1
 
 
 @inner_kernel

@@ -19,8 +19,6 @@ from planning.transforms import Array, Indices
 _PLACES = 8
 """Waypoints of a way, at most."""
 
-_TINY = 1e-9
-
 
 @kernel
 def direct_paths(

@@ -26,6 +26,10 @@ from planning.transforms import Array, Indices
 SPANS = 12
 """Spans kept at one vertex."""
 
+_NEAR_ENDS, _BETWEEN = 0.35, 0.85
+"""Shares of random vertices up to which they are near the start or a goal, and up to which they
+are anywhere between; the others are beside the straight way."""
+
 MOST = 40_000
 """Motions that may wait."""
 
@@ -61,6 +65,42 @@ class Roadmap(NamedTuple):
 
 
 @inner_kernel
+def _draw_near_ends(query: Query, state: npt.NDArray[np.uint64], out: Array) -> None:
+    """Draw a configuration a second or two away from the start or a goal.
+
+    Where it must leave soon, or can only come late, short ways are what is free; and an arm
+    that reaches over something leaves by driving away, as it is.
+    """
+    near = int(random_share(state) * (1 + len(query.goals)))
+    far = 0.2 + 2.0 * random_share(state)
+    drives = random_share(state) < 0.6 and not np.all(query.leans)
+    for j in range(len(out)):
+        at = 2.0 * random_share(state) - 1.0
+        if drives and query.leans[j]:
+            at = 0.0
+        end = query.start[j] if near == 0 else query.goals[near - 1, j]
+        at = end + far * query.velocity[j] * at
+        out[j] = min(max(at, query.lower[j]), query.upper[j])
+
+
+@inner_kernel
+def _draw_along(
+    query: Query, goal: int, wide: float, state: npt.NDArray[np.uint64], out: Array
+) -> None:
+    """Draw a configuration beside the straight way to a goal, where joints come by a time."""
+    share = random_share(state)
+    spread = 0.25 * random_share(state)
+    for j in range(len(out)):
+        middle = query.start[j] + share * (query.goals[goal, j] - query.start[j])
+        far = spread * min(
+            query.upper[j] - query.lower[j],
+            query.velocity[j] * max(wide - query.begin[j], 0.0),
+        )
+        at = middle + far * random_normal(state)
+        out[j] = min(max(at, query.lower[j]), query.upper[j])
+
+
+@inner_kernel
 def draw_roadmap(
     scene: Scene,
     query: Query,
@@ -88,33 +128,12 @@ def draw_roadmap(
         tries += 1
         goal = int(random_share(state) * goals)
         kind = random_share(state)
-        if kind < 0.35:
-            # Where it must leave soon, or can only come late, short ways are what is free; and
-            # an arm that reaches over something leaves by driving away, as it is.
-            near = int(random_share(state) * (1 + goals))
-            far = 0.2 + 2.0 * random_share(state)
-            drives = random_share(state) < 0.6 and not np.all(query.leans)
-            for j in range(n):
-                at = 2.0 * random_share(state) - 1.0
-                if drives and query.leans[j]:
-                    at = 0.0
-                at = q[near, j] + far * query.velocity[j] * at
-                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
-        elif kind < 0.85:
+        if kind < _NEAR_ENDS:
+            _draw_near_ends(query, state, q[number])
+        elif kind < _BETWEEN:
             sample_between(query, goal, wide, state, q[number])
         else:
-            share = random_share(state)
-            spread = 0.25 * random_share(state)
-            for j in range(n):
-                middle = query.start[j] + share * (
-                    query.goals[goal, j] - query.start[j]
-                )
-                far = spread * min(
-                    query.upper[j] - query.lower[j],
-                    query.velocity[j] * max(wide - query.begin[j], 0.0),
-                )
-                at = middle + far * random_normal(state)
-                q[number, j] = min(max(at, query.lower[j]), query.upper[j])
+            _draw_along(query, goal, wide, state, q[number])
         clear, _ = still_clear_until(scene, q[number], start, q[number], start, 0.0)
         if clear:
             number += 1

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from planning.cell.cover import box_body
 from planning.cell.forms import Box, Capsule, Cylinder
-from planning.cell.polyhedra import round_body, stands_out
+from planning.cell.polyhedra import round_body
 from planning.cell.shape import Element, box_shape, shape_of
 from planning.geometry.exact import hull_shape
 from planning.transforms import from_rpy
+from tests.planning.cell.round_forms import stands_out
 from twin.planning.build_shape import build_shape
 from twin.scenario.sections.shapes import ShapeSection
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.forms import Box, Capsule, Cylinder, Mesh
-from planning.cell.polyhedra import stands_out
 from planning.cell.shape import Element, shape_of
 from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.contact_graph import near_to
 from planning.transforms import from_rpy
 from scheduling.verification.reference import measure, resting_parts
+from tests.planning.cell.round_forms import stands_out
 from twin.audit.worlds.engine import engine_named, open_world
 from twin.audit.worlds.world import shapes_by_entity
 

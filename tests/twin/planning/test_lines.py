@@ -51,7 +51,7 @@ def planned(tmp_path: Path, **assembly: Any) -> Planned:
 def test_the_shipped_line_is_written_out_as_one_product() -> None:
     found = load_scenario(KITTING)
     line = written_out(found.assembly)  # type: ignore[arg-type]
-    assert (line.period, line.products, line.repeats) == (1, 200, True)
+    assert (line.period, line.products) == (1, 200)
     assert line.machines() == ("belt", "belt.end", "bolts", "nuts", "seals", "outfeed")
     names = {item.name for item in assembly_kind(found.assembly).objects()}
     assert names == {
@@ -113,7 +113,7 @@ def test_a_stack_is_taken_from_above(tmp_path: Path) -> None:
     heights = [at[2, 3] for at in slots(assembly.sources["bolts"])]  # type: ignore[union-attr]
     assert np.allclose(heights, [0.135, 0.105, 0.075])
     line = written_out(assembly)  # type: ignore[arg-type]
-    assert not line.repeats
+    assert line.period == line.products
     assert not line.supply.refills.keys() & {"bolt.1", "bolt.2", "bolt.3"}
     check_invariant(DerivedTpg(plan_scenario(own, tmp_path).tpg))
 

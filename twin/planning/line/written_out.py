@@ -51,11 +51,6 @@ class Line:
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
 
-    @property
-    def repeats(self) -> bool:
-        """True if there are more products than are written out."""
-        return self.products > self.period
-
     def machines(self) -> tuple[str, ...]:
         """Return the machines that have something to do."""
         refills = list(self.supply.refills.values())
