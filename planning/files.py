@@ -19,6 +19,7 @@ from numpy.lib import format as npy
 from planning.errors import OutputError
 
 _PIECE = 1 << 20
+"""Bytes read at once: what grows while it is read is noticed after so many."""
 
 LARGEST = 64 << 20
 """Most bytes that a file of settings or of a robot is believed to have."""

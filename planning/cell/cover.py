@@ -24,6 +24,7 @@ _ROUNDING = 1e-9
 """Added to every radius [m]: more than all rounding in the cuts at metre scale."""
 
 _MOST_BOX_TILES = 40
+"""Capsules of a box, beside each other along its middle axis."""
 
 _MANY = 10_000
 """Segments between corners on both sides of a cut, of which more are not looked at one by one."""

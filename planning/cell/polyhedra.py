@@ -21,7 +21,11 @@ from planning.cell.forms import Capsule, Cylinder
 from planning.transforms import readonly
 
 _STANDS_OUT = 1e-4
+"""Sides are added until a polyhedron stands out of its form by no more than this [m]."""
+
 _FEWEST, _MOST, _STEP = 16, 48, 4
+"""Numbers of sides: from, to, and in steps of."""
+
 _LATITUDES = np.linspace(0.0, 0.5 * math.pi, 5)
 
 

@@ -23,7 +23,10 @@ NEAR = 0.002
 """Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
 
 _SINK = 0.01
+"""A part is let sink by so much to find what it rests on [m]."""
+
 _RESTS = 0.5
+"""It rests on what then comes closer by more than this share of it."""
 
 _STEP = 0.005
 """A straight way is looked at so often [m]."""

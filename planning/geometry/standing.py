@@ -28,6 +28,7 @@ from planning.packed import packed
 from planning.transforms import Array, Indices, Transform, translation
 
 _MOST_PLACES = 50_000
+"""Places in arrays that scenes share; those after so many begin with new ones."""
 
 
 class _Places:

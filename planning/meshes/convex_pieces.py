@@ -21,14 +21,25 @@ from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
 
 MOST_PIECES = 256
+"""Pieces of a mesh: what has more cannot be planned with."""
+
 MOST_BODIES = 2000
+"""Bodies of a mesh that do not hang together."""
+
 MOST_CORNERS = 96
+"""Corners of a hull: finer ones are bounded by one with so many."""
+
 MOST_CUT = 100_000
 """Triangles of a body that is not convex: so many take a minute."""
 
 _SAMPLES = 4000
+"""Points spread over the surface, and as many of its vertices, that pieces are compared with."""
+
 _ROUNDING = 1e-5
+"""A point that stands out of a piece by no more is inside [m]."""
+
 _SAME = 1e-6
+"""A body whose volume is that of its hull to within this share is convex."""
 
 
 class TooManyPiecesError(ShapeError):

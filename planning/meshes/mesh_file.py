@@ -15,11 +15,17 @@ from planning.transforms import Array, Indices
 
 SUFFIXES = (".stl", ".obj")
 MOST_BYTES = 256 << 20
+"""Bytes of a file."""
+
 MOST_FACES = 500_000
+"""Triangles of a file."""
+
 THINNEST = 1e-4
 """Bodies thinner than a tenth of a millimetre have no volume that could be reckoned with [m]."""
 
 _LARGEST, _BELIEVED = 1000.0, 5.0
+"""Longest edge with a scale, and that which is believed to be in metres without one [m]."""
+
 _SIMPLER = "simplify it (MeshLab, Blender), or describe the shape by a compound"
 
 

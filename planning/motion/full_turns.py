@@ -18,6 +18,7 @@ from planning.tasks.task import TRANSIT, StepTasks, Task
 from planning.transforms import Array
 
 _SAME = 1e-9
+"""Configurations as near as this are the same [rad or m]."""
 
 _HARDLY = 0.7
 """Extra travel from HOME that turning towards the next work is worth [rad]."""

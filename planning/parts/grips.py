@@ -32,12 +32,17 @@ _KNOWN: KeptAnswers[list[Grip]] = KeptAnswers(2000)
 _IN_TURN: KeptAnswers[list[tuple[float, Grip]]] = KeptAnswers(50_000)
 
 _FLAT = 0.001
+"""Heights under a cup differ by no more than this [m]."""
+
 _SAME = 0.002
 """Grips that are nearer to each other than this are one [m]."""
 
 _LEVELS = 3
+"""Heights along an edge at which fingers are tried."""
+
 _CLUSTER = np.cos(np.radians(10.0))
 _MOST_CLUSTERS = 10
+"""Directions of faces that grips are looked for on."""
 
 
 def part_grips(

@@ -36,7 +36,11 @@ _MOST_SPOTS, _FEW_SPOTS = 100, 12
 """Spots that are looked at, and those in reach of which all sides of a part are tried."""
 
 _MOST_GRIPS = 12
+"""Ways of each robot to pick the part, and to place it, that are found at most."""
+
 _ENOUGH = 3
+"""Spots with a way over them, among which the cheapest is taken."""
+
 _CLEAR = 0.0005
 """A part comes to lie so far above a fixture [m]."""
 

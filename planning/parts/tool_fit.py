@@ -18,6 +18,8 @@ DEEPEST = 0.002
 """Most that a tool may be in what it grips, such as fingers that are drawn too far closed [m]."""
 
 _STEPS = 6
+"""Places on the straight way in at which a tool is measured."""
+
 _NOWHERE: Array = np.zeros(0)
 
 _FITS: KeptAnswers[float] = KeptAnswers(20_000)

@@ -15,6 +15,7 @@ from planning.files import is_file, read_file
 from planning.robots.descriptions.mesh_files import find_mesh
 
 _MESH_BYTES = 1 << 30
+"""Bytes of a mesh of a description."""
 
 
 def description_sha256(model: RobotModel) -> str | None:

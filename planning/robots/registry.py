@@ -58,6 +58,8 @@ def _radians(*degrees: float) -> tuple[float, ...]:
 _DESCRIPTIONS = Path(__file__).parent / "urdf"
 
 _GP4_FLANGE_DEPTH = 0.072
+"""Distance of the GP4's flange from the centre of its wrist [m]."""
+
 # Last row of the Denavit-Hartenberg table per tool frame: d6 and a6 [m].
 _GP4_TOOL_ROWS = {
     "tool": (-0.183, 0.0),

@@ -19,7 +19,10 @@ from planning.kinematics.chain import chain_table
 from planning.transforms import Array
 
 _SAMPLES = 60
+"""Random configurations that are looked at before anything is proved."""
+
 _BUDGET = 500
+"""Boxes of joint values that the proof of one pair may take."""
 
 
 def never_colliding_pairs(

@@ -21,7 +21,10 @@ STANDARD_GRAVITY = 9.80665
 """[m/s^2]."""
 
 _NO_PULL = 1e-9
+"""Scores, and shares of forces, below this are rounding."""
+
 _INFEASIBLE = 2
+"""Status of scipy's linprog."""
 
 LIMIT = 1.0 + 1e-9
 """Largest score that counts as stable."""

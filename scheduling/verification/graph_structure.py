@@ -173,6 +173,7 @@ def _problem(
 
 
 _BLOCK = 4096
+"""Nodes whose ancestors are counted at once: it bounds the memory."""
 
 
 @dataclass(frozen=True)

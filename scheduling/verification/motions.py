@@ -11,6 +11,7 @@ from scheduling.verification.extents import DIRECTIONS, farthest
 from scheduling.verification.reference import Part, ReferenceRobot
 
 _FINER = 4
+"""Pieces that one is cut into where it is looked at closer."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from scheduling.verification.extents import DIRECTIONS
 _GROUP = 4
 """Pieces, or groups of them, that make a group of the next level."""
 _LEVELS = 3
+"""Levels of groups above the pieces."""
+
 _AT_ONCE = 1 << 19
 """Pairs that are looked at in one go."""
 

@@ -12,12 +12,11 @@ from twin.audit.motion.sampling import Stretch
 from twin.audit.tools import Hand, hand_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import AuditWorld, Shape
+from twin.audit.worlds.world import FAR, AuditWorld, Shape
 
 GRIP = 0.005
 """What is held may be this far away from the closed tool of its holder [m]."""
 
-_FAR = 10.0
 
 _PLAY = 1e-4
 """A box may be wider than its fingers open by this: rounding of files [m]."""
@@ -69,7 +68,7 @@ class GripWatch:
         for track in tracks:
             self._world.place(track.shape, track.pose(0))
         gap, tool = min(
-            (self._world.distance(shape, track.shape, _FAR), shape.detail)
+            (self._world.distance(shape, track.shape, FAR), shape.detail)
             for shape in hand.shapes
             for track in tracks
         )

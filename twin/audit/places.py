@@ -19,6 +19,7 @@ PLACED = 0.001
 """No point of an object is further than this away from where it belongs [m]."""
 
 _NOWHERE = 1e6
+"""Where what is in a hand is put: far from all spots [m]."""
 
 
 def rows_at(

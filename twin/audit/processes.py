@@ -20,7 +20,7 @@ from twin.audit.supports import SUPPORT, stands_still
 from twin.audit.tools import flange_poses, hand_of, tool_frames, tool_on
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted, WantedProcess
-from twin.audit.worlds.world import AuditWorld
+from twin.audit.worlds.world import FAR, AuditWorld
 
 NEAR = 0.001
 """A tool comes as near as this to where its process is done [m]."""
@@ -28,8 +28,8 @@ NEAR = 0.001
 ALONG = float(np.radians(1.0))
 """Its z axis is opposite to that of the place to within this [rad]."""
 
-_FAR = 10.0
 _STEP = 0.02
+"""Time between two looks at where a tool is [s]."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ def _held(
     shapes = [item for item in world.objects if item.entity == part]
     there = rows_at(world.cell, recording, done.end)
     row = there[part]
-    least, closing = _FAR, 0.0
+    least, closing = FAR, 0.0
     for k, robot in enumerate(world.cell.robots):
         rows = recording.robots[robot.name]
         if robot.name == done.robot or row.holder is not None:
@@ -237,12 +237,12 @@ def _held(
         opening = hand.opening(wanted.opening_m)
         for shape in shapes:
             world.place(shape, shape.at(row.pose))
-            gap = min(world.distance(item, shape, _FAR) for item in hand.shapes)
+            gap = min(world.distance(item, shape, FAR) for item in hand.shapes)
             closes = finger_travel(shape, opening)
             if gap - closes < least - closing:
                 least, closing = gap, closes
     if least > SUPPORT + closing:
         detail = "is not held meanwhile by another robot that stands still"
-        if least < _FAR:
+        if least < FAR:
             detail += f": the nearest is {least * 1e3:.2f} mm away"
         yield Violation(done.begin, done.end, part, done.robot, 0.0, detail, "support")

@@ -12,12 +12,10 @@ from twin.audit.motion.executed import ObjectRow
 from twin.audit.motion.sampling import Stretch
 from twin.audit.violation import Violation
 from twin.audit.wanted import TOUCH, Wanted
-from twin.audit.worlds.world import AuditWorld, Shape, shapes_by_entity
+from twin.audit.worlds.world import FAR, AuditWorld, Shape, shapes_by_entity
 
 _SINKS = 0.3
 """What comes nearer by this share of the way that an object sinks carries it."""
-
-_FAR = 10.0
 
 
 class RestWatch:
@@ -181,7 +179,7 @@ class RestWatch:
 
     def _gap(self, first: str, second: str, *, sunk: float = 0.0) -> float:
         pairs = product(self._placed(first, sunk), self._placed(second, 0.0))
-        return min(self._world.distance(a, b, _FAR) for a, b in pairs)
+        return min(self._world.distance(a, b, FAR) for a, b in pairs)
 
     def _placed(self, name: str, sunk: float) -> list[Shape]:
         pose = translation(0.0, 0.0, -sunk) @ self._poses[name]
@@ -196,4 +194,4 @@ class RestWatch:
     def _nearest(self, name: str, hanging: list[str]) -> tuple[float, str]:
         gaps = {o: self._gap(name, o) for o in self._poses if o not in hanging}
         nearest = min(gaps, key=gaps.__getitem__, default="anything")
-        return gaps.get(nearest, _FAR), nearest
+        return gaps.get(nearest, FAR), nearest

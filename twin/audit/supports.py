@@ -16,7 +16,7 @@ from twin.audit.places import rows_at, taken
 from twin.audit.tools import hand_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import AuditWorld
+from twin.audit.worlds.world import FAR, AuditWorld
 
 SUPPORT = 0.003
 """A tool that holds against objects is no further away from one: studs, 1.7 mm high, are no part
@@ -25,7 +25,6 @@ of the boxes [m]."""
 STANDING = 1e-9
 """Joints that move by less than this stand: rounding [rad or m]."""
 
-_FAR = 10.0
 _SUPPORTS = ("support-bottom", "support-top")
 _PLACES = ("place-down", "place-up")
 
@@ -125,7 +124,7 @@ def _supported(
     world: AuditWorld, recording: Recording, change: _Change, wanted: Wanted
 ) -> Iterator[Violation]:
     row = change.row
-    least, nearest, closing = _FAR, "nobody", 0.0
+    least, nearest, closing = FAR, "nobody", 0.0
     for index, robot in enumerate(world.cell.robots):
         rows = recording.robots[robot.name]
         if robot.name == change.giver or not stands_still(
@@ -164,13 +163,13 @@ def _gap_to_objects(
     there = rows_at(world.cell, recording, change.row.t)
     hand = hand_of(world, robot, q, there, wanted)
     opening, tools = hand.opening(wanted.opening_m), {t.name for t in wanted.tools}
-    least, closing = _FAR, 0.0
+    least, closing = FAR, 0.0
     for shape in world.objects:
         at = there.get(shape.entity)
         if at is None or at.holder is not None or shape.entity in tools:
             continue
         world.place(shape, shape.at(at.pose))
-        gap = min(world.distance(part, shape, _FAR) for part in hand.shapes)
+        gap = min(world.distance(part, shape, FAR) for part in hand.shapes)
         closes = finger_travel(shape, opening)
         if gap - closes < least - closing:
             least, closing = gap, closes

@@ -121,7 +121,7 @@ def plan_best(
         return first, planned
     try:
         other = _coordinated(scenario, found, watch)
-    except PlanInvariantError:
+    except PlanInvariantError:  # no reason to go without the plan that holds
         return first, planned
     better = nominal_s(other.tpg) < nominal_s(planned.tpg)
     return (found, other) if better else (first, planned)

@@ -26,6 +26,8 @@ from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
 
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
+"""Turns of the tool about its z axis in which a grip is tried [rad]."""
+
 Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
 """The checks before and after a touch."""
 

@@ -25,7 +25,11 @@ from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform, rotation
 
 _TURNS = 12
+"""Random turns of the tool for which a grip is tried."""
+
 _STARTS = 12
+"""Configurations asked for at each turn."""
+
 _HANDOVERS = 150
 """Poses of a part that are tried for a handover."""
 

@@ -43,8 +43,14 @@ from planning.transforms import (
 )
 
 _SAMPLES = 3000
+"""Free configurations in the table of a robot, at most."""
+
 _DRAWS = 12_000
+"""Random configurations that are looked at for them."""
+
 _NEAREST = 48
+"""Entries nearest to a wanted pose that the search starts from, at least."""
+
 _LEAN = 0.5
 """A radian of the tool's direction weighs as much as that [m]."""
 
@@ -52,6 +58,7 @@ _STRAY = 1.5
 """Typical distance of a drawn base from the line between two places [m]."""
 
 _UPRIGHT = 0.05
+"""A tool whose z axis is as near to the vertical (a sine) says nothing of where its base stands."""
 
 _PROBE = (0.3, 0.3, 0.1)
 """Size of what the robots of the drawn configurations hold [m]."""

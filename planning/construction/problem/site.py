@@ -27,6 +27,7 @@ GROUND = "ground"
 """Name of the floor."""
 
 _DEPTH = 0.2
+"""Thickness of the ground [m]."""
 
 
 def ground_fixture(edge: float = 30.0) -> Fixture:

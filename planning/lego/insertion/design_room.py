@@ -47,7 +47,11 @@ from planning.lego.stability.stability import Hold
 from planning.transforms import Array
 
 _LEAST_TOUCH = 0.002
+"""Faces that overlap by less on a side do not touch [m]."""
+
 _CLEARANCE = 0.001
+"""Room that a support keeps from bricks that it does not touch [m]."""
+
 _NONE: Names = frozenset()
 
 _APPROACHES = tuple(product((1, -1), (APPROACH_HEIGHT, HIGH_APPROACH)))

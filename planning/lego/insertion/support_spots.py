@@ -29,6 +29,8 @@ _BELOW = (-9, -6, -12, -8, -7, -10, -11, -5, -4)
 _ABOVE = (9, 12, 8, 7, 6, 5, 10, 11)
 """Levels of a support's cell from the contact of the press, those of whole layers first."""
 _SHIFTS = (0, -1, 1)
+"""Studs by which it is aside from the contact, in x and in y."""
+
 TOOLS_APART = 0.095
 """Two upright tools whose axes are nearer than this meet at their force sensors [m]."""
 

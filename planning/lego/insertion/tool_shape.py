@@ -21,6 +21,7 @@ _THICK = 0.0045
 """Pieces of a tapering body are no thicker than this along the tool [m]."""
 
 _SAME = 1e-6
+"""Corners at the same height, or above each other, to within this [m]."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,11 @@ REST = (0.2, 0.0, 0.5)
 """Where the giver's flange waits before and after, pointing down, in its base frame [m]."""
 
 _REACHES = (0.40, 0.45, 0.50, 0.35)
+"""Distances of a handover from the base of the robot that receives [m]."""
+
 _HEIGHTS = (0.35, 0.40, 0.30, 0.45, 0.25)
+"""Heights of a handover above that base, tried in this order [m]."""
+
 _FACING = np.radians(10.0)
 
 # Tool z along the base's x, tool x down: the side studs of the tool look up.

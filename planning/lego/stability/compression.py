@@ -18,6 +18,7 @@ Region = tuple[Point, ...]
 """Corners of a convex polygon, counter-clockwise; fewer than three where it has no area."""
 
 _EPS = 1e-9
+"""Points as near as this are the same [m], areas as small are none [m^2]."""
 
 
 def resting_region(

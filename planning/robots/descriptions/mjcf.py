@@ -20,11 +20,15 @@ from planning.robots.descriptions.xml_reading import read_xml
 from planning.transforms import Array, Transform, inverse, translation
 
 _MOST_INCLUDES = 100
+"""Depth of files that include files: a deeper one includes itself."""
+
 _UNLIMITED = 1e6
+"""A joint with a limit beyond this has none [rad or m]."""
 
 _NUMBERS = {"pos", "quat", "axisangle", "euler", "xyaxes", "zaxis", "axis", "size"}
 _NUMBERS |= {"fromto", "range", "scale", "polycoef"}
 _LARGEST = 1e5
+"""Largest number that a body is believed to have."""
 
 _WORLD, _ORIGIN = "world", "world.origin"
 _FRAMES = pinocchio.FrameType

@@ -24,7 +24,10 @@ That bounds the whole motion in between, see ``twin.audit.motion.reach``, not on
 """
 
 _JOINT_STEP = 0.1
+"""Most that a joint moves between two samples [rad or m]."""
+
 _ROWS = 1500
+"""Rows that are sampled at once: it bounds the memory."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ _SAME = 1e-6
 Bullet rounds rotations by less than half of it."""
 
 _TRIED = 16
+"""Random configurations from which the chain is read off."""
 
 
 @dataclass(frozen=True)

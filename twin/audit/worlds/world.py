@@ -17,13 +17,17 @@ BASE = -1
 """In place of a joint's index: what the base of a robot carries."""
 
 
+FAR = 10.0
+"""Reach of measurements that look for whatever is nearest [m]."""
+
+
 @dataclass(frozen=True)
 class Shape:
     """One convex shape that the audit watches.
 
     Attributes:
-        entity: the name allowed contacts use, of several shapes where it is made of several: ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture
-            or an object.
+        entity: the name allowed contacts use, which several shapes may share:
+            ``"<robot>/arm"``, ``"<robot>/tool"``, a fixture or an object.
         detail: the link it belongs to, or the entity again.
         number: what its world knows it by.
         robot: index of its robot, None for fixtures and objects.
