@@ -16,7 +16,7 @@ from scheduling.graph.total_order import planned_ranks
 
 @dataclass(frozen=True, eq=False)
 class HandLoad:
-    """What a robot has in its hand.
+    """Tool and parts that a robot has in its hand.
 
     Attributes:
         tool: the tool on its flange, of a robot that changes its tools; None for none, and for a
@@ -29,7 +29,7 @@ class HandLoad:
 
 
 class HandLoads:
-    """What one robot has in its hand, from moment to moment.
+    """Tool and parts in the hand of one robot, from moment to moment.
 
     Args:
         tpg: the graph.

@@ -18,7 +18,7 @@ BUILD_UP_S = 0.05
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """What a robot keeps to wherever it moves.
+    """Limits that a robot keeps to wherever it moves.
 
     Attributes:
         velocity: of each joint, shape (n,) [rad/s or m/s].

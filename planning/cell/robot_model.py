@@ -47,7 +47,7 @@ class LinkPart:
 
 @dataclass(frozen=True)
 class ToolGrip:
-    """How a tool holds things: between fingers, or by suction.
+    """Way in which a tool holds things: between fingers, or by suction.
 
     Attributes:
         opening: least and largest distance of the fingers, along the y axis of the tool frame;
@@ -66,7 +66,7 @@ class ToolGrip:
 
 @dataclass(frozen=True, eq=False)
 class DriveLimits:
-    """What the drives of a robot can do besides their speed; infinite where nothing is known.
+    """Limits of a robot's drives besides their speed; infinite where nothing is known.
 
     Attributes:
         acceleration: of each joint, shape (n,) [rad/s^2 or m/s^2].
@@ -90,7 +90,7 @@ class DriveLimits:
 
 @dataclass(frozen=True, eq=False)
 class LinkInertias:
-    """What the joints of a robot move, one entry a joint, in the frame of the joint.
+    """Masses that the joints of a robot move, one entry a joint, in the frame of the joint.
 
     Attributes:
         mass: of all that hangs on the joint up to the next one, shape (n,) [kg].

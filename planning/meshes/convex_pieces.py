@@ -48,7 +48,7 @@ class TooManyPiecesError(ShapeError):
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """What became of a mesh.
+    """Convex pieces of a mesh, and how true they are to it.
 
     Attributes:
         hulls: corners of the convex pieces, each of shape (c, 3) [m].

@@ -18,7 +18,7 @@ _MOST = 10_000
 
 @dataclass(frozen=True)
 class Scene:
-    """What a robot moves amid.
+    """Surroundings of a robot that moves.
 
     Attributes:
         amid: other robots, what is in hands, what may be touched, and what changes hands.

@@ -30,7 +30,7 @@ _MOST_WAYS = 2000
 
 @dataclass(frozen=True)
 class WayLoad:
-    """How long robots are busy at least when a step is done one way.
+    """Least time that robots are busy with one way to do a step.
 
     Attributes:
         step: counted from 1.

@@ -66,7 +66,7 @@ class GripRules:
 
 @dataclass(frozen=True)
 class PartWays:
-    """How a part is gripped, and led out of where it lies and into its place.
+    """Grips of a part, and its straight ways out of where it lies and into its place.
 
     Attributes:
         grips: which grips are tried.

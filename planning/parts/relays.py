@@ -73,7 +73,7 @@ class Relay:
 
 @dataclass(frozen=True)
 class End:
-    """What a robot does at one end of the way of a part.
+    """Pick of a part by a robot, or its place-down, at one end of the part's way.
 
     Attributes:
         robot: who does it.

@@ -11,7 +11,7 @@ from planning.transforms import Transform
 
 @dataclass(frozen=True, kw_only=True)
 class Step(ABC):
-    """What all steps have in common.
+    """A step of an assembly of parts.
 
     Attributes:
         name: what other steps call it, None if they cannot.

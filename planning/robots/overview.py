@@ -69,7 +69,7 @@ class LinkRow:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a description holds.
+    """Contents of a robot description.
 
     Attributes:
         model: the robot.

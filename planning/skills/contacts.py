@@ -46,7 +46,7 @@ class SkillContacts:
 
 @dataclass(frozen=True)
 class ToolContact:
-    """How deep a tool may overlap objects at rest within a skill, beyond what it handles.
+    """Depths by which a tool may overlap objects at rest in a skill, besides what it handles.
 
     Attributes:
         grazing: any object [m].

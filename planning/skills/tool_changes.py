@@ -56,7 +56,7 @@ class RackWay:
 
 @dataclass(frozen=True)
 class ToolChanges:
-    """How the robots of a cell change their tools.
+    """Ways in which the robots of a cell change their tools.
 
     Attributes:
         cell: with robots as plans know them.

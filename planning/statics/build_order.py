@@ -39,7 +39,7 @@ _MOST_OPEN = 4
 
 @dataclass(frozen=True)
 class BuildStep:
-    """What a step does to the structure.
+    """Bodies and joints that a step adds to the structure.
 
     Attributes:
         adds: names of the bodies that are in place from then on.

@@ -56,7 +56,7 @@ class Leaving:
 
 @dataclass(frozen=True)
 class Supply:
-    """What comes and leaves while the steps of an assembly are done, in order.
+    """Arrivals and departures of parts while the steps of an assembly are done, in order.
 
     Attributes:
         refills: by number of the step, from 1, whose pick empties the source.

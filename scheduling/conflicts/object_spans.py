@@ -108,7 +108,7 @@ def handlings_in_order(
 
 @dataclass(frozen=True)
 class _Place:
-    """Where an object is from one handling to the next.
+    """Place of an object from one handling to the next.
 
     Attributes:
         pose: of its centre in the world, or in the flange frame of the robot that carries it.

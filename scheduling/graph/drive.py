@@ -17,7 +17,7 @@ from -1, is a joint whose effort does not bear the weight, however slow it is.""
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """How fast each node of a chain can be passed, one entry a node.
+    """Times in which the nodes of a chain can be passed, one entry a node.
 
     Consecutive pose nodes on a straight line in joint space, and around rounded corners of it, are a
     *stretch*: the robot passes the borders between them at speed, and is at rest at both ends of it.

@@ -28,7 +28,7 @@ _MOST = 200_000
 
 @dataclass
 class KnownConflicts:
-    """What was found for pairs of things, whichever graph they were in.
+    """Conflicts found for pairs of things, whichever graph they were in.
 
     Attributes:
         stairs: see ``TaskRelations.stairs``.

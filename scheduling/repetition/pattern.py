@@ -10,7 +10,7 @@ from planning.transforms import Indices
 
 @dataclass(frozen=True)
 class Pattern:
-    """How a plan for some products goes on for many.
+    """A plan for some products that is repeated for many.
 
     At the end of the pattern everything is again as it was at its start: robots at HOME, sources
     full, places empty. So its copies come one after another, and overlap as the graph lets them.

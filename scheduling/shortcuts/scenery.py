@@ -66,7 +66,7 @@ class Amid:
 
 @dataclass(frozen=True)
 class KnownShortcuts:
-    """What was smoothed for plans of one cell with the same speeds, and what was free.
+    """Paths smoothed for plans of one cell with the same speeds, and which of them were free.
 
     Attributes:
         scenes: that robots moved in.
@@ -97,7 +97,7 @@ class KnownShortcuts:
 
 
 class Scenery:
-    """What never moves around nodes that are to be replaced; remembers it.
+    """Things that never move around nodes that are to be replaced; they are remembered.
 
     Args:
         known: what was found in the same scenes before, None to find it anew.

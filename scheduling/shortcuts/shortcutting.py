@@ -148,7 +148,7 @@ def smooth_runs(
 
 @dataclass(frozen=True)
 class KnownBoards:
-    """What was found while the graphs of one cell were shortened.
+    """Paths and conflicts found while the graphs of one cell were shortened.
 
     Attributes:
         ways: smoothed paths.

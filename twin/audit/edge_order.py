@@ -22,7 +22,7 @@ _TICK = 1e-9
 
 @dataclass(frozen=True)
 class NodeSpans:
-    """When each node of a robot began and was over.
+    """Executed begin and end of each node of a robot.
 
     Attributes:
         begin, end: infinite where that never happened, shape (nodes,) [s].

@@ -22,7 +22,7 @@ WITHOUT = ToolGrip((0.0, 0.0), "no tool")
 
 @dataclass(frozen=True)
 class Hand:
-    """What a robot holds with at a moment.
+    """Tool that a robot holds with at a moment.
 
     Attributes:
         shapes: of its tool, in their places.

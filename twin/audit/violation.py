@@ -27,7 +27,7 @@ ViolationKind = Literal[
 
 @dataclass(frozen=True)
 class Violation:
-    """What was executed though nothing allows it.
+    """An event of a run that nothing allows.
 
     Attributes:
         t_start, t_end: first and last moment at which it was seen [s].

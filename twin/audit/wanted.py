@@ -22,7 +22,7 @@ whatever it touches."""
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where an object is to stand at the end.
+    """Place where an object is to stand at the end.
 
     Attributes:
         words: what it is, for people.
@@ -120,7 +120,7 @@ class ChangedTool:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a scenario says of the end of a run, and of the way there.
+    """Demands of a scenario on the end of a run, and on the way there.
 
     Attributes:
         places: of all that is put somewhere; any order.

@@ -110,7 +110,7 @@ def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
 
 
 class _Standing:
-    """For how long a robot has stood still; what overlaps counts once."""
+    """Clock of a robot's standstills; those that overlap count once."""
 
     def __init__(self) -> None:
         self.total_ns = 0

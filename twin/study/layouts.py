@@ -23,7 +23,7 @@ LAYOUTS = "layouts planned"
 
 @dataclass(frozen=True)
 class PlannedStudy:
-    """What is studied, and its plans.
+    """A study whose layouts are planned.
 
     Attributes:
         request: with the variants that can be planned, and the layouts that cannot.

@@ -80,7 +80,7 @@ class Preparation:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a plan comes from.
+    """Planning that a plan comes from, and doubts about its cell.
 
     Attributes:
         planned: how it was made, for the summary: which it is, seconds of the stages, and

@@ -36,7 +36,7 @@ _MARGIN = 1.5 * TOLERANCE
 
 
 class _Plan(NamedTuple):
-    """What is searched.
+    """Pieces of all carriers, and how close they may come to each other.
 
     Attributes:
         fleet: all carriers.

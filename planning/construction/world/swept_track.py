@@ -25,7 +25,7 @@ from planning.transforms import Array, Indices
 
 
 class Sweeps(NamedTuple):
-    """What is swept in pieces of motion.
+    """Bounds of what bodies sweep in pieces of motion.
 
     Attributes:
         box: least and greatest corner of what a piece sweeps, shape (p, 6).

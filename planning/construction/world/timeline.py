@@ -123,7 +123,7 @@ class RobotTimeline:
 
 
 class ObjectChange(NamedTuple):
-    """From ``time`` on, an object is held by ``holder`` (None: at rest) at ``pose``.
+    """Beginning of a time for which an object is held by a robot, or at rest.
 
     Attributes:
         time: when it happens [s].

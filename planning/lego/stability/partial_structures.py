@@ -45,7 +45,7 @@ _STRENGTH = JointStrength()
 
 @dataclass(frozen=True)
 class Bearing:
-    """What a structure bears of the force that a brick is pressed with.
+    """Share of the force that presses a brick on which the structure bears.
 
     Attributes:
         needed: the force [N].

@@ -70,7 +70,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Fitting:
-    """What a cell adds to the description of a robot.
+    """Changes that a cell makes to the description of a robot.
 
     Attributes:
         tool: what is mounted on its flange; None for what it comes with.

@@ -73,7 +73,7 @@ class RobotRows:
 
 @dataclass(frozen=True)
 class ObjectRow:
-    """From ``t`` on an object is held by a robot (flange frame) or at rest (world).
+    """Place of an object from a time on: held by a robot (flange frame) or at rest (world).
 
     Attributes:
         t: when [s].

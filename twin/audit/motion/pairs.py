@@ -56,7 +56,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Asked:
-    """What gaps are held against.
+    """Gaps and overlaps that measurements are compared with.
 
     Attributes:
         least: returns the least gap between robots so far [m].
@@ -156,7 +156,7 @@ def _measure(placer: _Placer, pair: _Watched, at: float, least: float) -> float:
 
 
 class _Between:
-    """What lies between measurements and excludes too little yet, in the order to settle it.
+    """Queue of stretches between measurements that still have to be settled.
 
     Between robots the worst comes first, which settles the most of what is left; of others the
     earliest, so that what is measured at the same moment is placed once.

@@ -33,7 +33,7 @@ class RestingBoxes:
 
 
 class StandingTable:
-    """Where the fixtures are, and the objects that are at rest now.
+    """Table of the fixtures, and of the objects that are at rest now.
 
     Args:
         world: the cell.

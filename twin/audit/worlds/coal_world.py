@@ -29,7 +29,7 @@ from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
 
 @dataclass
 class _Body:
-    """What coal is asked about.
+    """A body in coal's world.
 
     Attributes:
         geometry: coal's shape.

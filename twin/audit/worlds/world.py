@@ -58,7 +58,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What the joints of a robot allow, from its URDF.
+    """Limits of a robot's joints, from its URDF.
 
     Attributes:
         names: of the joints.

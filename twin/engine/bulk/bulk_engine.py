@@ -37,7 +37,7 @@ from twin.uncertainty.skill_durations import (
 
 
 class _Shares(NamedTuple):
-    """How totals of skills make up the segments of a contraction.
+    """Shares of drawn tasks in the segments of a contraction.
 
     Attributes:
         fixed: time of each segment that does not vary, shape (segments,) [ns].

@@ -12,7 +12,7 @@ from twin.scenario.sections.parts import PartsSection
 
 @dataclass(frozen=True)
 class MachineJob:
-    """What does one step without a robot.
+    """A step that is done without a robot.
 
     Attributes:
         machine: whose task it is; what nobody does has a chain of its own for every step.

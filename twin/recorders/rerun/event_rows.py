@@ -29,7 +29,7 @@ _LEVELS = {
 
 
 class Wait(NamedTuple):
-    """What is said of an event that tells of a wait.
+    """Words for an event that tells of a wait.
 
     Attributes:
         words: what for.

@@ -190,7 +190,7 @@ class TaskGroups:
 
 @dataclass(frozen=True)
 class ProductTimes:
-    """When products began and were complete in replications that completed.
+    """Times at which products began and were complete in replications that completed.
 
     Attributes:
         product_begin_ns, product_end_ns: shape (products, r) [ns].

@@ -180,7 +180,7 @@ class _Counter:
 
 
 class _Workers:
-    """Who computes: opened when there is something to do, kept until one of them dies or all is done."""
+    """Workers, opened when there is something to do and kept until one dies or all is done."""
 
     def __init__(self, open_executor: OpenExecutor) -> None:
         self._open = open_executor
