@@ -29,12 +29,14 @@ class Leg(NamedTuple):
 
     Attributes:
         building: the state then.
+        keyframe: which skill.
         start: when it begins [s].
         earliest: how soon speeds and the world at the goals would have let it begin [s].
         lost: how much later it begins than speeds alone would allow [s].
     """
 
     building: Building
+    keyframe: Keyframe
     start: float
     earliest: float
     lost: float
@@ -103,7 +105,7 @@ class LegPlanner:
         goal = goals[found.goal]
         lost = found.arrival - checker.start - checker.least_duration(here, goal.start)
         building = building.moved(robot, found.time, found.path)
-        return Leg(building, found.arrival, found.earliest, lost)
+        return Leg(building, goal, found.arrival, found.earliest, lost)
 
     def retreat(self, building: Building, robot: str) -> Building | None:
         """Return the state in which a robot has gone HOME, out of the others' way."""

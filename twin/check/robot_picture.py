@@ -25,7 +25,7 @@ _VIEWS = (("from the front (+x)", 1, 2, 0, 1.0), ("from the side (-y)", 0, 2, 1,
 
 @dataclass(frozen=True)
 class PicturedThing:
-    """A robot in one configuration, as it is drawn.
+    """A robot at HOME, or a tool, as it is drawn.
 
     Attributes:
         title: above the picture.

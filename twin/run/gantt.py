@@ -46,9 +46,8 @@ def gantt_figure(
     """Return a picture of what every robot did when.
 
     Bars are coloured by kind of task and carry the assembly step they serve, or the product where
-    there are several; waits are hatched,
-    and arrows are the type-2 edges that ended them. Long runs wrap into several rows. Beside its
-    lane each robot has the colour that it has in the recording.
+    there are several; waits are hatched, and arrows are the type-2 edges that ended them. Long
+    runs wrap into several rows. Beside its lane each robot has its colour of the recording.
 
     Args:
         tpg: what was executed.
@@ -93,7 +92,7 @@ def gantt_figure(
 
 def _lanes(
     tpg: TemporalPlanGraph, events: Sequence[Event]
-) -> dict[str, Sequence[Activity]]:
+) -> dict[str, tuple[Activity, ...]]:
     """Return what each robot did, and each machine that had a task."""
     told = robot_activities(tpg, events)
     tasks = {task.kind for task in tpg.tasks}
