@@ -265,59 +265,89 @@ def _waiting_tasks(
             first.
         steps: the tasks of each of them.
     """
-    contacts = _stock_contacts(handled)
-    picked: dict[str, Task] = {}
-    placed: dict[str, Task] = {}
-    used: dict[str, list[Task]] = {}
-    done: dict[str, Task] = {}
-    put: dict[str, list[Task]] = {}
-    machine: dict[str, Task] = {}
     changes = [_begin_and_end(*pair)[1] for pair in zip(handled, steps, strict=True)]
     yield from ((changes[a], changes[b]) for a, b in sorted(balance))
+    history = _History(_stock_contacts(handled))
     for step, tasks in zip(handled, steps, strict=True):
+        yield from history.step(step, tasks)
+
+
+class _History:
+    """Tasks of the steps so far that later ones may have to wait for.
+
+    Args:
+        contacts: what each part touches at the start.
+    """
+
+    def __init__(self, contacts: Mapping[str, frozenset[str]]) -> None:
+        self._contacts = contacts
+        self._picked: dict[str, Task] = {}
+        self._placed: dict[str, Task] = {}
+        self._machine: dict[str, Task] = {}
+        self._done: dict[str, Task] = {}
+        # What was done to a part, and put to it, since it was picked last.
+        self._used: dict[str, list[Task]] = {}
+        self._put: dict[str, list[Task]] = {}
+
+    def step(self, step: KnownStep, tasks: StepTasks) -> Iterator[tuple[Task, Task]]:
+        """Yield what the tasks of the next step wait for, each with the one that waits."""
         begins, ends = _begin_and_end(step, tasks)
         for name in step.step.after:
-            if name in done:
-                yield done[name], begins
+            if name in self._done:
+                yield self._done[name], begins
         for name in _concerned(step):
-            if name in machine:
-                yield machine[name], begins
-        for task in _holds(tasks):
-            assert step.held is not None
-            part = step.held.part.name
-            if part in placed:
-                yield placed[part], task
-            if part in machine:
-                yield machine[part], task
-            used.setdefault(part, []).append(task)
+            if name in self._machine:
+                yield self._machine[name], begins
+        for task in tasks.tasks:
+            if task.kind == HOLD:
+                assert step.held is not None
+                yield from self._hold(step.held.part.name, task)
         if isinstance(step, MachineStep):
-            part = step.step.part
-            before = [placed[part]] if part in placed else []
-            for earlier in (*before, *used.get(part, ()), *put.get(part, ())):
-                yield earlier, begins
-            machine[part] = begins
-            used.setdefault(part, []).append(begins)
+            yield from self._machine_work(step.step.part, begins)
         elif isinstance(step, WorkStep):
-            for name in sorted(step.touched & placed.keys()):
-                yield placed[name], begins
+            for name in sorted(step.touched & self._placed.keys()):
+                yield self._placed[name], begins
             for name in sorted(step.touched & step.around.keys()):
-                used.setdefault(name, []).append(ends)
+                self._used.setdefault(name, []).append(ends)
         else:
-            part = step.part.name
             pick = next(task for task in tasks.tasks if task.kind == _PICK)
-            for earlier in used.pop(part, ()):
-                yield earlier, pick
-            put.pop(part, None)
-            if part in placed:
-                yield placed[part], pick
-            else:
-                yield from ((picked[k], pick) for k in contacts[part] if k in picked)
-            yield from ((placed[k], ends) for k in step.at_goal if k in placed)
-            for name in step.at_goal:
-                put.setdefault(name, []).append(ends)
-            picked[part], placed[part] = pick, ends
+            yield from self._pick(step.part.name, pick)
+            yield from self._place(step, ends)
         if step.step.name is not None:
-            done[step.step.name] = ends
+            self._done[step.step.name] = ends
+
+    def _hold(self, part: str, hold: Task) -> Iterator[tuple[Task, Task]]:
+        if part in self._placed:
+            yield self._placed[part], hold
+        if part in self._machine:
+            yield self._machine[part], hold
+        self._used.setdefault(part, []).append(hold)
+
+    def _machine_work(self, part: str, work: Task) -> Iterator[tuple[Task, Task]]:
+        if part in self._placed:
+            yield self._placed[part], work
+        for earlier in (*self._used.get(part, ()), *self._put.get(part, ())):
+            yield earlier, work
+        self._machine[part] = work
+        self._used.setdefault(part, []).append(work)
+
+    def _pick(self, part: str, pick: Task) -> Iterator[tuple[Task, Task]]:
+        yield from ((earlier, pick) for earlier in self._used.pop(part, ()))
+        self._put.pop(part, None)
+        if part in self._placed:
+            yield self._placed[part], pick
+        else:
+            for name in self._contacts[part]:
+                if name in self._picked:
+                    yield self._picked[name], pick
+        self._picked[part] = pick
+
+    def _place(self, step: PartStep, place: Task) -> Iterator[tuple[Task, Task]]:
+        for name in step.at_goal:
+            if name in self._placed:
+                yield self._placed[name], place
+            self._put.setdefault(name, []).append(place)
+        self._placed[step.part.name] = place
 
 
 def _concerned(step: KnownStep) -> frozenset[str]:
@@ -341,10 +371,6 @@ def _begin_and_end(step: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
         if task.kind == step.step.process.name
     )
     return before, process
-
-
-def _holds(tasks: StepTasks) -> Iterator[Task]:
-    return (task for task in tasks.tasks if task.kind == HOLD)
 
 
 def _stock_contacts(

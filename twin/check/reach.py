@@ -117,48 +117,48 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
     for leg in _legs(subject, parts):
-        part, name, end, ways = leg.part, leg.part.name, leg.end, leg.ways
-        rules, frame = ways.grips, assembly.grips.frame
-        pick, place = _picking(frame, ways), _placing(frame, ways)
-        if any(
-            _reaches(robot, frame, part.start @ grip.pose, pick)
-            and _reaches(robot, frame, end @ grip.pose, place)
-            for robot in robots
-            for grip in robot_grips(robot, part.shape, part.start, end, rules)[
-                :_MOST_GRIPS
-            ]
-        ):
-            continue
-        at_start, at_goal = (
-            {r.name: robot_grips(r, part.shape, pose, pose, rules) for r in robots}
-            for pose in (part.start, end)
-        )
-        if not any(at_start.values()) or not any(at_goal.values()):
-            continue  # said elsewhere
-        tried = max(len(g) for g in (*at_start.values(), *at_goal.values()))
-        picks = _reaching(robots, frame, part.start, at_start, pick)
-        places = _reaching(robots, frame, end, at_goal, place)
-        if picks and places:
-            yield Finding(
-                leg.start_at,
-                f"no robot picks and places {name} with one grip: {_list(picks)} where it lies,"
-                f" {_list(places)} {leg.words}; the planner looks for a place to lay it down in"
-                " between",
-            )
-            continue
-        key, words = (
-            leg.start_at,
-            f"where it lies, at {position(part.start[:3, 3].tolist())}",
-        )
-        if picks:
-            key, words = leg.end_at, f"{leg.words}, at {position(end[:3, 3].tolist())}"
+        yield from _check_leg(leg, robots, assembly.grips.frame)
+
+
+def _check_leg(leg: _Leg, robots: list[PlacedRobot], frame: str) -> Findings:
+    part, name, end, ways = leg.part, leg.part.name, leg.end, leg.ways
+    pick, place = _picking(frame, ways), _placing(frame, ways)
+    if any(
+        _reaches(robot, frame, part.start @ grip.pose, pick)
+        and _reaches(robot, frame, end @ grip.pose, place)
+        for robot in robots
+        for grip in robot_grips(robot, part.shape, part.start, end, ways.grips)[
+            :_MOST_GRIPS
+        ]
+    ):
+        return
+    at_start, at_goal = (
+        {r.name: robot_grips(r, part.shape, pose, pose, ways.grips) for r in robots}
+        for pose in (part.start, end)
+    )
+    if not any(at_start.values()) or not any(at_goal.values()):
+        return  # said elsewhere
+    tried = max(len(g) for g in (*at_start.values(), *at_goal.values()))
+    picks = _reaching(robots, frame, part.start, at_start, pick)
+    places = _reaching(robots, frame, end, at_goal, place)
+    if picks and places:
         yield Finding(
-            key,
-            f"no robot reaches {name}: {words}; tried {min(tried, _MOST_GRIPS)} grips, with"
-            f" approach_m {ways.approach:g} and leave_m {ways.leave:g}"
-            + _beyond(robots, frame, end if picks else part.start),
-            error=tried <= _MOST_GRIPS,
+            leg.start_at,
+            f"no robot picks and places {name} with one grip: {_list(picks)} where it lies,"
+            f" {_list(places)} {leg.words}; the planner looks for a place to lay it down in"
+            " between",
         )
+        return
+    key, at, words = leg.start_at, part.start, "where it lies"
+    if picks:
+        key, at, words = leg.end_at, end, leg.words
+    yield Finding(
+        key,
+        f"no robot reaches {name}: {words}, at {position(at[:3, 3].tolist())}; tried"
+        f" {min(tried, _MOST_GRIPS)} grips, with approach_m {ways.approach:g} and leave_m"
+        f" {ways.leave:g}{_beyond(robots, frame, at)}",
+        error=tried <= _MOST_GRIPS,
+    )
 
 
 @dataclass(frozen=True)
