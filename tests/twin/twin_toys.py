@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -184,3 +185,24 @@ def two_robot_tpg(edges: Sequence[tuple[int, int, int, int]]) -> TemporalPlanGra
     return TemporalPlanGraph(
         cell, tasks, chains, rows, np.ones(len(rows), dtype=np.uint8), (), ()
     )
+
+
+def with_cut_skill(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return a graph whose first skill node, in the first chain that has one, is cut in two."""
+    place = next(k for k, chain in enumerate(tpg.chains) if chain.skill.any())
+    chain = tpg.chains[place]
+    node = int(np.flatnonzero(chain.skill)[0])
+    at = int(chain.first[node + 1])
+    cut = replace(
+        chain,
+        waypoints=np.insert(chain.waypoints, at, chain.waypoints[at - 1], axis=0),
+        fraction=np.insert(chain.fraction, at, 1.0),
+        first=np.insert(chain.first, node + 1, at)
+        + (np.arange(len(chain) + 2) > node + 1),
+        task=np.insert(chain.task, node, chain.task[node]),
+        skill=np.insert(chain.skill, node, True),
+        duration=np.insert(chain.duration, node, 0.7),
+        planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
+    )
+    chains = (*tpg.chains[:place], cut, *tpg.chains[place + 1 :])
+    return replace(tpg, chains=chains)

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from benchmarks.packaged_timings import (
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
 from tests.twin.one_draw import sample
-from tests.twin.twin_toys import random_tpg
+from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations import (
     DurationModel,
     Empirical,
@@ -211,21 +210,8 @@ def test_a_task_cut_into_more_nodes_takes_as_long_in_all() -> None:
         {skill: Lognormal(median_s=7.0, p95_s=9.0) for skill in SKILLS}
     )
     whole = sample(durations, tpg, seed=3)
-    chain = tpg.chains[0]
-    node = int(np.flatnonzero(chain.skill)[0])
-    at = int(chain.first[node + 1])
-    cut = replace(
-        chain,
-        waypoints=np.insert(chain.waypoints, at, chain.waypoints[at - 1], axis=0),
-        fraction=np.insert(chain.fraction, at, 1.0),
-        first=np.insert(chain.first, node + 1, at)
-        + (np.arange(len(chain) + 2) > node + 1),
-        task=np.insert(chain.task, node, chain.task[node]),
-        skill=np.insert(chain.skill, node, True),
-        duration=np.insert(chain.duration, node, 0.7),
-        planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
-    )
-    parts = sample(durations, replace(tpg, chains=(cut, *tpg.chains[1:])), seed=3)
+    node = int(np.flatnonzero(tpg.chains[0].skill)[0])
+    parts = sample(durations, with_cut_skill(tpg), seed=3)
     assert parts[0][node] + parts[0][node + 1] == whole[0][node]
     assert parts[0].sum() == whole[0].sum()
     assert np.array_equal(parts[1], whole[1])

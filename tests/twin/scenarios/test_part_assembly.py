@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from scheduling.verification.verify import verify_plan
 from twin.cli import app
-from twin.planning.pipeline import Planned, plan_scenario
+from twin.planning.pipeline import Planned
 from twin.scenario.document.problems import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import Trial, try_plan
+from twin.trial.trial import Trial
 
 SCENARIO = """\
 version: 1
@@ -59,23 +59,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("crossing") / "crossing.yaml"
     file.write_text(SCENARIO)
     return file
-
-
-@pytest.fixture(scope="module")
-def scenario(file: Path) -> Scenario:
-    return load_scenario(file)
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> Planned:
-    return plan_scenario(scenario)
-
-
-@pytest.fixture(scope="module")
-def trial(scenario: Scenario, planned: Planned, file: Path) -> Trial:
-    out = file.parent / "run"
-    out.mkdir()
-    return try_plan(scenario, planned.tpg, out, recording=False)
 
 
 def test_both_robots_work_and_the_plan_is_safe_by_the_other_proof(

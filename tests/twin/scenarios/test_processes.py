@@ -88,23 +88,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-@pytest.fixture(scope="module")
-def scenario(file: Path) -> Scenario:
-    return load_scenario(file)
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> Planned:
-    return plan_scenario(scenario)
-
-
-@pytest.fixture(scope="module")
-def trial(scenario: Scenario, planned: Planned, file: Path) -> Trial:
-    out = file.parent / "run"
-    out.mkdir()
-    return try_plan(scenario, planned.tpg, out, recording=False)
-
-
 def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
     assert verify_plan(planned.tpg).problems == ()
     kinds = [task.kind for task in planned.tpg.tasks]

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.task import SKILLS
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.one_draw import sample, uniform
-from tests.twin.twin_toys import random_tpg
+from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations import (
     DurationModel,
     Fixed,
@@ -33,27 +30,6 @@ MODELS: dict[str, DurationModel] = {
 """All skills but one."""
 
 
-def with_cut_skills(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Cut the first skill node of the first chain that has one into two."""
-    place = next(k for k, chain in enumerate(tpg.chains) if chain.skill.any())
-    chain = tpg.chains[place]
-    node = int(np.flatnonzero(chain.skill)[0])
-    at = int(chain.first[node + 1])
-    cut = replace(
-        chain,
-        waypoints=np.insert(chain.waypoints, at, chain.waypoints[at - 1], axis=0),
-        fraction=np.insert(chain.fraction, at, 1.0),
-        first=np.insert(chain.first, node + 1, at)
-        + (np.arange(len(chain) + 2) > node + 1),
-        task=np.insert(chain.task, node, chain.task[node]),
-        skill=np.insert(chain.skill, node, True),
-        duration=np.insert(chain.duration, node, 0.7),
-        planned_start=np.insert(chain.planned_start, node, chain.planned_start[node]),
-    )
-    chains = (*tpg.chains[:place], cut, *tpg.chains[place + 1 :])
-    return replace(tpg, chains=chains)
-
-
 @settings(deadline=None)
 @given(
     st.integers(0, 50),
@@ -64,7 +40,7 @@ def with_cut_skills(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 def test_bulk_equals_one_at_a_time(
     plan: int, seed: int, replications: list[int], antithetic: bool
 ) -> None:
-    tpg = with_cut_skills(random_tpg(plan, tasks=12))
+    tpg = with_cut_skill(random_tpg(plan, tasks=12))
     durations = SkillDurations(MODELS, antithetic=antithetic)
     draws = durations.bind(tpg)
     bulk = draws.durations(seed=seed, replications=replications)
