@@ -35,8 +35,13 @@ AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
 """Of the x, y and z axes of frames."""
 _FIXTURE_NAME = "#6b7480"
 _NAME_SIZE = 6
+"""Size of names in the picture [points]."""
+
 _MOST_ASIDE = 12
+"""Things that are named in a view from the side: more stand behind each other."""
+
 _SAMPLES = 1500
+"""Random configurations from which the reach of a robot is drawn."""
 
 _CAPTION = (
     "robots at HOME by their collision hulls; dashed circles: reach of their tools at any height;"

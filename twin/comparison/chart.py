@@ -33,6 +33,8 @@ _BOUNDS: dict[str, tuple[Literal["-", ":"], str]] = {
     "straight_line_s": (":", "busiest robot, straight lines"),
 }
 _STEP = 0.86 / len(COMPARED)
+"""Distance of bars; groups are 1 apart."""
+
 _BAR = 0.92 * _STEP
 
 

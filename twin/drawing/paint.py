@@ -8,8 +8,14 @@ TEAM, TINTED = "team", "team-tint"
 """Names of the materials of what is painted, and of what is tinted."""
 
 _PAINTED = 0.6
+"""Parts of a robot as saturated as this are painted in the team's colour."""
+
 _LIGHT = 0.75
+"""Meshes with all channels as light as this are tinted by it."""
+
 _TINT = 0.55
+"""Share of the team's colour in the tint."""
+
 _WHITE = (1.0, 1.0, 1.0)
 
 

@@ -14,7 +14,10 @@ from planning.cell.shape import Shape
 from planning.transforms import Array, Indices
 
 _SIDES = 48
+"""Sides of what is round."""
+
 _BENDS = 12
+"""Rings of a half-sphere."""
 
 
 @dataclass(frozen=True, eq=False)

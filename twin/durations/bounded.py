@@ -12,8 +12,13 @@ from twin.durations.fittable import FittableModel, golden_section
 from twin.durations.model import DurationModel, Seconds
 
 _PERT_WEIGHT = 4.0
+"""Weight of the mode against one of either bound, as PERT has it."""
+
 _ROUNDS = 10
+"""Rounds in which bounds and mode are fitted in turn."""
+
 _STEPS = 10
+"""Steps of the search for one of them."""
 
 
 class Fixed(DurationModel):

@@ -19,6 +19,7 @@ from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.scenario.document.section import Name, Section
 
 _SEQUENCES_LOG2 = 14
+"""Logarithm of the number of quasi-random sequences of retries."""
 
 
 class Shifted(DurationModel):

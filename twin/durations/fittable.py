@@ -15,7 +15,10 @@ from twin.durations.model import DurationModel
 LOG_ROOT_2PI = 0.5 * float(np.log(2 * np.pi))
 _GOLDEN = float((np.sqrt(5.0) - 1) / 2)
 _GRID = 9
+"""Offsets between which the best one is searched."""
+
 _STEPS = 14
+"""Steps of that search."""
 
 
 class FittableModel(DurationModel):

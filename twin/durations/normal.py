@@ -20,6 +20,8 @@ from twin.durations.fittable import (
 from twin.durations.model import Factor, PositiveSeconds, Seconds, require_pair
 
 _LEAST_KEPT = 0.01
+"""Least probability of what lies between the bounds of a cut distribution."""
+
 _CUT_MOST = 2.3
 """A normal distribution loses at most about 99 % below 0: the bound [sd from the mean]."""
 _Z95 = 1.6448536269514722

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 PLAN = "plan.json"
 
 _MOST_FOLDERS = 8
+"""Runs that are named where a folder is none, the newest first."""
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,7 @@ _SHARE = 0.005
 """Standstills shorter than this share of the makespan are not shown."""
 
 _MILLISECOND = 1_000_000
+"""Resolution of Mermaid's times [ns]."""
 
 _KEYWORDS = re.compile(
     r"(gantt|title|section|dateFormat|axisFormat|tickInterval|todayMarker|inclusiveEndDates"

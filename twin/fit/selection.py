@@ -47,7 +47,11 @@ LEVEL = 0.05
 """A family is rejected where the probability of a fit as bad is less."""
 
 _CELLS = 200_000
+"""Values of resamples that are fitted at once: it bounds the memory."""
+
 _LEAST_SPREAD = 1e-4
+"""Samples whose range is a smaller share of their greatest value do not vary."""
+
 _SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 
 Step = Callable[[float, float], None]

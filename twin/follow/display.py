@@ -128,8 +128,13 @@ def end_sentence(run: FollowedRun) -> str:
 
 
 _MOST_VIOLATIONS = 5
+"""Forbidden events, and unreadable lines, that are shown."""
+
 _SILENT_S = 5.0
+"""Silence that is told of [s]."""
+
 _PAUSE_S = 0.1
+"""Least time between two drawings [s]."""
 
 
 class TerminalDisplay(RunListener):

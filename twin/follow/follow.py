@@ -20,6 +20,7 @@ POLL_S = 0.1
 """Polling interval [s]."""
 
 _PIECE = 1 << 20
+"""Bytes read at once."""
 
 
 def growing_file(

@@ -37,7 +37,10 @@ SEED = stable_hash("forecast") >> 2
 """Names the draws; no run has it by accident."""
 
 _FEWEST = 50
+"""Samples of a forecast, however large the graph."""
+
 _MOST_VALUES = 8_000_000
+"""Times of nodes in all samples above that: it bounds the memory."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenar
 from twin.scenario.sections.tools import LimitsSection, ToolSection
 
 _TOOL_COLOUR = (88, 92, 98)
+"""Colour of tools that are objects."""
 
 
 def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:

@@ -26,6 +26,8 @@ from twin.run.run_record import Run
 from twin.run.team_colours import team_colours
 
 _TASKS_A_ROW = 36
+"""Tasks of a lane in a row: their steps can be read."""
+
 _MOST_LANES = 96
 """Lanes of all rows together: what does not go into so many is left out of the picture."""
 _MARGIN = 1.012

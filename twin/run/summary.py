@@ -123,6 +123,7 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
 
 
 _MOST_VIOLATIONS = 10
+"""Violations that are printed."""
 
 _MILLIMETRES = {"contact": "deep", "jump": "far"}
 """What the depth of a violation of a kind is; others have none, or say it in their sentence."""

@@ -19,6 +19,7 @@ _COLOURS = (
     "#6b6b6b",
 )
 _DARKER = 0.62
+"""Factor by which the colours of a round are darker than those of the round before."""
 
 
 def team_colours(robots: Sequence[str]) -> dict[str, str]:

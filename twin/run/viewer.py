@@ -20,8 +20,14 @@ from planning.errors import OutputError, TwinError
 TIMELINE = "sim_time"
 _HOST = "127.0.0.1"
 _START_S = 60.0
+"""Longest time that is waited for the viewer, or for its picture [s]."""
+
 _FIRST_SETTLE_S = 3.0
+"""Time for the viewer to draw everything after its start [s]."""
+
 _SETTLE_S = 1.2
+"""Time for it to draw another moment [s]."""
+
 _STILL_SIZE = "1600x900"
 
 

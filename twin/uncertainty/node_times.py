@@ -26,6 +26,7 @@ from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 
 _MOST_VALUES = 4_000_000
+"""Times of nodes that are drawn at once: it bounds the memory."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,14 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 _TAN_UP = 0.5206  # of half the viewer's vertical angle of view, 55 degrees
 _ASPECT = 1.75  # of the 3-D view in a window of common shape
 _MARGIN = 1.04
+"""Width of the view over that of what is to be seen."""
+
 _MOST_CONFIGURATIONS = 60
+"""Configurations of each robot that are to be in the view, about."""
+
 _LEAST_M = 0.3
+"""Least distance of the eye [m]."""
+
 _BESIDE = math.atan2(0.22, 1.05)
 _TURNS = np.radians(np.arange(-30.0, 31.0, 6.0))
 _SLOPE, _STEEP = 0.615, 0.75  # metres upwards for each along the ground

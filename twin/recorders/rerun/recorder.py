@@ -30,6 +30,7 @@ from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
 _WAITING = (120, 128, 138)
+"""Colour of the curve of waiting robots."""
 
 
 def write_recording(

@@ -20,7 +20,11 @@ from twin.run.team_colours import rgb
 from twin.run.trajectory import Trajectory
 
 _FRAME_S = 0.05
+"""Least time between two frames [s]."""
+
 _FRAME_STEP = 0.02
+"""Motion of a joint that is worth a frame [rad or m]."""
+
 _NAME_COLOUR = (255, 255, 255)  # names stand on dark plates
 
 

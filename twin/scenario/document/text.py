@@ -9,6 +9,7 @@ import yaml
 from twin.scenario.document.yaml_text import plain_scalar
 
 _WIDTH = 100
+"""Columns of a line of YAML, about."""
 
 
 class _Dumper(yaml.SafeDumper):

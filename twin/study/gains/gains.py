@@ -22,6 +22,7 @@ SHORTER, GONE = 0.2, 1.0
 """By which share a lever is made shorter."""
 
 QUANTILE = 0.9
+"""Quantile of the makespan whose gain is told besides that of the mean."""
 
 TRYING = "what is worth fixing"
 """Name of the stage for progress displays."""

@@ -9,6 +9,7 @@ from planning.transforms import Array, Indices
 from twin.study.replications.statistics import Interval
 
 _DRAWS = 1000
+"""Resamples of the bootstrap."""
 
 
 class PairedQuantiles:

@@ -19,10 +19,13 @@ _NAME = 38
 """Letters of a line of a name beside a bar."""
 
 _LEGEND_SIZE = 9
+"""Size of the legend [points]."""
+
 _MARK = 4.5
 """What the mark of an entry and the gap to the next take, in letters' heights."""
 
 _ROW_IN = 0.19
+"""Height of a row of the legend [in]."""
 
 
 def one_chart(height: float) -> tuple[Figure, Axes]:

@@ -69,6 +69,7 @@ _FIRST, _LATER = 7, 5
 """Rows of each table of what is worth fixing, on the first page and for further cells."""
 
 _CRITICAL = 10
+"""Rows of the table of critical tasks."""
 
 _LONGEST_NAME = 150
 """Letters of a label in the name of a file; file systems allow some 250."""
