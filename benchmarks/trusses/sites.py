@@ -69,7 +69,7 @@ def site(
 
 
 SITES = {
-    "cube-14": site(grippers=(0.6, 0.15), torches=(0.55, 0.3)),
+    "cube-14": site(grippers=(0.6, 0.15), torches=(0.65, 0.3)),
     "tower-24": site(grippers=(0.6, 0.15), torches=(0.75, 0.3), behind=0.75),
     "girder-30": site(grippers=(0.7, 0.15), torches=(0.6, 0.3)),
     "tower-45": site(

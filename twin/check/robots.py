@@ -13,12 +13,15 @@ from planning.cell.workcell import PlacedRobot, Workcell, WorldState, start_stat
 from planning.geometry.exact import distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
-from planning.kinematics.kinematics import inverse_kinematics
-from planning.transforms import from_rpy
+from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
+from planning.transforms import Array, from_rpy
 from twin.check.finding import Finding, Findings, Subject, millimetres
 
 _SUNK = 0.005
 """A base may be in what it stands on by this [m]."""
+
+_ASIDE = 0.25
+"""A tool that waits so far beside a place is not in the way there [m]."""
 
 _NOWHERE = np.zeros(0)
 
@@ -47,21 +50,28 @@ def check_homes(subject: Subject) -> Findings:
         if pair not in seen:
             yield Finding(
                 at,
-                f"{robot.name} cannot stand at HOME: {contact}; {_remedy(cell, robot, state)}",
+                f"{robot.name} cannot stand at HOME: {contact}; {_remedy(subject, robot, state)}",
                 error=True,
             )
         seen.add(pair)
 
 
-def _remedy(cell: Workcell, robot: PlacedRobot, state: WorldState) -> str:
+def _remedy(subject: Subject, robot: PlacedRobot, state: WorldState) -> str:
     """Return what helps a robot whose HOME is in contact, with a HOME that is free where none is given."""
     if not _at_zero(robot, robot.model.dof):
         return "move its base or change its HOME"
     words = "its joints are at zero, as nobody gives it a HOME"
-    free = next(_free_homes(cell, robot, state), None)
-    if free is None:
+    parts = subject.parts
+    goals = () if parts is None else tuple(parts.listed.goals.values())
+    first: list[int] | None = None
+    for home, tool in _free_homes(subject.cell, robot, state):
+        ways = [float(np.linalg.norm(tool[:2] - goal[:2, 3])) for goal in goals]
+        if min(ways, default=np.inf) > _ASIDE:
+            return f"{words}: home_deg: {home} would be free"
+        first = first or home
+    if first is None:
         return f"{words}: give home_deg or home_rad_or_m"
-    return f"{words}: home_deg: {free} would be free"
+    return f"{words}: home_deg: {first} would be free, but in the way above places of parts"
 
 
 def _at_zero(robot: PlacedRobot, dof: int) -> bool:
@@ -73,19 +83,27 @@ def _at_zero(robot: PlacedRobot, dof: int) -> bool:
 
 def _free_homes(
     cell: Workcell, robot: PlacedRobot, state: WorldState
-) -> Iterator[list[int]]:
-    """Yield HOMEs in whole degrees, in front of an arm, its tool down, that touch nothing of a state."""
+) -> Iterator[tuple[list[int], Array]]:
+    """Yield HOMEs in whole degrees that touch nothing of a state, tool down, and where it is then.
+
+    First in front of an arm, then on either side of it; elbow up first.
+    """
     model = robot.model
     if np.any(model.chain.prismatic):
         return
     frame = "tool" if "tool" in model.frames else "flange"
     reach = float(np.linalg.norm(model.chain.placement[1:, :3, 3], axis=1).sum())
-    for share, height, quarter in product((0.45, 0.35), (0.3, 0.45), range(4)):
+    for side, share, height, quarter in product(
+        (0.0, 1.0, -1.0), (0.45, 0.35), (0.3, 0.45), range(4)
+    ):
+        turned = from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.5 * np.pi * side))
         place = from_rpy(
             (share * reach, 0.0, height * reach),
             (np.pi, 0.0, 0.5 * np.pi * quarter),
         )
-        for q in inverse_kinematics(robot, frame, robot.base @ place, robot.home):
+        at = robot.base @ turned @ place
+        found = inverse_kinematics(robot, frame, at, robot.home)
+        for q in sorted(found, key=lambda q: -_height(robot, q)):
             degrees = np.rint(np.rad2deg(q))
             home = np.deg2rad(degrees)
             if np.any((home < model.lower) | (home > model.upper)):
@@ -96,7 +114,12 @@ def _free_homes(
             }
             there = replace(state, configurations={**state.configurations, **alike})
             if SceneChecker(cell, robot.name, there).contact(home) is None:
-                yield [int(value) for value in degrees]
+                yield [int(value) for value in degrees], at[:3, 3]
+
+
+def _height(robot: PlacedRobot, q: Array) -> float:
+    """Return how high the joints of an arm are in the mean [m]: an elbow that is up is out of the way."""
+    return float(np.mean([pose[2, 3] for pose in joint_poses_of(robot, q)]))
 
 
 def check_bases(subject: Subject) -> Findings:

@@ -11,7 +11,6 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.errors import TwinError
-from tests.planning.robots.descriptions.vendors import ur5e
 from twin.check.check import CheckReport, check_scenario
 from twin.cli import app
 from twin.planning.pipeline import plan_scenario
@@ -343,34 +342,6 @@ def test_a_run_keeps_warnings(tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     (warning,) = summary["warnings"]
     assert "2.30 times what a joint can do" in warning
-
-
-def vendors_arms(folder: Path, height: float, home: str) -> list[str]:
-    """Return what is said of two arms of a vendor that gives no HOME, 1 m apart on a table."""
-    arms = CELL.replace("model: panda", f"model: {ur5e()}{home}").replace(
-        "xyz_m: [-0.6, 0, 0]", f"xyz_m: [-0.5, 0, {height}]"
-    )
-    file = written(folder, arms.replace("xyz_m: [0.6, 0, 0]", "xyz_m: [0.5, 0, 0]"))
-    return [item.message for item in checked(file).findings]
-
-
-def test_where_nobody_gives_a_home_a_free_one_is_named(tmp_path: Path) -> None:
-    (found,) = (m for m in vendors_arms(tmp_path, 0, "") if "at HOME" in m)
-    assert "its joints are at zero, as nobody gives it a HOME" in found
-    home = re.search(r"home_deg: \[[-\d, ]+\]", found)
-    assert home is not None
-    again = vendors_arms(tmp_path, 0, f"\n      {home.group()}")
-    assert not [message for message in again if "at HOME" in message]
-
-
-def test_a_base_drawn_as_balls_is_not_in_the_table_on_which_it_stands(
-    tmp_path: Path,
-) -> None:
-    standing = vendors_arms(tmp_path, 0, "")
-    assert not [message for message in standing if "deep in table" in message]
-    sunk = vendors_arms(tmp_path, -0.02, "")
-    (found,) = (message for message in sunk if "deep in table" in message)
-    assert "the base of left is 20.0 mm deep in table" in found
 
 
 def test_a_full_pallet_has_left_when_the_next_one_is_filled(tmp_path: Path) -> None:
