@@ -28,7 +28,7 @@ class Structure:
     ground: frozenset[int]
 
 
-def cube(edge: float = 0.24, jib: float = 0.12) -> Structure:
+def cube(edge: float = 0.24, jib: float = 0.16) -> Structure:
     """Return a cube on four posts, its faces braced, with two bars that carry a jib: 14 bars."""
     corners = _ring(4, edge / math.sqrt(2.0), 45.0)
     low = [(x, y, 0.0) for x, y in corners]
