@@ -38,12 +38,8 @@ def pick_targets(
         out: direction of that way in the world, of length one.
     """
     back = grip @ translation(0.0, 0.0, -approach)
-    subgoals = [
-        *straight_way(frame, "approach", back, grip),
-        Subgoal("attach", frame, grip),
-        *straight_way(frame, "lift", _moved(grip, out, leave), grip)[::-1],
-    ]
-    return SkillTargets("pick", tuple(subgoals), change_at=_index(subgoals))
+    lifted = _moved(grip, out, leave)
+    return _in_and_out("pick", frame, grip, ("approach", back), ("lift", lifted))
 
 
 def place_targets(
@@ -59,12 +55,8 @@ def place_targets(
         into: direction of the way into its place in the world, of length one.
     """
     back = grip @ translation(0.0, 0.0, -leave)
-    subgoals = [
-        *straight_way(frame, "above", _moved(grip, into, -approach), grip),
-        Subgoal("attach", frame, grip),
-        *straight_way(frame, "leave", back, grip)[::-1],
-    ]
-    return SkillTargets("place-down", tuple(subgoals), change_at=_index(subgoals))
+    above = _moved(grip, into, -approach)
+    return _in_and_out("place-down", frame, grip, ("above", above), ("leave", back))
 
 
 def hold_targets(frame: str, grip: Transform, approach: float) -> SkillTargets:
@@ -151,19 +143,27 @@ def handover_targets(
     before = grip.copy()
     before[:3, 3] -= coming
     back = grip @ translation(0.0, 0.0, -leave)
-    subgoals = [
-        *straight_way(frame, "bring", before, grip),
-        Subgoal("attach", frame, grip),
-        *straight_way(frame, "leave", back, grip)[::-1],
-    ]
-    return SkillTargets("handover", tuple(subgoals), change_at=_index(subgoals))
+    return _in_and_out("handover", frame, grip, ("bring", before), ("leave", back))
+
+
+def _in_and_out(
+    kind: str,
+    frame: str,
+    grip: Transform,
+    come: tuple[str, Transform],
+    go: tuple[str, Transform],
+) -> SkillTargets:
+    """Return the subgoals of going straight to a grip, where the part changes hands, and away.
+
+    ``come`` and ``go`` are what the two ways are called, and where they begin and end.
+    """
+    way_in = straight_way(frame, *come, grip)
+    way_out = straight_way(frame, *go, grip)[::-1]
+    subgoals = (*way_in, Subgoal("attach", frame, grip), *way_out)
+    return SkillTargets(kind, subgoals, change_at=len(way_in))
 
 
 def _moved(pose: Transform, direction: Vector, way: float) -> Transform:
     out = pose.copy()
     out[:3, 3] += way * np.asarray(direction)
     return out
-
-
-def _index(subgoals: list[Subgoal]) -> int:
-    return next(k for k, item in enumerate(subgoals) if item.name == "attach")
