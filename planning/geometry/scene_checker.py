@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise, permutations
 
 import numpy as np
 
@@ -148,24 +148,20 @@ class SceneChecker:
         in_hand = [k for name in boxes.in_hand for k in boxes.columns[name]]
         box_limit[:, in_hand] = self._between_robots
         box_limit[own.hulls.joint < 0, : boxes.fixtures] = SKIP
-        for pair in allowed:
-            if len(pair) != 2:
+        pairs = (permutations(pair) for pair in allowed if len(pair) == 2)
+        for mine, other in chain.from_iterable(pairs):
+            bodies = own.of_entity(mine)
+            if not bodies:
                 continue
-            one, two = pair
-            for mine, other in ((one, two), (two, one)):
-                bodies = own.of_entity(mine)
-                if not bodies:
-                    continue
-                if other in boxes.columns:
-                    box_limit[np.ix_(bodies, boxes.columns[other])] = SKIP
-                    continue
-                theirs = [k for k, name in enumerate(others.entities) if name == other]
-                if theirs:
-                    solid_limit[np.ix_(bodies, theirs)] = SKIP
-                for i in bodies:
-                    for j in own.of_entity(other):
-                        if i < parts <= j:
-                            self_limit[i, j] = SKIP
+            if other in boxes.columns:
+                box_limit[np.ix_(bodies, boxes.columns[other])] = SKIP
+                continue
+            theirs = [k for k, name in enumerate(others.entities) if name == other]
+            if theirs:
+                solid_limit[np.ix_(bodies, theirs)] = SKIP
+            held = [k for k in own.of_entity(other) if k >= parts]
+            if held:
+                self_limit[np.ix_([k for k in bodies if k < parts], held)] = SKIP
         box_limit[:, list(self._gone)] = SKIP
         self._scene = packed(
             self._scene._replace(
