@@ -68,25 +68,9 @@ def cut_timeline(
     inside = [span for span in line.skills if span[0] <= start < span[1]]
     begin = min([start, *(span[0] for span in inside)])
     last = min(line.end, until)
-    grid = np.arange(np.ceil(begin / step), np.floor(last / step) + 1) * step
     skills = [s for s in line.skills if s[1] > begin and s[0] < until]
-    for a, b in skills:
-        grid = grid[(grid <= a + SAME) | (grid >= b - SAME)]
-    times = np.concatenate(
-        [
-            [begin],
-            grid,
-            line.time,
-            changes,
-            cuts,
-            [t for span in skills for t in span],
-            [last],
-        ]
-    )
-    times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
-    if len(times) > 1:
-        keep = np.concatenate([[True], np.diff(times) > SAME])
-        times = times[keep]
+    given = np.concatenate([line.time, changes, cuts])
+    times = _cut_times(begin, last, step, skills, given)
     q = np.stack([np.interp(times, line.time, column) for column in line.path.T], 1)
     if until > last + SAME:
         # It stands from the end of its timeline on.
@@ -122,3 +106,23 @@ def cut_timeline(
         whole,
         moment,
     )
+
+
+def _cut_times(
+    begin: float,
+    last: float,
+    step: float,
+    skills: Sequence[tuple[float, float]],
+    given: Array,
+) -> Array:
+    """Return the times at which pieces begin and end: of the grid, of skills, and given ones.
+
+    The grid does not cut skills.
+    """
+    grid = np.arange(np.ceil(begin / step), np.floor(last / step) + 1) * step
+    for a, b in skills:
+        grid = grid[(grid <= a + SAME) | (grid >= b - SAME)]
+    ends = [t for span in skills for t in span]
+    times = np.concatenate([[begin], grid, given, ends, [last]])
+    times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
+    return times[np.concatenate([[True], np.diff(times) > SAME])]
