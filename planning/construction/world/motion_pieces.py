@@ -125,4 +125,4 @@ def _cut_times(
     ends = [t for span in skills for t in span]
     times = np.concatenate([[begin], grid, given, ends, [last]])
     times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
-    return times[np.concatenate([[True], np.diff(times) > SAME])]
+    return np.asarray(times[np.concatenate([[True], np.diff(times) > SAME])])
