@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import count, permutations
 
 import numpy as np
 
 from planning.motion.motion_plan import MotionPlan
 from planning.parallel import side_by_side
+from planning.progress import Progress, no_progress
 from planning.transforms import Indices
 from scheduling.build_nodes import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -24,7 +24,7 @@ from scheduling.invariant import check_invariant
 
 
 def build_tpg(
-    plan: MotionPlan, *, progress: Callable[[int, int], None] | None = None
+    plan: MotionPlan, *, progress: Progress = no_progress
 ) -> TemporalPlanGraph:
     """Return the temporal plan graph of a motion plan, reduced and checked.
 
@@ -40,7 +40,7 @@ def build_tpg(
 
 
 def connect_nodes(
-    nodes: DerivedTpg, *, progress: Callable[[int, int], None] | None = None
+    nodes: DerivedTpg, *, progress: Progress = no_progress
 ) -> TemporalPlanGraph:
     """Return the graph of nodes that have planned times, reduced and checked.
 
@@ -68,7 +68,7 @@ def connect_nodes(
 def find_motion_edges(
     nodes: DerivedTpg,
     task_edges: Indices,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> Indices:
     """Return the type-2 edges that motion conflicts ask for, not reduced, shape (e, 4).
 
@@ -95,8 +95,7 @@ def find_motion_edges(
         limit = nodes_before(nodes.ranks, i, k)
         found = nodes.conflicts(occupancies[i], occupancies[k], floor, limit)
         edges = [(k, u, i, v) for v, u in found]
-        if progress is not None:
-            progress(next(done), len(todo))
+        progress(next(done), len(todo))
         return edges
 
     edges = {edge for found in side_by_side(search, todo) for edge in found}

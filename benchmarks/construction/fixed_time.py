@@ -22,7 +22,6 @@ from planning.construction.keyframes.step_scenes import StepScenes
 from planning.construction.legs import Leg, LegPlanner, retreat_hints
 from planning.construction.planner import (
     ConstructionPlan,
-    no_progress,
     plan_with,
 )
 from planning.construction.problem.problem import ConstructionProblem
@@ -31,6 +30,7 @@ from planning.construction.problem.settings import PlannerSettings
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building
 from planning.construction.world.skill_motion import SkillMotion
+from planning.progress import Progress, no_progress
 from planning.skills.contacts import gripped
 from planning.transforms import Array
 
@@ -152,7 +152,7 @@ def plan_fixed_time(
     problem: ConstructionProblem,
     duration: float,
     settings: PlannerSettings | None = None,
-    progress: Callable[[int, int], None] = no_progress,
+    progress: Progress = no_progress,
 ) -> ConstructionPlan:
     """Plan a construction with actions of a fixed duration.
 

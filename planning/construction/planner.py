@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
+from planning.progress import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -46,14 +47,10 @@ class ConstructionPlan:
         return max(work.end for work in self.building.work)
 
 
-def no_progress(done: int, total: int) -> None:
-    """Ignore progress."""
-
-
 def plan_construction(
     problem: ConstructionProblem,
     settings: PlannerSettings | None = None,
-    progress: Callable[[int, int], None] = no_progress,
+    progress: Progress = no_progress,
 ) -> ConstructionPlan:
     """Plan a construction in space and time.
 
@@ -73,7 +70,7 @@ def plan_construction(
 def plan_with(
     solver: SubproblemSolver,
     settings: SearchSettings,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> ConstructionPlan:
     """Search with some solver of sub-problems; see plan_construction."""
     search = ConstructionSearch(solver, settings, progress)
@@ -110,7 +107,7 @@ class ConstructionSearch:
         self,
         solver: SubproblemSolver,
         settings: SearchSettings,
-        progress: Callable[[int, int], None],
+        progress: Progress,
     ) -> None:
         self.problem = problem = solver.problem
         self.candidates = Candidates(solver.bounds)

@@ -16,6 +16,7 @@ from planning.motion.known_scenes import Pairs
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import RobotSpeed, sample_path
 from planning.motion.transit import TransitPlanner
+from planning.progress import Progress, no_progress
 from planning.tasks.exceptions import ExceptionKey, strongest_exception
 from planning.tasks.task import (
     TRANSIT,
@@ -77,7 +78,7 @@ def plan_sequential(
     expansions: Sequence[Callable[[int], Iterator[StepTasks]]],
     link_steps: Callable[[Sequence[StepTasks]], np.ndarray],
     settings: MotionSettings,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = no_progress,
     known: KnownMotions | None = None,
 ) -> MotionPlan:
     """Plan the paths of all steps in order.

@@ -12,7 +12,7 @@ does and a later step joins it, its robot keeps hold of it, and that step comes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import part_steps
 from planning.parts.steps import AnyStep, MachineWork, Place, Work
+from planning.progress import Progress, no_progress
 from planning.skills.outfits import in_racks
 from planning.transforms import Array, readonly, translation
 
@@ -93,7 +94,7 @@ def in_found_order(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
 def find_ordered_candidates(
     cell: Workcell,
     assembly: PartAssembly,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> PartCandidates:
     """Return the candidates of an assembly in an order in which robots can do every step.
 

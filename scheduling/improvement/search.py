@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from planning.progress import Progress, no_progress
 from scheduling.improvement.neighbours import draw_neighbour
 from scheduling.improvement.rated_plans import PlanRater, RatedPlan
 
@@ -34,7 +35,7 @@ def improve_plan(
     tries: int,
     seed: int,
     clock: Callable[[], float] = time.monotonic,
-    progress: Callable[[float, float], None] = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> RatedPlan:
     """Return the best plan found; the given one where none is better.
 

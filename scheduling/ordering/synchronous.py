@@ -9,7 +9,7 @@ transits that would collide are planned as one robot, in lock step.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
+from planning.progress import Progress, no_progress
 from planning.tasks.task import TRANSIT
 from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Indices
@@ -136,7 +137,7 @@ def plan_synchronous(
     plan: MotionPlan,
     settings: MotionSettings,
     conflicts: TaskConflicts,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> SynchronousPlan:
     """Turn a sequential plan into one in slots.
 
@@ -180,7 +181,7 @@ class _Planner:
         self.state: WorldState = start_state(plan.cell)
         self.handles = {t.index for t in plan.tasks if t.handlings}
 
-    def plan(self, progress: Callable[[int, int], None]) -> SynchronousPlan:
+    def plan(self, progress: Progress) -> SynchronousPlan:
         groups: list[tuple[int, ...]] = []
         clock, number = 0.0, 0
         while len(self.out) < len(self.tasks):

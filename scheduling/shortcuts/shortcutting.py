@@ -11,12 +11,13 @@ after a number of them, never by the clock: the same seed gives the same plan.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
+from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.stretches import (
@@ -84,7 +85,7 @@ def shorten_tpg(
     step: float,
     candidates: int,
     seed: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
     """Return a graph with runs of transit nodes replaced by shorter ones.
 

@@ -9,13 +9,14 @@ ordered, (b) so are a node and a robot that stands, (c) and a node and an object
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 
+from planning.progress import Progress, no_progress
 from planning.transforms import Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import (
@@ -41,9 +42,6 @@ __all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
 
 _Key = tuple[int, int]
 """Of both sides: 2 * node, and one more where the robot stands before it."""
-
-Progress = Callable[[int, int], None]
-"""Called with the pairs of robots (or robots and resting things) done so far, and their number."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def verify_plan(
     tpg: TemporalPlanGraph,
     *,
     limit: int = 100,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> VerificationReport:
     """Check a plan from scratch.
 

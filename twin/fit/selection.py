@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
+from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from twin.durations import (
     AnyDuration,
@@ -54,9 +55,6 @@ _LEAST_SPREAD = 1e-4
 
 _SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 
-Step = Callable[[float, float], None]
-"""Called with how much is done and how much there is in all."""
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -94,7 +92,7 @@ def fit_candidates(
     *,
     resamples: int = 199,
     seed: int = 0,
-    progress: Step = lambda done, total: None,
+    progress: Progress = no_progress,
 ) -> tuple[Candidate, ...]:
     """Fit every family that suits a sample, and rank them.
 

@@ -13,7 +13,6 @@ from typing import Self
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    Progress,
     ProgressColumn,
     SpinnerColumn,
     TaskID,
@@ -21,6 +20,11 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
+from rich.progress import (
+    Progress as RichProgress,
+)
+
+from planning.progress import Progress
 
 Report = Callable[[str, float, float], None]
 """Called with the name of a stage, how much of it is done, and how much there is in all."""
@@ -30,7 +34,7 @@ def report_nothing(stage: str, done: float, total: float) -> None:
     """Ignore progress."""
 
 
-def of_stage(report: Report, stage: str) -> Callable[[float, float], None]:
+def of_stage(report: Report, stage: str) -> Progress:
     """Return a callback for the progress of one stage: done, and total."""
     return lambda done, total: report(stage, done, total)
 
@@ -61,7 +65,7 @@ class StageWatch:
         if label is not None:
             self.report(label, 1, 1)
 
-    def reporter(self, label: str) -> Callable[[float, float], None]:
+    def reporter(self, label: str) -> Progress:
         """Return a callback that shows the progress of a stage: done, and total."""
         return of_stage(self.report, label)
 
@@ -81,7 +85,7 @@ class StageDisplay:
         share = (TaskProgressColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
         self._live = enabled and sys.stderr.isatty()
         self._stages: dict[str, TaskID] = {}
-        self._progress = Progress(
+        self._progress = RichProgress(
             SpinnerColumn(),
             TextColumn("{task.description:<24}"),
             BarColumn(bar_width=30),

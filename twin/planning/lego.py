@@ -20,6 +20,7 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
+from planning.progress import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
@@ -40,7 +41,7 @@ from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
     from planning.lego.sequencing.rules import SequencingRules
-    from planning.lego.sequencing.sequencing import Progress, SequencedStructure
+    from planning.lego.sequencing.sequencing import SequencedStructure
     from planning.lego.skills.candidates import LegoCandidates
     from planning.motion.sequential import MotionSettings
     from planning.tasks.work import AssemblyWork
@@ -292,7 +293,7 @@ def find_sequence(
     robots: int,
     carrier: str = "gp4",
     alone: frozenset[str] = frozenset(),
-    progress: Progress = lambda done, of: None,
+    progress: Progress = no_progress,
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build its finished structure.
 

@@ -7,7 +7,7 @@ settled for all of it what moves with whom, what rests, and what may touch.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -18,10 +18,9 @@ from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
 from planning.contacts.precedence import MOST_OVERLAP
+from planning.progress import Progress
 from planning.transforms import Array
 from scheduling.verification.reference import Part, measure, resting_parts
-
-Progress = Callable[[int, int], None]
 
 
 def measure_clearances(

@@ -8,7 +8,6 @@ so tries without end would be a complete search, and the last one takes all that
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from planning.lego.insertion.insertion import Insertion
@@ -16,6 +15,7 @@ from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
 from planning.lego.sequencing.prospects import Prospects
 from planning.lego.sequencing.removals import Removals
 from planning.lego.stability.partial_structures import Names
+from planning.progress import Progress, no_progress
 
 _FIRST_TRY = 30
 """Partial structures that the first try may look at beyond one for each brick."""
@@ -44,7 +44,7 @@ def search_sequence(
     prospects: Prospects,
     *,
     limit: int,
-    progress: Callable[[int, int], None] = lambda done, of: None,
+    progress: Progress = no_progress,
 ) -> SequenceSearch:
     """Search for an order in which bricks can be put together.
 

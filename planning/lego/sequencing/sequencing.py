@@ -9,7 +9,7 @@ are any, no order exists, and they are the proof.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from planning.errors import InfeasibleStepError, UndecidedError
@@ -21,8 +21,7 @@ from planning.lego.sequencing.removals import Removals
 from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.sequencing.search import SequenceSearch, search_sequence
 from planning.lego.stability.partial_structures import Names
-
-Progress = Callable[[int, int], None]
+from planning.progress import Progress, no_progress
 
 _TRIES = 100
 """Partial structures looked at, beyond one for each brick, before more scaffolding is added."""
@@ -74,7 +73,7 @@ def sequence_structure(
     *,
     scaffold: Iterable[PlacedBrick] = (),
     rules: SequencingRules | None = None,
-    progress: Progress = lambda done, of: None,
+    progress: Progress = no_progress,
 ) -> SequencedStructure:
     """Return an order in which a structure can be assembled, and how each brick goes in.
 
@@ -147,7 +146,7 @@ def sequenced(
     assembly: LegoAssembly,
     structure: Sequence[PlacedBrick] | None = None,
     rules: SequencingRules | None = None,
-    progress: Progress = lambda done, of: None,
+    progress: Progress = no_progress,
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build a structure on its scaffold.
 
