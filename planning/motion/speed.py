@@ -29,7 +29,7 @@ class SpeedModel(Protocol):
 
     def duration(self, q_a: Array, q_b: Array) -> float:
         """Return the time of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
-        ...
+        return float(self.durations(q_b - q_a))
 
 
 class RobotSpeed(SpeedModel, Protocol):
@@ -37,11 +37,11 @@ class RobotSpeed(SpeedModel, Protocol):
 
     def times_along(self, path: Array) -> Array:
         """Return when each waypoint of a skill's path, shape (w, n), is passed, shape (w,) [s]."""
-        ...
+        return path_times(path, self)
 
 
 @dataclass(frozen=True)
-class L1Speed:
+class L1Speed(RobotSpeed):
     """The paper's model: the sum of all joint travels passes at a fixed rate (APEX-MR V).
 
     Attributes:
@@ -61,17 +61,9 @@ class L1Speed:
             return seconds
         return np.asarray(np.maximum(seconds, np.max(travel / self.velocity, axis=-1)))
 
-    def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the L1 joint distance over the speed, or what a limit makes it [s]."""
-        return float(self.durations(q_b - q_a))
-
-    def times_along(self, path: Array) -> Array:
-        """Return when each waypoint of a path is passed, shape (w,) [s]."""
-        return path_times(path, self)
-
 
 @dataclass(frozen=True)
-class JointSpeed:
+class JointSpeed(RobotSpeed):
     """Every joint at most at its own limit; the slowest one decides.
 
     Attributes:
@@ -84,17 +76,9 @@ class JointSpeed:
         """Return the times that the slowest joint needs [s]."""
         return np.asarray(np.max(np.abs(travel) / self.velocity, axis=-1))
 
-    def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the time that the slowest joint needs [s]."""
-        return float(self.durations(q_b - q_a))
-
-    def times_along(self, path: Array) -> Array:
-        """Return when each waypoint of a path is passed, shape (w,) [s]."""
-        return path_times(path, self)
-
 
 @dataclass(frozen=True)
-class LimitedSpeed:
+class LimitedSpeed(RobotSpeed):
     """From rest to rest within limits of speed, acceleration and jerk.
 
     Attributes:
@@ -106,10 +90,6 @@ class LimitedSpeed:
     def durations(self, travel: Array) -> Array:
         """Return the times of straight motions, at rest at both ends [s]."""
         return straight_seconds(self.limits, travel)
-
-    def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the time of the straight motion, at rest at both ends [s]."""
-        return float(self.durations(q_b - q_a))
 
     def times_along(self, path: Array) -> Array:
         """Return when each waypoint of a path is passed, shape (w,) [s].
