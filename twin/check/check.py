@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +54,9 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
 
 _MOST = 5
 """Findings of one check that are told at one key."""
+
+_OF_A_PRODUCT = re.compile(r"([A-Za-z_])\.\d+\b")
+"""The number of a product in the name of one of its parts."""
 
 _ABSENT: KeyPath = ("assembly", "kind")
 """Where a finding is shown whose section the file leaves out."""
@@ -156,9 +160,13 @@ def check_scenario(
 
 
 def _few(findings: Findings) -> list[Finding]:
-    """Return the first findings of each key, and how many more there are."""
-    by_key: dict[tuple[KeyPath, bool], list[Finding]] = {}
+    """Return the first findings of each key, and how many more there are; of products that of one."""
+    first: dict[tuple[KeyPath, bool, str], Finding] = {}
     for item in findings:
+        words = _OF_A_PRODUCT.sub(r"\1", item.message)
+        first.setdefault((item.at, item.error, words), item)
+    by_key: dict[tuple[KeyPath, bool], list[Finding]] = {}
+    for item in first.values():
         by_key.setdefault((item.at, item.error), []).append(item)
     out: list[Finding] = []
     for (at, error), items in by_key.items():

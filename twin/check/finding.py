@@ -86,10 +86,19 @@ class Subject:
         return ("cell", "robots", number, key)
 
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
-        """Return where an object or a fixture is in the file."""
-        places = self._places
-        path = places.get(name) or places.get(name.rpartition(".")[0]) or ("assembly",)
-        return (*path[:-1], key) if path[-1] == "name" else path
+        """Return where an object or a fixture is in the file; where it begins may be its source."""
+        places, known = self._places, name
+        while known not in places and "." in known:
+            known = known.rpartition(".")[0]  # of products, NAME.1
+        path = places.get(known, ("assembly",))
+        if path[-1] != "name":
+            return path
+        section = self.scenario.assembly
+        if key == "start" and isinstance(section, PartsSection):
+            sources = {part.name: part.source for part in section.parts}
+            if (source := sources.get(known)) is not None:
+                return ("assembly", "sources", source, "pose")
+        return (*path[:-1], key)
 
     @cached_property
     def _places(self) -> dict[str, KeyPath]:

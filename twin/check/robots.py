@@ -42,6 +42,8 @@ def check_homes(subject: Subject) -> Findings:
                     at,
                     f"HOME of {robot.name}: joint {name} is at {robot.home[k]:.3f}, its limits are"
                     f" {model.lower[k]:.3f} and {model.upper[k]:.3f} (rad or m)",
+                    # A joint that turns may be given a turn too many; what drives ends there.
+                    error=bool(model.chain.prismatic[k]),
                 )
         contact = SceneChecker(cell, robot.name, state).contact(robot.home)
         if contact is None:

@@ -88,3 +88,28 @@ def test_a_rack_that_its_robot_does_not_reach(
     report = checked(gearbox(tmp_path, "driver", "rack", {"xyz_m": place}))
     (found,) = (item for item in report.errors if words in item.message)
     assert found.at == ("cell", "tools", "driver", "rack")
+
+
+def tended(folder: Path, old: str, new: str) -> Path:
+    """Write the tended machines with one text in place of another."""
+    source = ROOT / "scenarios/assembly"
+    text = (source / "machine_tending.yaml").read_text(encoding="utf-8")
+    assert old in text
+    text = text.replace("tools/gripper.urdf", str(source / "tools/gripper.urdf"))
+    return written(folder, text.replace(old, new))
+
+
+def test_what_is_wrong_with_every_product_is_said_once_at_its_source(
+    tmp_path: Path,
+) -> None:
+    old, new = "xyz_m: [0.1, -0.45, 0.725]", "xyz_m: [100, -450, 725]"
+    (found,) = checked(tended(tmp_path, old, new)).findings
+    assert found.at == ("assembly", "sources", "blanks", "pose")
+    assert "if these are millimetres, it is [0.1, -0.45, 0.725]" in found.message
+
+
+def test_a_robot_that_cannot_drive_to_where_it_is_parked(tmp_path: Path) -> None:
+    old, new = "at_m: [1.6, 0.1]", "at_m: [1600, 0.1]"
+    (found,) = checked(tended(tmp_path, old, new)).errors
+    assert "HOME of cart: joint base_x is at 1600.000" in found.message
+    assert found.at == ("cell", "robots", 1, "parked")

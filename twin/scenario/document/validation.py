@@ -184,7 +184,7 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
     if kind in ("too_short", "too_long"):
         least = context.get("min_length", context.get("max_length"))
         few = "at least " if kind == "too_short" else "at most "
-        if node.get("minItems") == node.get("maxItems"):
+        if node.get("minItems", 0) == node.get("maxItems"):
             few = ""
         count = len(value) if isinstance(value, list) else context["actual_length"]
         noun = "entry" if least == 1 else "entries"
