@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from planning.errors import ScenarioError
+from planning.motion.sequential import MotionSettings
 from scheduling.build_nodes import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
@@ -125,39 +126,8 @@ def measure_policies(
         )
     watch = StageWatch(progress)
     turns = plan_in_turns(scenario, base, watch)
-    settings = turns.settings
-    found: dict[str, Measurement] = {}
-
-    def measure(
-        name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
-    ) -> None:
-        tpg = timed(tpg, scenario, StageWatch())
-        run = execute(scenario, tpg, base, NAMED_POLICIES[name].release)
-        merged = name in (SYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS_SHORTCUTS)
-        ratio = None
-        if name in BASELINES:
-            ratio = straight_line_ratio(tpg, run, settings.speeds)
-        found[name] = Measurement(
-            makespan_s=run.makespan_s,
-            wait_s=sum(map(run.wait_ns, range(len(tpg.chains)))) / NANOSECONDS,
-            planning_s=dict(planning_s),
-            straight_line_s=straight_line_s(
-                tpg, run, settings.speeds, past_home=merged
-            ),
-            critical_path_s=lower_bound_s(tpg, run),
-            straight_line_ratio=ratio,
-            nodes=sum(len(chain) for chain in tpg.chains),
-            type2_edges=len(tpg.edges),
-        )
-
-    def measure_shortened(
-        name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
-    ) -> None:
-        own = StageWatch(progress)
-        shorter = shorten(tpg, settings, own, candidates=candidates, seed=seed)
-        measure(name, shorter, {**planning_s, **own.seconds})
-
-    measure(SEQUENTIAL, build_nodes(turns.motion_plan), watch.seconds)
+    measured = _Measured(scenario, base, turns.settings, progress, candidates)
+    measured.plan(SEQUENTIAL, build_nodes(turns.motion_plan), watch.seconds)
 
     in_slots = StageWatch(progress)
     slots = plan_in_slots(turns, in_slots)
@@ -165,17 +135,77 @@ def measure_policies(
     ordering = StageWatch(progress)
     tpg = order_motions(slots.motion_plan, ordering, slots.slot_of_task)
     # What waits for what in slots follows from the slots: no graph is part of this baseline.
-    measure(SYNCHRONOUS, tpg, of_slots)
+    measured.plan(SYNCHRONOUS, tpg, of_slots)
     of_slots = {**of_slots, **ordering.seconds}
-    measure(SYNCHRONOUS_TPG, tpg, of_slots)
-    measure_shortened(SYNCHRONOUS_SHORTCUTS, tpg, of_slots)
+    measured.plan(SYNCHRONOUS_TPG, tpg, of_slots)
+    measured.shortened(SYNCHRONOUS_SHORTCUTS, tpg, of_slots)
 
     ordering = StageWatch(progress)
     tpg = order_motions(turns.motion_plan, ordering)
     of_turns = {**watch.seconds, **ordering.seconds}
-    measure(ASYNCHRONOUS, tpg, of_turns)
-    measure_shortened(ASYNCHRONOUS_SHORTCUTS, tpg, of_turns)
-    return found
+    measured.plan(ASYNCHRONOUS, tpg, of_turns)
+    measured.shortened(ASYNCHRONOUS_SHORTCUTS, tpg, of_turns)
+    return measured.found
+
+
+class _Measured:
+    """Measurements of the plans of a scenario, one a policy.
+
+    Args:
+        scenario: with the seed of plans and draws.
+        base: where its relative paths start.
+        settings: of the motions of all plans.
+        progress: told how far shortening has come.
+        candidates: shortcuts tried.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        base: Path,
+        settings: MotionSettings,
+        progress: Report,
+        candidates: int,
+    ) -> None:
+        self.found: dict[str, Measurement] = {}
+        self._scenario, self._base, self._settings = scenario, base, settings
+        self._progress, self._candidates = progress, candidates
+
+    def plan(
+        self, name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
+    ) -> None:
+        """Execute a plan under the policy of a name."""
+        tpg = timed(tpg, self._scenario, StageWatch())
+        run = execute(self._scenario, tpg, self._base, NAMED_POLICIES[name].release)
+        speeds = self._settings.speeds
+        merged = name in (SYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS_SHORTCUTS)
+        ratio = None
+        if name in BASELINES:
+            ratio = straight_line_ratio(tpg, run, speeds)
+        self.found[name] = Measurement(
+            makespan_s=run.makespan_s,
+            wait_s=sum(map(run.wait_ns, range(len(tpg.chains)))) / NANOSECONDS,
+            planning_s=dict(planning_s),
+            straight_line_s=straight_line_s(tpg, run, speeds, past_home=merged),
+            critical_path_s=lower_bound_s(tpg, run),
+            straight_line_ratio=ratio,
+            nodes=sum(len(chain) for chain in tpg.chains),
+            type2_edges=len(tpg.edges),
+        )
+
+    def shortened(
+        self, name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
+    ) -> None:
+        """Shorten a plan, and execute it under the policy of a name."""
+        own = StageWatch(self._progress)
+        shorter = shorten(
+            tpg,
+            self._settings,
+            own,
+            candidates=self._candidates,
+            seed=self._scenario.seed,
+        )
+        self.plan(name, shorter, {**planning_s, **own.seconds})
 
 
 def comparison_figures(rows: Rows) -> dict[str, dict[str, Any]]:
