@@ -43,14 +43,17 @@ def corner_figures(
 def _without_rests(rested: TemporalPlanGraph) -> tuple[TemporalPlanGraph, int]:
     """Return a graph as if corners cost nothing, which no robot could follow, and their number."""
     chains, corners = [], 0
-    for chain in rested.chains:
+    for k, chain in enumerate(rested.chains):
         drive = chain.drive
         if drive is None:
             chains.append(chain)
             continue
         moves = drive.ramp > 0.0
         goes_on = moves & np.append(moves[1:], False)
-        goes_on[:-1] &= chain.task[1:] == chain.task[:-1]
+        for handling in rested.handlings:
+            # What changes hands does so at rest.
+            if handling.robot == k:
+                goes_on[handling.node - (handling.waypoint == 0)] = False
         corners += int(np.sum(goes_on & drive.rests))
         free = replace(drive, rests=drive.rests & ~goes_on)
         duration = np.where(moves, nominal_durations(free), chain.duration)
