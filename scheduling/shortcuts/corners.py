@@ -7,12 +7,12 @@ follows from the times that the robot's limits ask for; the plan never ends late
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from planning.progress import Progress, no_progress
 from planning.timing.blend import longest_window
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -49,9 +49,7 @@ _MOST = 16
 
 
 def round_corners(
-    tpg: TemporalPlanGraph,
-    *,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    tpg: TemporalPlanGraph, *, progress: Progress = no_progress
 ) -> TemporalPlanGraph:
     """Return a graph in which robots with limits of acceleration pass corners of transits at speed.
 
