@@ -104,8 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def measure_corners(path: Path) -> dict[str, Any]:
     """Return the figures of a scenario's corners."""
-    scenario = load_scenario(path)
-    tpg = plan_scenario(_at_full_speed(scenario), path.parent).tpg
+    scenario = _at_full_speed(load_scenario(path))
+    tpg = plan_scenario(scenario, path.parent).tpg
     model = _undisturbed(scenario, path)
 
     def executed(rounded: TemporalPlanGraph) -> list[str]:
@@ -133,8 +133,8 @@ def _undisturbed(scenario: Scenario, path: Path) -> ExecutionModel:
 def measure(path: Path, stalled: int, audited: int) -> dict[str, Any]:
     """Return the figures of one scenario."""
     begin = time.process_time()
-    scenario = load_scenario(path)
-    tpg = plan_scenario(_at_full_speed(scenario), path.parent).tpg
+    scenario = _at_full_speed(load_scenario(path))
+    tpg = plan_scenario(scenario, path.parent).tpg
     model = _undisturbed(scenario, path)
     free = Simulator(tpg, model).run(seed=scenario.seed)
     row: dict[str, Any] = {
@@ -190,7 +190,8 @@ def _at_full_speed(scenario: Scenario) -> Scenario:
     """Return a scenario that is planned without limits of acceleration."""
     if scenario.speed_model != "limits":
         return scenario
-    section = scenario.planning.model_copy(update={"speed_model": "joint"})
+    model = "joint" if scenario.planning.speed_rad_s is None else "l1"
+    section = scenario.planning.model_copy(update={"speed_model": model})
     return scenario.model_copy(update={"planning": section})
 
 

@@ -215,17 +215,27 @@ def _dark(colour: str) -> bool:
 def _binding_edges(
     tpg: TemporalPlanGraph, run: Run, robots: Sequence[str]
 ) -> list[tuple[float, int, int]]:
-    """Return the time [s] and both lanes of the type-2 edges whose source ended a wait."""
+    """Return the time [s] and both lanes of the type-2 edges whose source ended a wait.
+
+    Of the nodes that a robot waited for it is the last that was complete, and those of the same
+    time; the robot may set off later: messages take time, and so does speeding up.
+    """
     lane_of = {robot: k for k, robot in enumerate(robots)}
-    waited = {(w.chain, w.node): w.end_ns for w in run.waits()}
-    links = []
+    waits = {(w.chain, w.node): w for w in run.waits()}
+    last_ns: dict[tuple[int, int], int] = {}
+    found = []
     for a, m, b, n in tpg.edges.tolist():
-        end = int(run.end_ns[a][m])
-        names = tpg.chains[a].robot, tpg.chains[b].robot
-        if waited.get((b, n)) == end and lane_of.keys() >= set(names):
-            lanes = lane_of[tpg.chains[a].robot], lane_of[tpg.chains[b].robot]
-            links.append((end / NANOSECONDS, *lanes))
-    return links
+        end_ns, wait = int(run.end_ns[a][m]), waits.get((b, n))
+        if wait is None or not wait.start_ns < end_ns <= wait.end_ns:
+            continue
+        last_ns[b, n] = max(end_ns, last_ns.get((b, n), 0))
+        lanes = lane_of.get(tpg.chains[a].robot), lane_of.get(tpg.chains[b].robot)
+        found.append((end_ns, (b, n), lanes))
+    return [
+        (end_ns / NANOSECONDS, source, target)
+        for end_ns, node, (source, target) in found
+        if end_ns == last_ns[node] and source is not None and target is not None
+    ]
 
 
 def _draw_arrow(axis: Axes, t_s: float, start: int, end: int) -> None:

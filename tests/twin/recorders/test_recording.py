@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 from rerun.chunk import RrdReader
 
 from planning.cell.forms import Cylinder
@@ -23,6 +24,8 @@ from tests.twin.recorders.recorded_toys import rows, static
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
+from twin.durations import NANOSECONDS
+from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
 from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
@@ -242,6 +245,31 @@ def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
     }
     names = [robot.name for robot in tpg.cell.robots]
     assert {rgb(colour) for colour in team_colours(names).values()} <= seen
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.05])
+def test_every_wait_has_an_arrow_from_whom_it_is_for(latency_s: float) -> None:
+    tpg = random_tpg(1, dofs=(2, 2, 2), tasks=6)
+    slow = Messages.of_seconds(None, latency_s, latency_s)
+    memory = MemoryRecorder()
+    run = simulate(tpg, VARIED, seed=0, messages=slow, recorders=[memory])
+    figure = gantt_figure(tpg, run, memory.events)
+    arrows = {
+        (int(np.rint(arrow.xyann[1])), int(np.rint(arrow.xy[1])), arrow.xy[0])
+        for arrow in figure.axes[0].texts
+        if isinstance(arrow, Annotation)
+    }
+    told = [e for e in memory.events if e.detail.startswith("waits for robot_")]
+    assert told
+    for event in told:
+        waiting, node = int(event.robot[-1]), event.node
+        goes_on_s = run.start_ns[waiting][node] / NANOSECONDS
+        sources = [
+            source
+            for source, target, t_s in arrows
+            if target == waiting and event.t_ns / NANOSECONDS < t_s <= goes_on_s
+        ]
+        assert sources, event
 
 
 def test_long_runs_wrap_into_rows(tmp_path: Path) -> None:
