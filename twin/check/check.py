@@ -12,6 +12,7 @@ from twin.check.efforts import check_efforts
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.lying import (
     check_balance,
+    check_centres,
     check_fixtures,
     check_goals,
     check_starts,
@@ -40,6 +41,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_starts,
     check_goals,
     check_balance,
+    check_centres,
     check_grips,
     check_flanges,
     check_tool_frames,

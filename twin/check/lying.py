@@ -12,7 +12,7 @@ from planning.parts.part_steps import node_remedy, stop_pose
 from planning.parts.steps import Place
 from planning.tasks.supply_tasks import DOOR
 from planning.transforms import Transform
-from twin.check.finding import Finding, Findings, Subject, millimetres
+from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import PartsSection
 
 _TOUCH = 0.002
@@ -110,6 +110,22 @@ def check_goals(subject: Subject) -> Findings:
         if number + 1 in supply.leaves:
             for gone, _ in supply.leaves[number + 1].parts:
                 del where[gone]
+
+
+def check_centres(subject: Subject) -> Findings:
+    """Yield parts whose centre of mass is outside the box around them, where none can be."""
+    for item in subject.cell.objects:
+        shape = item.shape
+        if shape.own_centre is None:
+            continue
+        beyond = np.maximum(shape.low - shape.own_centre, shape.own_centre - shape.high)
+        if (farthest := float(np.max(beyond))) > MOST_OVERLAP:
+            low, high = position(shape.low.tolist()), position(shape.high.tolist())
+            yield Finding(
+                subject.thing_at(item.name, "centre_of_mass_m"),
+                f"the centre of mass of {item.name} is {millimetres(farthest)} outside it: in the frame of its"
+                f" shape it reaches from {low} to {high}",
+            )
 
 
 def check_balance(subject: Subject) -> Findings:

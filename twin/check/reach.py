@@ -120,8 +120,12 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
         yield from _check_leg(leg, robots, assembly.grips.frame)
 
 
-def _check_leg(leg: _Leg, robots: list[PlacedRobot], frame: str) -> Findings:
+def _check_leg(leg: _Leg, everybody: list[PlacedRobot], frame: str) -> Findings:
     part, name, end, ways = leg.part, leg.part.name, leg.end, leg.ways
+    robots = [robot for robot in everybody if leg.step.done_by(robot.name)]
+    nobody = "no robot"
+    if leg.step.robots is not None:
+        nobody = f"no robot that may do it ({', '.join(leg.step.robots)})"
     pick, place = _picking(frame, ways), _placing(frame, ways)
     if any(
         _reaches(robot, frame, part.start @ grip.pose, pick)
@@ -144,7 +148,7 @@ def _check_leg(leg: _Leg, robots: list[PlacedRobot], frame: str) -> Findings:
     if picks and places:
         yield Finding(
             leg.start_at,
-            f"no robot picks and places {name} with one grip: {_list(picks)} where it lies,"
+            f"{nobody} picks and places {name} with one grip: {_list(picks)} where it lies,"
             f" {_list(places)} {leg.words}; the planner looks for a place to lay it down in"
             " between",
         )
@@ -154,7 +158,7 @@ def _check_leg(leg: _Leg, robots: list[PlacedRobot], frame: str) -> Findings:
         key, at, words = leg.end_at, end, leg.words
     yield Finding(
         key,
-        f"no robot reaches {name}: {words}, at {position(at[:3, 3].tolist())}; tried"
+        f"{nobody} reaches {name}: {words}, at {position(at[:3, 3].tolist())}; tried"
         f" {min(tried, _MOST_GRIPS)} grips, with approach_m {ways.approach:g} and leave_m"
         f" {ways.leave:g}{_beyond(robots, frame, at)}",
         error=tried <= _MOST_GRIPS,
@@ -166,6 +170,7 @@ class _Leg:
     """The way of a part from where it lies to its place, or to where it is put down on its way.
 
     Attributes:
+        step: in which it is brought there.
         part: at its ``start``, which is where this leg begins.
         end: pose of its frame where it is put.
         ways: how it is gripped and led.
@@ -173,6 +178,7 @@ class _Leg:
         words: what the end is, for people.
     """
 
+    step: Place
     part: CellObject
     end: Transform
     ways: PartWays
@@ -199,7 +205,8 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_Leg]:
             end_at = ("assembly", "steps", number % count, "at")
         known[step.part] = end, end_at
         ways = assembly.ways(step.part)
-        yield _Leg(replace(item, start=start), end, ways, start_at, end_at, words)
+        part = replace(item, start=start)
+        yield _Leg(step, part, end, ways, start_at, end_at, words)
 
 
 def _check_works(subject: Subject, parts: OrderedParts) -> Findings:

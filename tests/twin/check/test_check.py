@@ -102,6 +102,20 @@ MISTAKES = {
         "no robot reaches b: its place",
         None,
     ),
+    "out of reach of who may": (
+        "  steps: [a, b]",
+        "  steps: [a, {place: b, robots: [right]}]",
+        "error",
+        "no robot that may do it (right) reaches b: where it lies",
+        "start: {xyz_m: [-0.2, -0.3,",
+    ),
+    "centre of mass outside the part": (
+        "goal: {xyz_m: [0, 0.4, 0.1155]}",
+        "goal: {xyz_m: [0, 0.4, 0.1155]}\n      centre_of_mass_m: [0, 0, 0.2]",
+        "warning",
+        "the centre of mass of b is 185.0 mm outside it",
+        "centre_of_mass_m",
+    ),
     "fingers too narrow": (
         "  steps: [a, b]",
         "  grips: {opening_m: 0.005}\n  steps: [a, b]",
