@@ -14,7 +14,7 @@ import numpy as np
 from planning.cell.motion_limits import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.chain import joint_table
-from planning.timing.blend import RoundedPath
+from planning.timing.blend import BlendedPath
 from planning.timing.path_bounds import PathBounds
 from planning.timing.rounded_stretch import RoundedStretch, rounded_stretch
 from planning.timing.smooth_path import SmoothPath
@@ -119,12 +119,12 @@ class Pace:
         seconds = straight_stretch(self.limits, way, seconds).cruise
         if self._weighed and seconds > 0.0:
             ends = np.array([start, start + way])
-            line = RoundedPath(np.array([0.0, seconds]), ends, np.empty(0))
+            line = BlendedPath(np.array([0.0, seconds]), ends, np.empty(0))
             bounds = self._dynamics_with(load).along_legs(line)
             seconds *= bounds.full_speed_factor()
         return seconds
 
-    def rounded(self, node: int, path: RoundedPath) -> RoundedStretch | None:
+    def rounded(self, node: int, path: BlendedPath) -> RoundedStretch | None:
         """Return how a polyline with rounded corners is passed, None where that cannot be.
 
         Args:
@@ -136,7 +136,7 @@ class Pace:
         return rounded_stretch(self.limits, path, self._bounds(node, path))
 
     def rounded_slowing(
-        self, node: int, path: RoundedPath, found: RoundedStretch
+        self, node: int, path: BlendedPath, found: RoundedStretch
     ) -> Slowing:
         """Return by how much a polyline with rounded corners takes longer than joints allow.
 
@@ -150,7 +150,7 @@ class Pace:
         ways, taken = np.diff(path.points, axis=0), np.diff(path.at)
         least = [straight_stretch(self.limits, way).cruise for way in ways]
         share = float(np.max(np.array(least) / taken))
-        quick = RoundedPath(path.at * share, path.points, path.window * share)
+        quick = BlendedPath(path.at * share, path.points, path.window * share)
         free = rounded_stretch(self.limits, quick)
         bounds = self._bounds(node, path)
         unweighed = rounded_stretch(self.limits, path, replace(bounds, efforts=None))
@@ -162,7 +162,7 @@ class Pace:
         joint = bounds.efforts.nearest(found.ramp, found.bent_ramp, found.cap)
         return _slower(factor, BY_EFFORT + joint)
 
-    def _bounds(self, node: int, path: RoundedPath) -> PathBounds:
+    def _bounds(self, node: int, path: BlendedPath) -> PathBounds:
         """Return what bounds a way with rounded corners besides limits of joints."""
         assert self._loads is not None
         load, bent = self._loads.after(node, 0), path.bent_pieces()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.timing.blend import RoundedPath
+from planning.timing.blend import BlendedPath
 from planning.transforms import Array
 from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain
@@ -70,7 +70,7 @@ def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
             ramp[:], lag[:] = found.ramp, found.lag
     else:
         cruise = _full_speed_times(pace, chain, begin, stop, bends)
-        path = rounded_path(chain, begin, stop, cruise)
+        path = blended_path(chain, begin, stop, cruise)
         curve = pace.rounded(begin, path)
         if curve is None:
             raise PlanInvariantError(
@@ -87,7 +87,7 @@ def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
     return Drive(cruise, ramp, lag, rests, slowed, by, cap)
 
 
-def rounded_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> RoundedPath:
+def blended_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> BlendedPath:
     """Return the way along the nodes of a stretch.
 
     Args:
@@ -106,7 +106,7 @@ def rounded_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> Roun
         points.append(bend.corner)
     at.append(border[-1:])
     points.append(ends[1:])
-    return RoundedPath(np.concatenate(at), np.vstack(points), np.concatenate(window))
+    return BlendedPath(np.concatenate(at), np.vstack(points), np.concatenate(window))
 
 
 def chain_bends(
@@ -165,7 +165,7 @@ def _full_speed_times(
         cruise[a:b] = bend.length * unit * chords / chords.sum()
         leave, done = float(np.linalg.norm(speed[-1])) / unit, b
     cruise[done:] = length[done:] / leave
-    path = rounded_path(chain, begin, stop, cruise)
+    path = blended_path(chain, begin, stop, cruise)
     legs = zip(path.points, np.diff(path.points, axis=0), strict=False)
     least = [pace.full_speed_seconds(begin, *leg) for leg in legs]
     return cruise * np.max(np.array(least) / np.diff(path.at))

@@ -39,7 +39,7 @@ _SHORTEST = 1e-9
 
 
 class BentPieces(NamedTuple):
-    """Pieces of a rounded path on which the third derivative is constant, and bounds on each.
+    """Pieces of a blended path on which the third derivative is constant, and bounds on each.
 
     Attributes:
         low, high: where they begin and end, shape (p,) [s].
@@ -54,8 +54,8 @@ class BentPieces(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RoundedPath:
-    """A polyline at full speed with rounded corners; ways are times at full speed [s].
+class BlendedPath:
+    """A polyline at full speed whose corners are blends; ways are times at full speed [s].
 
     Attributes:
         at: of the start, the corners and the end, rising, shape (k + 2,) [s].

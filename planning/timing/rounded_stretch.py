@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import inner_kernel, kernel
-from planning.timing.blend import BentPieces, RoundedPath, greatest_speed
+from planning.timing.blend import BentPieces, BlendedPath, greatest_speed
 from planning.timing.path_bounds import (
     PathBounds,
     PathEfforts,
@@ -56,7 +56,7 @@ class RoundedStretch:
 
 
 def rounded_stretch(
-    limits: MotionLimits, path: RoundedPath, bounds: PathBounds | None = None
+    limits: MotionLimits, path: BlendedPath, bounds: PathBounds | None = None
 ) -> RoundedStretch | None:
     """Return the quickest motion along a polyline with rounded corners.
 

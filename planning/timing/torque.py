@@ -23,7 +23,7 @@ from scipy import constants
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
-from planning.timing.blend import BentPieces, RoundedPath
+from planning.timing.blend import BentPieces, BlendedPath
 from planning.timing.path_bounds import EffortRows, PathEfforts
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch
@@ -188,7 +188,7 @@ class ArmDynamics:
         loose, extra = _between(weight, inner), _between(rest, inner)
         return self._bearing(weight, loose, rest[None], extra)
 
-    def along_rounded(self, path: RoundedPath, bent: BentPieces) -> PathEfforts:
+    def along_rounded(self, path: BlendedPath, bent: BentPieces) -> PathEfforts:
         """Return how joints bear a way with rounded corners.
 
         Args:
@@ -202,7 +202,7 @@ class ArmDynamics:
         way = bent.low[piece] + share * span[piece]
         return PathEfforts(self.along_legs(path), self._rows(*path.states(way), piece))
 
-    def along_legs(self, path: RoundedPath) -> EffortRows:
+    def along_legs(self, path: BlendedPath) -> EffortRows:
         """Return how joints bear the straight legs of a way with rounded corners."""
         ways = np.diff(path.points, axis=0)
         turns = np.abs(ways).sum(axis=1)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.timing.blend import RoundedPath
+from planning.timing.blend import BlendedPath
 from planning.transforms import Array
 from scheduling.graph.drive import RoundedCorners
 from scheduling.graph.temporal_plan_graph import NodeChain
@@ -37,7 +37,7 @@ def bent_nodes(
     chain: NodeChain,
     room: range,
     way: Array,
-    path: RoundedPath,
+    path: BlendedPath,
     low: float,
     high: float,
 ) -> BentNodes | None:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.timing.blend import RoundedPath, ordered_windows
+from planning.timing.blend import BlendedPath, ordered_windows
 from planning.timing.rounded_stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain
@@ -59,13 +59,13 @@ class Run:
         own = slice(first + 1, last)
         return ordered_windows(self.at[own], most[own], float(low), float(high))
 
-    def path(self, first: int, last: int, windows: Array) -> RoundedPath:
+    def path(self, first: int, last: int, windows: Array) -> BlendedPath:
         """Return the way from an end to another one; it counts from the beginning of the run."""
         own = slice(first, last + 1)
-        return RoundedPath(self.at[own], self.points[own], windows)
+        return BlendedPath(self.at[own], self.points[own], windows)
 
     def bends(
-        self, path: RoundedPath, pace: RoundedStretch
+        self, path: BlendedPath, pace: RoundedStretch
     ) -> Iterator[tuple[float, float]]:
         """Yield where bends begin and end: they include all that limits of corners hold for.
 

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from planning.timing.blend import RoundedPath
+from planning.timing.blend import BlendedPath
 from planning.timing.braking import StoppedPath
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import node_path, skill_motion
-from scheduling.stretch_times import rounded_path
+from scheduling.stretch_times import blended_path
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.cubic_motion import with_cubics
 from twin.run.run_record import Run
@@ -145,7 +145,7 @@ def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:
     last = _end_of(at[-1], gone[-1], speed[-1], rate[-1], border[-1])
     edges = np.append(at, last)
     way = _Way(edges, gone, speed, rate)
-    path = rounded_path(chain, nodes.start, nodes.stop, drive.cruise[nodes])
+    path = blended_path(chain, nodes.start, nodes.stop, drive.cruise[nodes])
     t = np.unique(np.rint(np.concatenate([edges, edges + lag, [0.0]])))
     bends = np.zeros(len(t) - 1, dtype=np.bool_)
     if len(path.window):
@@ -169,7 +169,7 @@ def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:
 
 
 def _with_corners(
-    t: Array, way: _Way, lag: float, path: RoundedPath
+    t: Array, way: _Way, lag: float, path: BlendedPath
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Return times of rows that are fine enough around corners, and whether the way bends after each.
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from planning.cell.motion_limits import MotionLimits
 from planning.timing.blend import (
     STRAY,
-    RoundedPath,
+    BlendedPath,
     greatest_speed,
     longest_window,
     ordered_windows,
@@ -20,7 +20,7 @@ from planning.timing.stretch import straight_stretch
 SEEDS = st.integers(0, 10**6)
 
 
-def drawn(seed: int) -> tuple[MotionLimits, RoundedPath]:
+def drawn(seed: int) -> tuple[MotionLimits, BlendedPath]:
     """Return limits and a polyline at full speed with rounded corners, some of them overlapping."""
     rng = np.random.default_rng(seed)
     n, corners = int(rng.integers(1, 7)), int(rng.integers(1, 7))
@@ -35,10 +35,10 @@ def drawn(seed: int) -> tuple[MotionLimits, RoundedPath]:
     points = np.vstack([np.zeros(n), np.cumsum(ways, axis=0)])
     most = 10.0 ** rng.uniform(-2, 1, corners)
     window = ordered_windows(at[1:-1], most, 0.0, float(at[-1]))
-    return limits, RoundedPath(at, points, window)
+    return limits, BlendedPath(at, points, window)
 
 
-def polyline(path: RoundedPath, way: np.ndarray) -> np.ndarray:
+def polyline(path: BlendedPath, way: np.ndarray) -> np.ndarray:
     return np.stack(
         [np.interp(way, path.at, column) for column in path.points.T], axis=1
     )
@@ -49,7 +49,7 @@ def polyline(path: RoundedPath, way: np.ndarray) -> np.ndarray:
 def test_a_rounded_corner_is_the_average_of_the_speeds_around_it(seed: int) -> None:
     """The oracle averages the polyline of one corner over two windows, by sums."""
     _, path = drawn(seed)
-    lone = RoundedPath(path.at[:3], path.points[:3], path.window[:1])
+    lone = BlendedPath(path.at[:3], path.points[:3], path.window[:1])
     window, middle = float(lone.window[0]), float(lone.at[1])
     first, second = 0.8 * window, 0.2 * window
     way = middle + window * np.linspace(-0.6, 0.6, 7)
@@ -187,7 +187,7 @@ def test_where_the_longest_window_fits_the_corner_costs_no_speed() -> None:
     turn = np.array([-1.0, 1.0])
     window = longest_window(limits, turn)
     points = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0]])
-    path = RoundedPath(np.array([0.0, 3.0, 6.0]), points, np.array([window]))
+    path = BlendedPath(np.array([0.0, 3.0, 6.0]), points, np.array([window]))
     rested = 2 * straight_stretch(limits, points[1]).seconds
     pace = rounded_stretch(limits, path)
     assert pace is not None
@@ -200,7 +200,7 @@ def test_a_way_straight_back_is_not_quicker_rounded() -> None:
     points = np.array([[0.0], [1.0], [0.0]])
     rested = 2 * straight_stretch(limits, points[1]).seconds
     for window in (0.05, 0.2, 0.5):
-        path = RoundedPath(np.array([0.0, 1.0, 2.0]), points, np.array([window]))
+        path = BlendedPath(np.array([0.0, 1.0, 2.0]), points, np.array([window]))
         pace = rounded_stretch(limits, path)
         assert pace is not None
         # It turns back before the corner: by that much less it has to go.

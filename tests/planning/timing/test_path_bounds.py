@@ -7,14 +7,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from planning.timing.blend import RoundedPath, ordered_windows
+from planning.timing.blend import BlendedPath, ordered_windows
 from planning.timing.path_bounds import PathBounds
 from planning.timing.rounded_stretch import RoundedStretch, rounded_stretch
 from planning.timing.stretch import straight_stretch
 from tests.planning.timing.drawn_arm import MODELS, Drawn
 
 
-def drawn_path(drawn: Drawn) -> RoundedPath:
+def drawn_path(drawn: Drawn) -> BlendedPath:
     """Return a way with one to four rounded corners at the full speed of joints."""
     count = int(drawn.rng.integers(1, 5))
     points = [drawn.configuration()]
@@ -26,15 +26,15 @@ def drawn_path(drawn: Drawn) -> RoundedPath:
     at = np.concatenate([[0.0], np.cumsum(cruise)])
     most = 10.0 ** drawn.rng.uniform(-1.5, 0.5, count)
     window = ordered_windows(at[1:-1], most, 0.0, float(at[-1]))
-    return RoundedPath(at, np.array(points), window)
+    return BlendedPath(at, np.array(points), window)
 
 
-def slower(path: RoundedPath, factor: float) -> RoundedPath:
-    return RoundedPath(path.at * factor, path.points, path.window * factor)
+def slower(path: BlendedPath, factor: float) -> BlendedPath:
+    return BlendedPath(path.at * factor, path.points, path.window * factor)
 
 
 def worst(
-    drawn: Drawn, path: RoundedPath, found: RoundedStretch
+    drawn: Drawn, path: BlendedPath, found: RoundedStretch
 ) -> tuple[float, float]:
     """Return the greatest shares of effort on legs and on bent pieces, however they are passed."""
     way = np.linspace(0.0, path.at[-1], 500)

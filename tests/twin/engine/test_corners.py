@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
-from scheduling.stretch_times import chain_bends, rounded_path
+from scheduling.stretch_times import blended_path, chain_bends
 from tests.twin.bent_toys import BENT_TPGS, bent_tpg
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.engine.driven_checks import (
@@ -160,7 +160,7 @@ def test_other_limits_keep_the_curve_and_are_kept() -> None:
             for begin, stop in pairwise([0, *ends.tolist()]):
                 if chain.drive.ramp[begin] > 0.0:
                     cruise = chain.drive.cruise[begin:stop]
-                    path = rounded_path(chain, begin, stop, cruise)
+                    path = blended_path(chain, begin, stop, cruise)
                     at = np.concatenate([[0.0], np.cumsum(cruise)])
                     q = path.states(at[1:])[0]
                     own = chain.waypoints[chain.first[begin + 1 : stop + 1] - 1]
