@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import PartAssembly
+from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.balance import kept_as_said, stand_of_all
 from planning.parts.beside import (
     NOBODY,
@@ -36,7 +36,7 @@ from planning.parts.part_steps import (
 from planning.parts.steps import moves_on
 from planning.parts.targets import process_targets
 from planning.parts.tool_fit import overload
-from planning.parts.tool_grips import own_grips, why_no_grip
+from planning.parts.tool_grips import beyond_part, own_grips, why_no_grip
 from planning.skills.joint_paths import Obstruction, joint_distance
 from planning.skills.outfits import fitted_out, outfits, worn
 from planning.skills.tool_changes import ToolChanges, find_tool_changes
@@ -235,10 +235,12 @@ class _Collector:
                 continue
             place = skills.place(robot, step, grip.pose)
             if isinstance(place, Obstruction):
+                place = self._too_deep(place, step, robot, grip)
                 self.block(number, f"{name} places, {grip.words}", place)
                 continue
             pick = skills.pick(robot, step, grip.pose)
             if isinstance(pick, Obstruction):
+                pick = self._too_deep(pick, step, robot, grip)
                 self.block(number, f"{name} picks, {grip.words}", pick)
                 continue
             blocked = skills.carried_home(robot, step, grip.pose)
@@ -250,6 +252,17 @@ class _Collector:
             self.primaries.append(
                 PrimaryCandidate(number, name, part, k, cost, tools=tools)
             )
+
+    def _too_deep(
+        self, found: Obstruction, step: PartStep, robot: PlacedRobot, grip: Grip
+    ) -> Obstruction:
+        """Return an obstruction that says so where the tool reaches beyond the part into something."""
+        by_robot = "/" in (found.by or "/")
+        if by_robot or not found.words.startswith(f"{robot.name}/tool"):
+            return found
+        frame = self._assembly.ways(step.part.name).grips.frame
+        why = beyond_part(robot, step.part.shape, grip, frame)
+        return replace(found, words=found.words + why)
 
     def _add_relays(self, number: int, step: PartStep) -> None:
         """Add ways with the part laid down in between, or handed over in the air."""

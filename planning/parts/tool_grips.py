@@ -6,12 +6,19 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from planning.cell.robot_model import ToolGrip
+import numpy as np
+
+from planning.cell.body import ConvexBody
+from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
+from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import Grip, GripRules
 from planning.parts.grips import part_grips, thinnest
 from planning.transforms import Transform
+
+_LEAST_DEPTH_MM = 3
+"""Fingers that hold a part less deep do not hold it."""
 
 
 def tool_rules(rules: GripRules, tool: ToolGrip | None) -> GripRules:
@@ -73,6 +80,47 @@ def own_grips(robot: PlacedRobot, grips: Sequence[Grip]) -> Iterator[tuple[int, 
     for number, grip in enumerate(grips):
         if grip.tool == robot.model.grip:
             yield number, grip
+
+
+def tool_bodies(model: RobotModel) -> list[ConvexBody]:
+    """Return the bodies of the tool, in the last joint's frame; without a tool, of the last link."""
+    last = model.dof - 1
+    tool = [
+        part.body for part in model.parts if part.group == "tool" and part.joint == last
+    ]
+    return tool or [part.body for part in model.parts if part.joint == last]
+
+
+def beyond_part(robot: PlacedRobot, shape: Shape, grip: Grip, frame: str) -> str:
+    """Return in words by how much a tool reaches farther than the part that it grips.
+
+    What is beyond the part meets whatever the part lies on.
+
+    Args:
+        robot: with its tool.
+        shape: of the part.
+        grip: of the robot's tool frame on it.
+        frame: name of that frame.
+
+    Returns:
+        Empty where the tool does not reach farther along its z axis.
+    """
+    tip = frame_in_last_joint(robot.model, frame)
+    fingers = np.vstack([body.vertices for body in tool_bodies(robot.model)])
+    ahead = float(np.max((fingers - tip[:3, 3]) @ tip[:3, 2]))
+    corners = np.vstack([piece.vertices for piece in shape.pieces])
+    along = (corners - grip.pose[:3, 3]) @ grip.pose[:3, 2]
+    below, thick = float(along.max()), float(np.ptp(along))
+    if ahead <= below:
+        return ""
+    depth = math.floor(1e3 * (thick - ahead)) - 1
+    remedy = "move the tcp nearer to the tips"
+    if depth >= _LEAST_DEPTH_MM:
+        remedy = f"grips: {{depth_m: {1e-3 * depth:g}}} takes it higher"
+    return (
+        f"; the tool reaches {1e3 * ahead:.1f} mm beyond its tcp, the part {1e3 * below:.1f} mm:"
+        f" {remedy}"
+    )
 
 
 def why_no_grip(robot: PlacedRobot, shape: Shape, rules: GripRules) -> str:

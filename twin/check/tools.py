@@ -13,7 +13,7 @@ from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.geometry.exact import Solid, distance_at
 from planning.parts.assembly import GripRules
 from planning.parts.grips import thinnest
-from planning.parts.tool_grips import tool_grips, tool_rules
+from planning.parts.tool_grips import tool_bodies, tool_grips, tool_rules
 from planning.robots.overview import flange_doubt
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
@@ -288,15 +288,6 @@ def _half_opening(model: RobotModel) -> float:
     if model.grip is None or model.grip.opening is None:
         return 0.0
     return 0.5 * model.grip.opening[1]
-
-
-def tool_bodies(model: RobotModel) -> list[ConvexBody]:
-    """Return the bodies of the tool, in the last joint's frame; without a tool, of the last link."""
-    last = model.dof - 1
-    tool = [
-        part.body for part in model.parts if part.group == "tool" and part.joint == last
-    ]
-    return tool or [part.body for part in model.parts if part.joint == last]
 
 
 def _point(at: Array) -> ConvexBody:

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from planning.cell.forms import Box, Cylinder
 from planning.cell.robot_model import ToolGrip
-from planning.cell.shape import box_shape
+from planning.cell.shape import Element, Shape, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
 from planning.parts.assembly import GripRules
 from planning.parts.grips import part_grips
-from planning.parts.tool_grips import own_grips, tool_grips, why_no_grip
+from planning.parts.tool_grips import (
+    beyond_part,
+    own_grips,
+    robot_grips,
+    tool_grips,
+    why_no_grip,
+)
+from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
-from planning.transforms import identity
+from planning.transforms import identity, translation
 
 FINGERS = ToolGrip((0.01, 0.085), "two_finger")
 CUP = ToolGrip(None, "cup")
@@ -90,3 +99,43 @@ def test_the_tool_is_named_where_it_cannot_hold(
     grip: ToolGrip | None, size: tuple[float, ...], words: str
 ) -> None:
     assert words in why_no_grip(robot("r", grip), box_shape("box", size), RULES)
+
+
+def _with_fingers(ahead: float) -> PlacedRobot:
+    """Return a robot whose fingers end so far beyond the tcp [m]."""
+    fingers = (
+        Element(Box((0.02, 0.01, 0.1)), translation(0, y, 0.05)) for y in (-0.04, 0.04)
+    )
+    hand = Tool(name="hand", shapes=tuple(fingers), tcp=translation(0, 0, 0.1 - ahead))
+    model = robot_model("ur5e", None, Fitting(tool=hand))
+    return PlacedRobot("arm", model, identity(), model.home)
+
+
+@pytest.mark.parametrize("form", ["box", "peg"])
+@pytest.mark.parametrize("thick_mm", [8, 14, 20, 45])
+@pytest.mark.parametrize("ahead_mm", [0, 5, 12, 30])
+def test_fingers_that_reach_beyond_a_part_are_told_with_a_depth_that_helps(
+    form: str, thick_mm: int, ahead_mm: int
+) -> None:
+    ahead, thick = 1e-3 * ahead_mm, 1e-3 * thick_mm
+    arm = _with_fingers(ahead)
+    part: Shape = box_shape("part", (0.05, 0.03, thick))
+    if form == "peg":
+        part = shape_of("part", [Element(Cylinder(0.01, thick), identity())])
+    rules = replace(RULES, depth=0.03)
+    grips = robot_grips(arm, part, identity(), identity(), rules)
+    assert grips
+    for grip in grips:
+        words = beyond_part(arm, part, grip, "tool")
+        below = 0.5 * thick + grip.pose[2, 3]
+        assert bool(words) == (ahead > below + 1e-9), words
+        if not words:
+            continue
+        assert f"{ahead_mm}.0 mm beyond its tcp, the part {1e3 * below:.1f} mm" in words
+        told = re.search(r"depth_m: ([0-9.]+)", words)
+        if told is None:
+            assert thick - ahead < 5e-3
+            continue
+        higher = replace(rules, depth=float(told[1]))
+        for other in robot_grips(arm, part, identity(), identity(), higher):
+            assert beyond_part(arm, part, other, "tool") == ""
