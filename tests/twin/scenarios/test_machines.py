@@ -602,7 +602,7 @@ def test_what_is_put_down_on_its_way_stands_alone(
             [
                 "blank.1 would be left in the air: at (1.7, 0.6, 0.015) it touches",
                 "no robot reaches blank.1: (1.7, 0.6, 0.015), at (1.70",
-                "no robot reaches blank.1: where it lies, at (1.70",
+                "no robot that may do it (right) reaches blank.1: where it lies, at (1.70",
             ],
         ),
     ],
