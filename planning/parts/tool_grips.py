@@ -15,7 +15,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import Grip, GripRules
 from planning.parts.grips import part_grips, thinnest
-from planning.transforms import Transform
+from planning.transforms import Array, Transform
 
 _LEAST_DEPTH_MM = 3
 """Fingers that hold a part less deep do not hold it."""
@@ -91,6 +91,20 @@ def tool_bodies(model: RobotModel) -> list[ConvexBody]:
     return tool or [part.body for part in model.parts if part.joint == last]
 
 
+def tool_heights(model: RobotModel, tip: Transform) -> Array:
+    """Return how far the corners of a tool are in front of a frame of it, along its z axis [m].
+
+    Args:
+        model: of the robot.
+        tip: pose of the frame in the last joint's.
+
+    Returns:
+        Shape (corners,); what is behind the frame is negative.
+    """
+    corners = np.vstack([body.vertices for body in tool_bodies(model)])
+    return np.asarray((corners - tip[:3, 3]) @ tip[:3, 2])
+
+
 def beyond_part(robot: PlacedRobot, shape: Shape, grip: Grip, frame: str) -> str:
     """Return in words by how much a tool reaches farther than the part that it grips.
 
@@ -106,8 +120,7 @@ def beyond_part(robot: PlacedRobot, shape: Shape, grip: Grip, frame: str) -> str
         Empty where the tool does not reach farther along its z axis.
     """
     tip = frame_in_last_joint(robot.model, frame)
-    fingers = np.vstack([body.vertices for body in tool_bodies(robot.model)])
-    ahead = float(np.max((fingers - tip[:3, 3]) @ tip[:3, 2]))
+    ahead = float(tool_heights(robot.model, tip).max())
     corners = np.vstack([piece.vertices for piece in shape.pieces])
     along = (corners - grip.pose[:3, 3]) @ grip.pose[:3, 2]
     below, thick = float(along.max()), float(np.ptp(along))

@@ -13,7 +13,7 @@ from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.geometry.exact import Solid, distance_at
 from planning.parts.assembly import GripRules
 from planning.parts.grips import thinnest
-from planning.parts.tool_grips import tool_bodies, tool_grips, tool_rules
+from planning.parts.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
 from planning.robots.overview import flange_doubt
 from planning.transforms import Array, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
@@ -263,8 +263,7 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
             " or a description with the tool on its flange"
         )
         return
-    corners = np.vstack([body.vertices for body in bodies])
-    heights = (corners - tip[:3, 3]) @ tip[:3, 2]
+    heights = tool_heights(model, tip)
     front, behind = float(heights.max()), float(-heights.min())
     if front <= _IN_FRONT or front <= _SHARE * behind:
         return
