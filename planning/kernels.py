@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -18,24 +19,43 @@ from numba.core.caching import FunctionCache
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-PACKAGES = ("planning", "scheduling", "twin")
 _ROOT = Path(__file__).parents[1]
+_IMPORT = re.compile(
+    rb"^from ((?:planning|scheduling|twin)(?:\.\w+)+) import", re.MULTILINE
+)
 
 
 @cache
-def stamp_of_kernels(root: Path) -> str:
-    """Return a hash of every file in the packages below a folder that has a part in compiled code.
+def files_of_kernels(root: Path, module: str) -> frozenset[Path]:
+    """Return the files whose code may be compiled into the kernels of a module: its own, and others'.
 
-    These are the files that declare kernels, and those that tell numba how to compile. A kernel
-    is compiled into those that call it, from whichever file; numba alone compares the caller's
-    own file, and would go on with what the callee was before.
+    These are the files that declare kernels, or tell numba how to compile, and that the module imports,
+    directly or by others of them. A kernel is compiled into those that call it, from whichever file;
+    numba alone compares the caller's own file, and would go on with what the callee was before.
+
+    Args:
+        root: folder above the packages.
+        module: name with dots; one that is not below the folder has no files.
     """
+    found: set[Path] = set()
+    ahead = [module]
+    while ahead:
+        path = root / (ahead.pop().replace(".", "/") + ".py")
+        if path in found or not path.is_file():
+            continue
+        source = path.read_bytes()
+        if b"planning.kernels import" in source or b"from numba" in source:
+            found.add(path)
+            ahead += [name.decode() for name in _IMPORT.findall(source)]
+    return frozenset(found)
+
+
+@cache
+def stamp_of_kernels(root: Path, module: str) -> str:
+    """Return a hash of all code that may be compiled into the kernels of a module."""
     digest = sha256()
-    for package in PACKAGES:
-        for path in sorted((root / package).rglob("*.py")):
-            source = path.read_bytes()
-            if b"planning.kernels import" in source or b"from numba" in source:
-                digest.update(source)
+    for path in sorted(files_of_kernels(root, module)):
+        digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
@@ -60,7 +80,10 @@ class _Cache(FunctionCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
         file = self._cache_file
-        file._source_stamp = (file._source_stamp, stamp_of_kernels(_ROOT))
+        file._source_stamp = (
+            file._source_stamp,
+            stamp_of_kernels(_ROOT, function.__module__),
+        )
 
     def _load_overload(self, *signature: Any) -> Any:
         try:

@@ -14,7 +14,12 @@ import numpy as np
 import pytest
 
 from planning.kept_answers import KeptAnswers
-from planning.kernels import inner_kernel, kernel, stamp_of_kernels
+from planning.kernels import (
+    files_of_kernels,
+    inner_kernel,
+    kernel,
+    stamp_of_kernels,
+)
 from planning.packed import packed
 from planning.transforms import Array, Indices
 
@@ -117,26 +122,44 @@ def test_a_cache_that_cannot_be_read_is_written_anew(tmp_path: Path) -> None:
     assert [run(), run()] == ["6 0\n", "6 1\n"]
 
 
-def test_a_change_of_any_file_with_kernels_makes_the_cache_stale(
+def test_a_change_of_a_kernel_makes_those_stale_that_may_contain_it(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "planning").mkdir()
-    callee, other = (
-        tmp_path / "planning" / "callee.py",
-        tmp_path / "planning" / "other.py",
-    )
-    callee.write_text("from planning.kernels import inner_kernel\n")
-    other.write_text("import numpy\n")
+    sources = {
+        "inner": "from planning.kernels import inner_kernel\n",
+        "middle": "from numba import njit\nfrom planning.inner import a\n",
+        "outer": "from planning.kernels import kernel\nfrom planning.middle import (\n b,\n)\n",
+        "beside": "from planning.kernels import kernel\nfrom planning.plain import c\n",
+        "plain": "import numpy\n",
+    }
 
-    def stamp() -> str:
+    def write(name: str, text: str) -> None:
+        (tmp_path / "planning" / f"{name}.py").write_text(text)
+
+    def stamps() -> dict[str, str]:
         stamp_of_kernels.cache_clear()
-        return stamp_of_kernels(tmp_path)
+        files_of_kernels.cache_clear()
+        return {n: stamp_of_kernels(tmp_path, f"planning.{n}") for n in sources}
 
-    before = stamp()
-    other.write_text("import scipy\n")
-    assert stamp() == before
-    callee.write_text("from planning.kernels import inner_kernel  # changed\n")
-    assert stamp() != before
-    before = stamp()
-    other.write_text("from numba.extending import lower_getattr_generic\n")
-    assert stamp() != before
+    for name, text in sources.items():
+        write(name, text)
+    before = stamps()
+    stale = {
+        "inner": {"inner", "middle", "outer"},
+        "middle": {"middle", "outer"},
+        "beside": {"beside"},
+        "plain": set(),
+    }
+    for name, expected in stale.items():
+        write(name, sources[name] + "# changed\n")
+        found = stamps()
+        assert {n for n in sources if found[n] != before[n]} == expected
+        write(name, sources[name])
+
+
+def test_kernels_of_the_program_name_the_files_that_they_contain() -> None:
+    found = files_of_kernels(ROOT, "planning.geometry.clearing")
+    names = {str(path.relative_to(ROOT)) for path in found}
+    assert "planning/geometry/gjk.py" in names
+    assert not any(name.startswith("twin/") for name in names)
