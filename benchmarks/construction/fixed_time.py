@@ -31,7 +31,7 @@ from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.building import Building
 from planning.construction.world.skill_motion import SkillMotion
 from planning.progress import Progress, no_progress
-from planning.skills.contacts import gripped
+from planning.steps.skill import gripped
 from planning.transforms import Array
 
 _TRIALS = 11

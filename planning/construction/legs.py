@@ -17,7 +17,7 @@ from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.building import Building
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
-from planning.skills.contacts import NOTHING, Pairs
+from planning.steps.skill import NOTHING, Pairs
 from planning.transforms import Array
 
 _SPACING = 0.75

@@ -24,7 +24,7 @@ from planning.construction.problem.settings import SubproblemSettings
 from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.building import Building
 from planning.construction.world.skill_motion import SkillMotion
-from planning.skills.contacts import gripped
+from planning.steps.skill import gripped
 from planning.transforms import Array
 
 Skeleton = tuple[str, ...]

@@ -11,7 +11,7 @@ from planning.cell.workcell import Workcell, start_state
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
-from planning.skills.step_builder import StepBuilder
+from planning.steps.step_writer import StepBuilder
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,

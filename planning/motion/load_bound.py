@@ -19,8 +19,7 @@ from planning.cell.workcell import Workcell
 from planning.highs import QuietHighs
 from planning.motion.sequential import MotionSettings
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.supply_tasks import SUPPLY_KINDS
-from planning.tasks.task import TRANSIT, StepTasks, Task, cell_with_steps
+from planning.tasks.task import SUPPLY_KINDS, TRANSIT, StepTasks, Task, cell_with_steps
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 

@@ -17,13 +17,14 @@ from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import RobotSpeed, sample_path
 from planning.motion.transit import TransitPlanner
 from planning.progress import Progress, no_progress
-from planning.tasks.exceptions import ExceptionKey, strongest_exception
 from planning.tasks.task import (
     TRANSIT,
     AllowedContact,
+    ExceptionKey,
     StepTasks,
     Task,
     cell_with_steps,
+    strongest_exception,
 )
 from planning.tasks.world_progress import allowed_pairs, apply_handlings, move_robot
 from planning.transforms import Array

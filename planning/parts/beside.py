@@ -12,9 +12,8 @@ from planning.parts.handovers import Handover
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.parts.relays import Relay
-from planning.skills.contacts import NOTHING, SkillContacts, gripped
-from planning.skills.joint_paths import Obstruction, SkillPath
-from planning.skills.surroundings import SkillScene, find_obstruction
+from planning.steps.skill import NOTHING, Obstruction, SkillContacts, SkillPath, gripped
+from planning.steps.skill_scene import SkillScene, find_obstruction
 from planning.tasks.assignment import (
     NO_TOOLS,
     PrimaryCandidate,

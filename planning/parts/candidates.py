@@ -11,7 +11,7 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import Grip, PartAssembly
+from planning.parts.assembly import Grip, PartAssembly, moves_on
 from planning.parts.balance import kept_as_said, stand_of_all
 from planning.parts.beside import (
     NOBODY,
@@ -22,7 +22,7 @@ from planning.parts.beside import (
     way_of,
 )
 from planning.parts.handovers import find_ways_by_others
-from planning.parts.part_skills import PartSkills
+from planning.parts.part_skills import PartSkills, process_targets
 from planning.parts.part_steps import (
     KnownStep,
     MachineStep,
@@ -33,14 +33,16 @@ from planning.parts.part_steps import (
     require_ways,
     touched_in_racks,
 )
-from planning.parts.steps import moves_on
-from planning.parts.targets import process_targets
-from planning.parts.tool_fit import overload
-from planning.parts.tool_grips import beyond_part, own_grips, why_no_grip
-from planning.skills.joint_paths import Obstruction, joint_distance
-from planning.skills.outfits import fitted_out, outfits, worn
-from planning.skills.tool_changes import ToolChanges, find_tool_changes
+from planning.parts.tool_grips import beyond_part, overload, own_grips, why_no_grip
 from planning.statics.build_order import Stand, Waits
+from planning.steps.skill import Obstruction, joint_distance
+from planning.steps.tool_changes import (
+    ToolChanges,
+    find_tool_changes,
+    mounted_tool,
+    with_each_tool,
+    with_tools,
+)
 from planning.tasks.assignment import (
     NO_TOOLS,
     AssignmentProblem,
@@ -120,7 +122,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
     """
     touched = touched_in_racks(cell, assembly.goals)
     changes = find_tool_changes(cell, assembly.goals, touched)
-    around = fitted_out(cell, NO_TOOLS)
+    around = with_tools(cell, NO_TOOLS)
     steps = part_steps(around, assembly)
     stand = Stand(frozenset(), kept_as_said(steps))
     if assembly.balance is not None:
@@ -178,7 +180,7 @@ class _Collector:
     ) -> None:
         self._cell, self._assembly = cell, assembly
         self.ways = WaysBeside(self._skills, steps, keeps=keeps)
-        self._robots = tuple(outfits(cell.robots))
+        self._robots = tuple(with_each_tool(cell.robots))
         self._known: dict[Tools, PartSkills] = {}
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
@@ -189,7 +191,7 @@ class _Collector:
     def _skills(self, tools: Tools) -> PartSkills:
         """Return the skills of robots that have certain tools on them."""
         if tools not in self._known:
-            cell = fitted_out(self._cell, tools)
+            cell = with_tools(self._cell, tools)
             self._known[tools] = PartSkills(cell, self._assembly)
         return self._known[tools]
 
@@ -218,7 +220,7 @@ class _Collector:
             )
 
     def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
-        part, name, tools = step.part.name, robot.name, worn(robot)
+        part, name, tools = step.part.name, robot.name, mounted_tool(robot)
         if (heavy := overload(robot, step.part)) is not None:
             self._reject(number, f"{name} lifts {part}", heavy)
             return
@@ -292,7 +294,7 @@ class _Collector:
         self.primaries.append(PrimaryCandidate(number, work.machine, thing, 0, 0.0))
 
     def _add_works(self, number: int, step: WorkStep, robot: PlacedRobot) -> None:
-        process, name, tools = step.step.process, robot.name, worn(robot)
+        process, name, tools = step.step.process, robot.name, mounted_tool(robot)
         if process.frame not in {"flange", *robot.model.frames}:
             reason = f"it has no frame {process.frame!r}"
             self._reject(number, f"{name} does it", reason)
@@ -322,7 +324,7 @@ class _Collector:
     ) -> None:
         held = step.held
         assert held is not None
-        tools = worn(robot)
+        tools = mounted_tool(robot)
         skills = self._skills(tools)
         own = dict(own_grips(robot, held.grips))
         rules = self._assembly.ways(held.part.name).grips

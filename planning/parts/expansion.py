@@ -14,18 +14,15 @@ from planning.parts.assembly import Grip
 from planning.parts.beside import way_of
 from planning.parts.candidates import PartCandidates
 from planning.parts.handovers import Handover
-from planning.parts.part_skills import held_pose
+from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.parts.relays import Relay
-from planning.parts.targets import process_targets
-from planning.skills.contacts import Pairs, touching
-from planning.skills.joint_paths import SkillPath
-from planning.skills.outfits import fitted_out, hand
-from planning.skills.step_builder import StepBuilder
 from planning.statics.build_order import Waits
+from planning.steps.skill import Pairs, SkillPath, touching
+from planning.steps.step_writer import StepBuilder
+from planning.steps.tool_changes import tool_entity, with_tools
 from planning.tasks.assignment import StepChoice, TaskPlan
-from planning.tasks.supply_tasks import door_shut
-from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task
+from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task, door_shut
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array
 
@@ -66,7 +63,7 @@ def _expand_step(
         done = expander.work(handled)
     for earlier, last in candidates.ways.keeps.items():
         if last == step:
-            expander.let_go_of_kept(plan[earlier], done)
+            expander.release_kept(plan[earlier], done)
     changes.allow_mounted(build, before)
     return build.build()
 
@@ -79,11 +76,11 @@ class _Expander:
     ) -> None:
         self.candidates, self.plan, self.build = candidates, plan, build
         self.choice = plan[build.step]
-        self.cell = fitted_out(candidates.cell, self.choice.tools)
+        self.cell = with_tools(candidates.cell, self.choice.tools)
 
     def _gripped(self, robot: str, part: str) -> Pairs:
         """Return the contact of the tool that a robot has on it with a part."""
-        return touching(hand(self.cell.robot(robot)), [part])
+        return touching(tool_entity(self.cell.robot(robot)), [part])
 
     def place(self, step: PartStep) -> int:
         """Write pick, the hold if any, place, and the ways back; return the place."""
@@ -117,15 +114,15 @@ class _Expander:
             self._let_go(step, held, placed, placed)
         return placed
 
-    def let_go_of_kept(self, choice: StepChoice, done: int) -> None:
+    def release_kept(self, choice: StepChoice, done: int) -> None:
         """Write the way back of who kept hold of what it placed, after a task."""
         build, part, ways = self.build, choice.object, self.candidates.ways
         *_, place = ways.paths_of(self.plan, choice.step)
         back = build.skill(ways.let_go(place), f"let go of {part}", part)
-        robot = fitted_out(self.candidates.cell, choice.tools).robot(choice.robot)
+        robot = with_tools(self.candidates.cell, choice.tools).robot(choice.robot)
         build.transit(robot.name, robot.home, "HOME", None)
         build.depend(done, back)
-        build.allow(touching(hand(robot), [part]), back)
+        build.allow(touching(tool_entity(robot), [part]), back)
 
     def _pick(self, robot: PlacedRobot, part: str, path: SkillPath, grip: Grip) -> int:
         """Write transit, pick and the way HOME with a part; return the pick."""
@@ -192,7 +189,7 @@ class _Expander:
             process.name, way[targets.first : targets.last + 1], words, part
         )
         back = self._along(STRAIGHT, way[targets.last :], f"back from {words}", part)
-        build.allow(touching(hand(robot), step.touched), first, done, back)
+        build.allow(touching(tool_entity(robot), step.touched), first, done, back)
         build.transit(robot.name, robot.home, "HOME", None)
         if held is not None:
             self._let_go(step, held, first, done)

@@ -10,16 +10,21 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.parts.assembly import Grip
-from planning.parts.part_skills import PartSkills, held_pose
+from planning.parts.part_skills import PartSkills, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
 from planning.parts.relays import End, Relay, find_ends, find_relays
-from planning.parts.targets import handover_targets
-from planning.skills.contacts import NOTHING, SkillContacts, gripped
-from planning.skills.handovers import ready_postures, receiver_clash
-from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
-from planning.skills.outfits import outfits, worn
-from planning.skills.subgoals import Subgoal
-from planning.skills.surroundings import SkillScene, resolve_skill
+from planning.steps.handovers import ready_postures, receiver_clash
+from planning.steps.skill import (
+    NOTHING,
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    Subgoal,
+    gripped,
+    joint_distance,
+)
+from planning.steps.skill_scene import SkillScene, resolve_skill
+from planning.steps.tool_changes import mounted_tool, with_each_tool
 from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.transforms import (
     Array,
@@ -76,15 +81,19 @@ def find_ways_by_others(
         skills_with: returns the skills of robots that have certain tools on them.
         step: that no robot can do alone.
     """
-    choices = [list(outfits([robot])) for robot in cell.robots]
+    choices = [list(with_each_tool([robot])) for robot in cell.robots]
     for find in (find_relays, find_handovers):
         found: list[tuple[Relay | Handover, Tools]] = []
         known: set[tuple[str, str, Tools]] = set()
         for chosen in product(*choices):
             new = set()
-            for way in find(skills_with(NO_TOOLS.union(*map(worn, chosen))), step):
+            for way in find(
+                skills_with(NO_TOOLS.union(*map(mounted_tool, chosen))), step
+            ):
                 pair = way.giver, way.receiver
-                tools = NO_TOOLS.union(*(worn(r) for r in chosen if r.name in pair))
+                tools = NO_TOOLS.union(
+                    *(mounted_tool(r) for r in chosen if r.name in pair)
+                )
                 if (*pair, tools) not in known:
                     new.add((*pair, tools))
                     found.append((way, tools))

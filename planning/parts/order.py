@@ -29,13 +29,12 @@ from planning.contacts.precedence import (
 )
 from planning.contacts.step_order import Precedence
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import PartAssembly
+from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, Place, Work
 from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import part_steps
-from planning.parts.steps import AnyStep, MachineWork, Place, Work
 from planning.progress import Progress, no_progress
-from planning.skills.outfits import in_racks
+from planning.steps.tool_changes import in_racks
 from planning.transforms import Array, readonly, translation
 
 _BORE = 0.002

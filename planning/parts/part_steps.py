@@ -13,10 +13,17 @@ from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.contact_graph import near_to, standing
 from planning.contacts.precedence import MOST_OVERLAP, Overlaps, leads_through
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.steps import MachineWork, Place, Process, Stop, Work
+from planning.parts.assembly import (
+    Grip,
+    MachineWork,
+    PartAssembly,
+    Place,
+    Process,
+    Stop,
+    Work,
+)
 from planning.parts.tool_grips import tool_grips
-from planning.skills.outfits import in_racks, outfits, rack_tools
+from planning.steps.tool_changes import in_racks, rack_tools, with_each_tool
 from planning.transforms import Transform, readonly
 
 TIP = 0.005
@@ -137,7 +144,7 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
             part, pose = cell.object(step.hold), where[step.hold]
             rules = assembly.ways(step.hold).grips
             grips = tool_grips(
-                list(outfits(cell.robots)), part.shape, pose, pose, rules
+                list(with_each_tool(cell.robots)), part.shape, pose, pose, rules
             )
             held = Held(part, pose, grips)
         if isinstance(step, Work):
@@ -228,7 +235,9 @@ def _place_step(
     _require_room(number, name, at_goal, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
     rules = assembly.ways(name).grips
-    grips = tool_grips(list(outfits(cell.robots)), part.shape, part.start, goal, rules)
+    grips = tool_grips(
+        list(with_each_tool(cell.robots)), part.shape, part.start, goal, rules
+    )
     return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
 
 

@@ -19,9 +19,8 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import PartStep
-from planning.parts.tool_fit import overload
-from planning.parts.tool_grips import robot_grips
-from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.parts.tool_grips import overload, robot_grips
+from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.transforms import (
     Array,
     Transform,

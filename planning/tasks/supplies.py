@@ -7,15 +7,18 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.supply_tasks import (
+from planning.tasks.task import (
     ARRIVE,
     GONE,
     LEAVE,
     PRESENT,
     STILL,
     SUPPLY_KINDS,
+    TRANSIT,
+    Handling,
+    StepTasks,
+    Task,
 )
-from planning.tasks.task import TRANSIT, Handling, StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Transform
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Transform, readonly
 
 TRANSIT = "transit"
 SKILLS = ("pick", "place-down", "place-up", "handover", "support-bottom", "support-top")
@@ -112,3 +115,52 @@ def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
     """Return the cell with the objects that come up in some steps."""
     coming = tuple(item for step in steps for item in step.objects)
     return replace(cell, objects=(*cell.objects, *coming)) if coming else cell
+
+
+STILL = readonly(np.zeros((1, 1)))
+"""Path of a machine, which does not move."""
+
+ARRIVE = "arrive"
+"""Kind of the task that waits until the next part has come along a conveyor."""
+
+PRESENT = "present"
+"""Kind of the task after which the next part, or a full tray, is where it is picked."""
+
+LEAVE = "leave"
+"""Kind of the task after which a finished product is gone."""
+
+SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE)
+
+DOOR = "door"
+"""Kind of the object that is the door of a machine while that works."""
+
+GONE = "(gone)"
+"""Stands for the holder of an object that has left the cell; no robot can have this name."""
+
+
+def door_shut(door: str, pose: Transform) -> tuple[Handling, Handling]:
+    """Return how a door comes up when a task begins, and is gone when it is over.
+
+    So nobody may be where it is for as long as the task may last, and it rests nowhere in between.
+    """
+    return Handling(door, 0, None, pose), Handling(door, 1, GONE, pose)
+
+
+T = TypeVar("T")
+
+ExceptionKey = tuple[str, str | None, str | None]
+"""Skill, robot and type of object of an exception; None stands for any."""
+
+
+def strongest_exception(
+    exceptions: Mapping[ExceptionKey, T], skill: str, robot: str, kind: str | None
+) -> T | None:
+    """Return what holds for a skill done by a robot to an object of a kind, None if nothing does.
+
+    Robot and object beat the robot alone, which beats the object alone.
+    """
+    for key in ((skill, robot, kind), (skill, robot, None), (skill, None, kind)):
+        found = exceptions.get(key)
+        if found is not None:
+            return found
+    return None

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
-from planning.tasks.supply_tasks import GONE
-from planning.tasks.task import AllowedContact, Handling
+from planning.tasks.task import GONE, AllowedContact, Handling
 from planning.transforms import Array
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Indices, Transform
 from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph

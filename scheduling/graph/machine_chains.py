@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planning.tasks.supply_tasks import SUPPLY_KINDS
+from planning.tasks.task import SUPPLY_KINDS
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from scheduling.verification.object_places import (

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from planning.cell.shape import Shape
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audit.motion.executed import ObjectRow, Recording
 from twin.audit.motion.reach import travel_of_points

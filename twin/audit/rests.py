@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.tasks.supply_tasks import GONE
-from planning.tasks.task import Task
+from planning.tasks.task import GONE, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.edge_order import NodeSpans
 from twin.audit.motion.executed import ObjectRow, Recording

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from planning.cell.workcell import Workcell
-from planning.skills.outfits import in_every_outfit, rack_tools
+from planning.steps.tool_changes import rack_tools, with_every_tool
 from twin.check.ordered_parts import OrderedParts
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import AssemblyKind, assembly_kind
@@ -55,7 +55,7 @@ class Subject:
     @cached_property
     def cell(self) -> Workcell:
         """The same with a robot that changes its tools as several: one with each of them on it."""
-        return in_every_outfit(self.built)
+        return with_every_tool(self.built)
 
     @cached_property
     def kind(self) -> AssemblyKind:

@@ -8,9 +8,9 @@ import numpy as np
 
 from planning.contacts.contact_graph import Lying, bounds, near_to, standing
 from planning.contacts.precedence import MOST_OVERLAP
+from planning.parts.assembly import Place
 from planning.parts.part_steps import node_remedy, stop_pose
-from planning.parts.steps import Place
-from planning.tasks.supply_tasks import DOOR
+from planning.tasks.task import DOOR
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import PartsSection

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from planning.cell.cover import box_body
+from planning.parts.assembly import Place
 from planning.parts.part_steps import stop_pose
-from planning.parts.steps import Place
 from planning.transforms import Array, Transform
 from twin.check.finding import Subject
 from twin.scenario.sections.lego import LegoSection

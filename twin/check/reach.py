@@ -16,15 +16,12 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartWays
+from planning.parts.assembly import Grip, PartWays, Place
+from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import WorkStep, stop_pose, touched_in_racks
-from planning.parts.steps import Place
-from planning.parts.targets import pick_targets, place_targets, process_targets
 from planning.parts.tool_grips import robot_grips
-from planning.skills.joint_paths import SkillPath, skill_postures
-from planning.skills.outfits import rack_tools
-from planning.skills.subgoals import SkillTargets
-from planning.skills.tool_changes import find_tool_changes
+from planning.steps.skill import SkillPath, SkillTargets, skill_postures
+from planning.steps.tool_changes import find_tool_changes, rack_tools
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, Subject, position
 from twin.check.ordered_parts import OrderedParts

@@ -87,13 +87,13 @@ def sheets_of(
 
 
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
-    from planning.skills.outfits import outfits
+    from planning.steps.tool_changes import with_each_tool
     from twin.planning.build_workcell import build_workcell
     from twin.scenario.file import load_scenario
 
     robots: dict[tuple[object, ...], list[PlacedRobot]] = {}
     cell = build_workcell(load_scenario(path), path.parent)
-    for robot in outfits(cell.robots):
+    for robot in with_each_tool(cell.robots):
         frames = [(name, pose.tobytes()) for name, pose in robot.model.frames.items()]
         key = (robot.model.urdf, robot.home.tobytes(), *frames)
         robots.setdefault(key, []).append(robot)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from planning.tasks.supply_tasks import DOOR, GONE
+from planning.tasks.task import DOOR, GONE
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.recorders.observers import Observers

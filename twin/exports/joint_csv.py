@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from io import StringIO
 from itertools import groupby
 
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun
 from twin.exports.segments import (

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from planning.errors import OutputError
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Array
 from scheduling.graph.barriers import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import Place, joined_to_plate, occupied_places
-from planning.lego.skills.support import supported_span
+from planning.lego.skills.targets import supported_span
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import (

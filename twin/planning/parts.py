@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from planning.cell.workcell import CellObject, Workcell
 from planning.tasks.supplies import supplied_work
-from planning.tasks.supply_tasks import DOOR
+from planning.tasks.task import DOOR
 from planning.transforms import readonly
 from twin.audit.wanted import Wanted
 from twin.durations import SkillOverride

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle, groupby
 
-from planning.tasks.supply_tasks import ARRIVE, LEAVE, PRESENT
-from planning.tasks.task import HOLD, STRAIGHT, TRANSIT
+from planning.tasks.task import ARRIVE, HOLD, LEAVE, PRESENT, STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,

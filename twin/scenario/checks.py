@@ -9,12 +9,12 @@ from pydantic import BaseModel
 
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
 from planning.packages import file_named
-from planning.tasks.supply_tasks import SUPPLY_KINDS
 from planning.tasks.task import (
     HOLD,
     LEAVE_TOOL,
     SKILLS,
     STRAIGHT,
+    SUPPLY_KINDS,
     TAKE_TOOL,
     TRANSIT,
 )

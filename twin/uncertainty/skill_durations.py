@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planning.tasks.exceptions import ExceptionKey, strongest_exception
+from planning.tasks.task import ExceptionKey, strongest_exception
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import DurationModel, Nanoseconds, SkillOverride, to_nanoseconds

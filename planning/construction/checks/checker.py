@@ -21,7 +21,7 @@ from planning.construction.world.swept_track import SweptTrack, sweep_track
 from planning.construction.world.timeline import hand_changes
 from planning.construction.world.tracks import build_tracks
 from planning.geometry.standing import stand_boxes
-from planning.skills.contacts import Pairs
+from planning.steps.skill import Pairs
 from planning.transforms import Array
 
 

@@ -14,7 +14,7 @@ from planning.construction.world.fleet import Carrier
 from planning.geometry.swept import SKIP
 from planning.kinematics.kinematics import joint_poses_of
 from planning.motion.sequential import MARGIN
-from planning.skills.contacts import Pairs
+from planning.steps.skill import Pairs
 from planning.transforms import Array
 
 

@@ -25,7 +25,7 @@ from planning.construction.world.timeline import SAME, RobotTimeline, hand_chang
 from planning.construction.world.tracks import build_tracks
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.skills.contacts import NOTHING, gripped
+from planning.steps.skill import NOTHING, gripped
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices
 

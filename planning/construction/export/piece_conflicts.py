@@ -28,7 +28,7 @@ from planning.geometry.exact import TOLERANCE
 from planning.geometry.separation import Scratch, room_for
 from planning.kernels import inner_kernel, kernel
 from planning.packed import packed
-from planning.skills.contacts import Pairs
+from planning.steps.skill import Pairs
 from planning.transforms import Array, Indices
 
 _MARGIN = 1.5 * TOLERANCE

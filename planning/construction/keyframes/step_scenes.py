@@ -17,7 +17,7 @@ from planning.construction.world.building import lying_at
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import entity
-from planning.skills.contacts import Pairs, gripped
+from planning.steps.skill import Pairs, gripped
 
 _GHOST = "part in its place"
 

@@ -17,8 +17,8 @@ from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.contact_graph import Lying, near_to, standing
 from planning.contacts.precedence import NEAR, PartGraph
 from planning.kinematics.kinematics import frame_in_flange
-from planning.skills.contacts import Pairs, touching
-from planning.tasks.exceptions import ExceptionKey, strongest_exception
+from planning.steps.skill import Pairs, touching
+from planning.tasks.task import ExceptionKey, strongest_exception
 from planning.transforms import Array, Transform, inverse, readonly, rotation
 
 _APART = 0.12

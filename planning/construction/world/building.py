@@ -11,7 +11,7 @@ from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.skill_motion import SkillMotion
 from planning.construction.world.timeline import ObjectTimeline
-from planning.skills.contacts import NOTHING, Pairs
+from planning.steps.skill import NOTHING, Pairs
 from planning.tasks.task import Handling
 from planning.transforms import Array, Transform, readonly
 

@@ -10,9 +10,8 @@ from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, Plate
 from planning.lego.bricks.grid import Span, occupied_span, top_pose
 from planning.lego.bricks.grips import presses
-from planning.lego.skills.support import lever_reaches_below
-from planning.lego.skills.targets import pick_targets
-from planning.skills.joint_paths import SkillPath, skill_postures
+from planning.lego.skills.targets import lever_reaches_below, pick_targets
+from planning.steps.skill import SkillPath, skill_postures
 
 APART = 2
 """Studs between two stations."""

@@ -40,8 +40,7 @@ from planning.lego.insertion.tool_room import (
     support_boxes,
     support_face,
 )
-from planning.lego.skills.support import ORIENTATIONS
-from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
+from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, ORIENTATIONS
 from planning.lego.stability.partial_structures import Names
 from planning.lego.stability.stability import Hold
 from planning.transforms import Array

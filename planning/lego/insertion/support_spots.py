@@ -19,7 +19,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.insertion.design_room import TIP_SHIFTS, DesignRoom, support_at
 from planning.lego.insertion.tool_room import PLATE
-from planning.lego.skills.support import ORIENTATIONS
+from planning.lego.skills.targets import ORIENTATIONS
 from planning.lego.stability.partial_structures import Names, PartialStructures
 from planning.lego.stability.stability import Hold
 

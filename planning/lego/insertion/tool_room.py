@@ -24,14 +24,15 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import box_size, brick_height, top_pose
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.insertion.tool_shape import ToolShape, tool_shape
-from planning.lego.skills.support import (
+from planning.lego.skills.targets import (
     STUD_HEIGHT,
     lever_reaches_below,
+    place_down_targets,
+    place_up_targets,
     support_bottom_targets,
     support_top_targets,
 )
-from planning.lego.skills.targets import place_down_targets, place_up_targets
-from planning.skills.subgoals import Subgoal
+from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, inverse, readonly, translation
 
 PLATE = "the plate"

@@ -17,13 +17,13 @@ from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
-from planning.skills.joint_paths import (
+from planning.steps.skill import (
     Obstruction,
     SkillPath,
+    SkillTargets,
     skill_postures,
     unreachable,
 )
-from planning.skills.subgoals import SkillTargets
 
 _MOST = 6
 """How many steps that are out of reach are named."""

@@ -13,8 +13,8 @@ from planning.geometry.robot_bodies import entity
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Press, Support
 from planning.lego.bricks.grid import Span, brick_height, occupied_span
 from planning.lego.bricks.grips import lever_cell
-from planning.lego.skills.support import lever_reaches_below, supported_span
-from planning.skills.contacts import Pairs, gripped, touching
+from planning.lego.skills.targets import lever_reaches_below, supported_span
+from planning.steps.skill import Pairs, gripped, touching
 from planning.transforms import Transform, inverse
 
 _TOUCH = 0.001

@@ -12,9 +12,8 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep
 from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.handovers import HandoverOptions
-from planning.lego.skills.options import SkillOptions
-from planning.lego.skills.skill_option import SkillOption
-from planning.skills.joint_paths import Obstruction, SkillPath, joint_distance
+from planning.lego.skills.options import SkillOption, SkillOptions
+from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,

@@ -21,11 +21,10 @@ from planning.lego.skills.allowed_contacts import (
 )
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.handovers import HandoverOption
-from planning.lego.skills.skill_option import SkillOption
-from planning.lego.skills.support import supported_span
-from planning.skills.contacts import gripped, touching
-from planning.skills.joint_paths import Obstruction, SkillPath
-from planning.skills.step_builder import StepBuilder
+from planning.lego.skills.options import SkillOption
+from planning.lego.skills.targets import supported_span
+from planning.steps.skill import Obstruction, SkillPath, gripped, touching
+from planning.steps.step_writer import StepBuilder
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork

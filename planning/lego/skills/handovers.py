@@ -18,11 +18,16 @@ from planning.lego.bricks.brick_world import goal_name, press_of
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import handover_targets, held_box, received_top
-from planning.skills.contacts import NOTHING, SkillContacts, gripped
-from planning.skills.handovers import ready_postures, receiver_clash
-from planning.skills.joint_paths import Obstruction, SkillPath
-from planning.skills.subgoals import Subgoal
-from planning.skills.surroundings import SkillScene, resolve_skill
+from planning.steps.handovers import ready_postures, receiver_clash
+from planning.steps.skill import (
+    NOTHING,
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    Subgoal,
+    gripped,
+)
+from planning.steps.skill_scene import SkillScene, resolve_skill
 from planning.transforms import Array, Transform, rotation, translation
 
 REACH = 0.45

@@ -6,8 +6,8 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 
@@ -28,17 +28,6 @@ from planning.lego.skills.allowed_contacts import (
     room_at_rest,
     supporting,
 )
-from planning.lego.skills.skill_option import (
-    Found,
-    SkillOption,
-    first_option,
-    is_blocked,
-)
-from planning.lego.skills.support import (
-    support_bottom_targets,
-    support_top_targets,
-    supported_span,
-)
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
@@ -46,19 +35,65 @@ from planning.lego.skills.targets import (
     pick_targets,
     place_down_targets,
     place_up_targets,
+    support_bottom_targets,
+    support_top_targets,
+    supported_span,
 )
-from planning.skills.contacts import (
+from planning.steps.skill import (
     NOTHING,
+    Obstruction,
     Pairs,
     SkillContacts,
+    SkillPath,
+    SkillTargets,
+    Subgoal,
     ToolContact,
     gripped,
 )
-from planning.skills.joint_paths import Obstruction
-from planning.skills.subgoals import SkillTargets, Subgoal
-from planning.skills.surroundings import SkillScene, resolve_skill
+from planning.steps.skill_scene import SkillScene, resolve_skill
 from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, Transform, translation
+
+
+@dataclass(frozen=True)
+class SkillOption:
+    """A collision-free execution of a skill by one robot.
+
+    Attributes:
+        path: in joint space.
+        after: stock bricks that stand in the way until they have been used.
+        latest: last step at which it is possible, because a later brick is in the way; None
+            when none is.
+        touched: bricks that the tool grazes, False, or leans on, True.
+    """
+
+    path: SkillPath
+    after: frozenset[str] = frozenset()
+    latest: int | None = None
+    touched: Mapping[str, bool] = field(default_factory=dict)
+
+
+Found = SkillOption | Obstruction
+"""A free execution of a skill, or why there is none."""
+
+
+def is_blocked(found: Found) -> bool:
+    """Tell whether things are in the way of a skill, for good or until they are gone."""
+    if isinstance(found, Obstruction):
+        return found.by is not None
+    return bool(found.after)
+
+
+def first_option(tried: Iterable[Found]) -> Found:
+    """Return the first way that is free, or else why the first one is not."""
+    reason: Obstruction | None = None
+    for option in tried:
+        if isinstance(option, SkillOption):
+            return option
+        reason = reason or option
+    assert reason is not None
+    return reason
+
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""

@@ -27,19 +27,17 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import top_pose
 from planning.lego.bricks.grips import press_cell, side_contact_pose
 from planning.lego.skills.handovers import giver_rest, receive_poses
-from planning.lego.skills.support import (
-    _contact,
-    support_bottom_targets,
-    support_top_targets,
-)
 from planning.lego.skills.targets import (
+    _contact,
     handover_targets,
     pick_targets,
     place_down_targets,
     place_up_targets,
     received_top,
+    support_bottom_targets,
+    support_top_targets,
 )
-from planning.skills.subgoals import Subgoal
+from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
 
 DATA = Path(

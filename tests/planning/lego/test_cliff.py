@@ -15,7 +15,7 @@ from planning.lego.bricks.grid import (
     occupied_places,
 )
 from planning.lego.bricks.grips import check_press, press_cell
-from planning.lego.skills.support import supported_span
+from planning.lego.skills.targets import supported_span
 from planning.transforms import identity
 
 FILE = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"

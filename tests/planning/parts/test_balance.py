@@ -11,11 +11,10 @@ import pytest
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import PartAssembly
+from planning.parts.assembly import PartAssembly, Place
 from planning.parts.balance import PartBalance
 from planning.parts.order import in_found_order
 from planning.parts.part_steps import part_steps
-from planning.parts.steps import Place
 from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Transform, translation

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import GripRules, PartAssembly
+from planning.parts.assembly import GripRules, PartAssembly, Place, Process, Work
 from planning.parts.order import Precedence, find_ordered_candidates, in_found_order
-from planning.parts.steps import Place, Process, Work
 from planning.transforms import Transform, translation
 from tests.planning.parts.test_part_steps import crossing, two_arms
 

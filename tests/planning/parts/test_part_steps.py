@@ -11,10 +11,9 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import DOWN, UP, GripRules, PartAssembly, PartWays
+from planning.parts.assembly import DOWN, UP, GripRules, PartAssembly, PartWays, Place
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
-from planning.parts.steps import Place
 from planning.robots.registry import robot_model
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.highs_solver import assign_steps

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.parts.targets import pick_targets, place_targets
-from planning.skills.subgoals import STRIDE, SkillTargets
+from planning.parts.part_skills import pick_targets, place_targets
+from planning.steps.skill import STRIDE, SkillTargets
 from planning.transforms import Array, from_rpy
 
 GRIP = from_rpy((0.4, 0.1, 0.2), (np.pi, 0.5, 0.3))

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from planning.parts.steps import Process
-from planning.parts.targets import SMALL_STRIDE, SMALL_TURN, process_targets
-from planning.skills.subgoals import STRIDE
+from planning.parts.assembly import Process
+from planning.parts.part_skills import SMALL_STRIDE, SMALL_TURN, process_targets
+from planning.steps.skill import STRIDE
 from planning.transforms import Transform, from_rpy
 
 _METRES = hnp.arrays(np.float64, 3, elements=st.floats(-0.3, 0.3))

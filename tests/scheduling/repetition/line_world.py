@@ -10,8 +10,7 @@ from planning.cell.machine import machine
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.motion.motion_plan import MotionPlan
-from planning.tasks.supply_tasks import ARRIVE, GONE, LEAVE, PRESENT
-from planning.tasks.task import AllowedContact, Handling
+from planning.tasks.task import ARRIVE, GONE, LEAVE, PRESENT, AllowedContact, Handling
 from planning.transforms import Array, rotation, translation
 from scheduling.repetition.pattern import Pattern
 from tests.scheduling.mini_world import PlanWriter, planar_arm

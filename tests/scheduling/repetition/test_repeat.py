@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
-from planning.tasks.supply_tasks import LEAVE
-from planning.tasks.task import Task
+from planning.tasks.task import LEAVE, Task
 from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from planning.errors import ScenarioError
-from planning.tasks.supply_tasks import LEAVE, PRESENT
+from planning.tasks.task import LEAVE, PRESENT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant

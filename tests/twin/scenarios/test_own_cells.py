@@ -13,9 +13,8 @@ import trimesh
 
 from planning.errors import TwinError
 from planning.parts.assembly import GripRules
-from planning.parts.tool_fit import tool_misfit
-from planning.parts.tool_grips import robot_grips
-from planning.skills.joint_paths import Obstruction
+from planning.parts.tool_grips import robot_grips, tool_misfit
+from planning.steps.skill import Obstruction
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from twin.check.check import check_scenario

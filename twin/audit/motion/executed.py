@@ -11,7 +11,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Array, Indices, Transform, from_quat_wxyz
 
 WORLD = "world"

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from planning.errors import OutputError
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import Array
 from twin.audit.motion.executed import ObjectRow, Recording
 from twin.audit.motion.reach import RobotSamples

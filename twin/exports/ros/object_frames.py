@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from planning.transforms import from_quat_wxyz
 from twin.durations import NANOSECONDS
 from twin.exports.recorded_run import RecordedRun

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from planning.tasks.supplies import buffers_of, is_done_to_a_product
-from planning.tasks.supply_tasks import ARRIVE, LEAVE, PRESENT
-from planning.tasks.task import Task
+from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task
 from scheduling.repetition.pattern import Pattern, numbered
 from twin.planning.line.written_out import Line
 

@@ -8,8 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from planning.contacts.precedence import Overlaps
-from planning.parts.assembly import GripRules, PartAssembly, PartWays
-from planning.parts.steps import AnyStep, MachineWork, Place, Process, Stop, Work
+from planning.parts.assembly import (
+    AnyStep,
+    GripRules,
+    MachineWork,
+    PartAssembly,
+    PartWays,
+    Place,
+    Process,
+    Stop,
+    Work,
+)
 from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Transform, readonly

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from planning.parts.assembly import PartAssembly
-from planning.parts.steps import MachineWork, Place, Work
+from planning.parts.assembly import MachineWork, PartAssembly, Place, Work
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
 from twin.audit.wanted import Place as WantedPlace

@@ -10,7 +10,7 @@ import rerun as rr
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
-from planning.tasks.supply_tasks import GONE
+from planning.tasks.task import GONE
 from twin.drawing.fixture_colours import coloured_fixtures
 from twin.drawing.triangles import triangles_of
 from twin.recorders.rerun import layout as layout

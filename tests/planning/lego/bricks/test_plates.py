@@ -36,7 +36,7 @@ from planning.lego.bricks.grid import (
     top_pose,
 )
 from planning.lego.bricks.grips import grip_pose, press_cell, side_contact_pose
-from planning.lego.skills.support import support_bottom_targets, support_top_targets
+from planning.lego.skills.targets import support_bottom_targets, support_top_targets
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.transforms import inverse
 from tests.planning.lego.whole_stability import stability

@@ -16,9 +16,8 @@ from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBr
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grips import grip_pose, presses
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.options import SkillOptions
-from planning.lego.skills.skill_option import SkillOption
-from planning.skills.joint_paths import Obstruction, SkillPath
+from planning.lego.skills.options import SkillOption, SkillOptions
+from planning.steps.skill import Obstruction, SkillPath
 from planning.tasks.assignment import SupportCandidate
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang

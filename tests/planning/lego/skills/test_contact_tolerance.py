@@ -25,10 +25,9 @@ from planning.lego.bricks.brick_world import BrickWorld, grasp_number
 from planning.lego.skills.allowed_contacts import PRESSED
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.lego.skills.options import SkillOptions
-from planning.lego.skills.skill_option import SkillOption
+from planning.lego.skills.options import SkillOption, SkillOptions
 from planning.lego.skills.targets import DEFAULT_TWIST
-from planning.skills.joint_paths import Obstruction, SkillPath
+from planning.steps.skill import Obstruction, SkillPath
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import translation
 from tests.planning.lego.skills.facing_arms import facing_arms

@@ -17,14 +17,14 @@ from planning.lego.bricks.assembly import (
     Plate,
     Support,
 )
-from planning.lego.skills.support import (
+from planning.lego.skills.targets import (
     LEVER_WALL,
     STUD_HEIGHT,
     support_bottom_targets,
     support_top_targets,
     supported_span,
 )
-from planning.skills.subgoals import SkillTargets
+from planning.steps.skill import SkillTargets
 from planning.transforms import from_rpy, inverse, rotation
 
 HEADING = {0: (1, 0), 1: (0, -1), 2: (0, 1), 3: (-1, 0)}

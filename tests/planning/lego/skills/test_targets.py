@@ -13,7 +13,6 @@ from planning.errors import RobotModelError
 from planning.lego.bricks.assembly import BRICKS, BrickType, Plate, Press, Support
 from planning.lego.bricks.grips import presses, side_contact_pose
 from planning.lego.skills.handovers import giver_rest, receive_poses
-from planning.lego.skills.support import support_bottom_targets
 from planning.lego.skills.targets import (
     DEFAULT_TWIST,
     handover_targets,
@@ -22,8 +21,9 @@ from planning.lego.skills.targets import (
     place_down_targets,
     place_up_targets,
     received_top,
+    support_bottom_targets,
 )
-from planning.skills.subgoals import SkillTargets
+from planning.steps.skill import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
 
 FRAMES = {

@@ -19,9 +19,8 @@ from planning.cell.workcell import (
 )
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
-from planning.skills.contacts import SkillContacts
-from planning.skills.joint_paths import Obstruction, SkillPath
-from planning.skills.surroundings import SkillScene, SkillTrial, find_obstruction
+from planning.steps.skill import Obstruction, SkillContacts, SkillPath
+from planning.steps.skill_scene import SkillScene, SkillTrial, find_obstruction
 from planning.transforms import readonly, translation
 
 MODEL = robot_model("gp4")

@@ -2,17 +2,21 @@
 
 A tool is left in its rack, or taken from there, with the flange where it is when the tool lies in
 the rack. The robot comes straight along its flange's axis and goes back the same way.
+
+Plans know such a tool as an object in the hand of a bare arm. Where a single skill is looked for, its
+robot has one tool throughout: then arm and tool are one body, like those of any other robot.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import permutations
 
 import numpy as np
 
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
     Attachment,
     CellObject,
@@ -22,21 +26,95 @@ from planning.cell.workcell import (
 )
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity
-from planning.skills.contacts import NOTHING, Pairs, SkillContacts, touching
-from planning.skills.joint_paths import (
+from planning.steps.skill import (
+    NOTHING,
     Obstruction,
+    Pairs,
+    SkillContacts,
     SkillPath,
+    SkillTargets,
+    Subgoal,
     joint_distance,
     skill_postures,
+    straight_way,
+    touching,
     unreachable,
 )
-from planning.skills.outfits import fitted_out, rack_tools
-from planning.skills.step_builder import StepBuilder
-from planning.skills.subgoals import SkillTargets, Subgoal, straight_way
-from planning.skills.surroundings import SkillScene, find_obstruction
-from planning.tasks.assignment import StepChoice
+from planning.steps.skill_scene import SkillScene, find_obstruction
+from planning.steps.step_writer import StepBuilder
+from planning.tasks.assignment import NO_TOOLS, StepChoice, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
 from planning.transforms import Transform, inverse, translation
+
+
+def with_each_tool(robots: Iterable[PlacedRobot]) -> Iterator[PlacedRobot]:
+    """Yield each robot with each of its tools on it, those that change none as they are."""
+    for robot in robots:
+        if not robot.tools:
+            yield robot
+        for tool in robot.tools:
+            yield replace(robot, model=tool.model, tool=tool.name)
+
+
+def mounted_tool(robot: PlacedRobot) -> Tools:
+    """Return the tool that a robot has on it, nothing of one that keeps its own."""
+    if not robot.tools:
+        return NO_TOOLS
+    return frozenset({(robot.name, str(robot.tool))})
+
+
+def tool_entity(robot: PlacedRobot) -> str:
+    """Return by which name allowed contacts speak of the tool that a robot has on it."""
+    return str(robot.tool) if robot.tools else entity(robot.name, "tool")
+
+
+def with_tools(cell: Workcell, tools: Tools) -> Workcell:
+    """Return the cell in which robots have certain tools on them, and all racks are full.
+
+    A robot that is not named has all of its tools on it at once: nobody knows yet which one it
+    will have.
+    """
+    if not any(robot.tools for robot in cell.robots):
+        return cell
+    chosen = dict(tools)
+    robots = tuple(_with_tool(robot, chosen.get(robot.name)) for robot in cell.robots)
+    return replace(in_racks(cell), robots=robots)
+
+
+def in_racks(cell: Workcell) -> Workcell:
+    """Return the cell with all tools that are changed in their racks."""
+    racks = {tool.name: tool.rack for tool in rack_tools(cell)}
+    objects = tuple(
+        replace(item, start=racks.get(item.name, item.start)) for item in cell.objects
+    )
+    return replace(cell, objects=objects)
+
+
+def with_every_tool(cell: Workcell) -> Workcell:
+    """Return the cell in which a robot is several: one with each of its tools on it."""
+    return replace(in_racks(cell), robots=tuple(with_each_tool(cell.robots)))
+
+
+def rack_tools(cell: Workcell) -> Iterator[RackTool]:
+    """Yield the tools that robots of a cell change."""
+    for robot in cell.robots:
+        yield from robot.tools
+
+
+def _with_tool(robot: PlacedRobot, tool: str | None) -> PlacedRobot:
+    if not robot.tools:
+        return robot
+    if tool is None:
+        models = tuple(own.model for own in robot.tools)
+        return replace(robot, model=_all_at_once(robot.model, models))
+    return next(own for own in with_each_tool([robot]) if own.tool == tool)
+
+
+@lru_cache(maxsize=64)
+def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
+    """Return a robot with the bodies of several tools; it only stands in the way of others."""
+    tools = [p for model in models for p in model.parts if p.group == "tool"]
+    return replace(arm, parts=(*arm.parts, *tools))
 
 
 @dataclass(frozen=True)
@@ -165,7 +243,7 @@ def find_tool_changes(
         InfeasibleStepError: a robot cannot come to a rack, or cannot stand there; says why.
     """
     ways = {}
-    around = fitted_out(cell, frozenset())
+    around = with_tools(cell, frozenset())
     for robot in cell.robots:
         robots = [robot if r.name == robot.name else r for r in around.robots]
         here = replace(around, robots=tuple(robots))

@@ -9,10 +9,15 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.skills.contacts import NOTHING, SkillContacts
-from planning.skills.joint_paths import LARGEST_TURN, Obstruction, SkillPath
-from planning.skills.subgoals import Subgoal
-from planning.skills.surroundings import SkillScene, find_obstruction
+from planning.steps.skill import (
+    LARGEST_TURN,
+    NOTHING,
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    Subgoal,
+)
+from planning.steps.skill_scene import SkillScene, find_obstruction
 from planning.transforms import Array
 
 

@@ -1,4 +1,4 @@
-"""Builds the tasks of one step one after another."""
+"""Writes the tasks of one step one after another."""
 
 from __future__ import annotations
 
@@ -7,10 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.skills.contacts import Pairs
-from planning.skills.joint_paths import SkillPath
-from planning.tasks.supply_tasks import STILL
-from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
+from planning.steps.skill import Pairs, SkillPath
+from planning.tasks.task import (
+    STILL,
+    TRANSIT,
+    AllowedContact,
+    Handling,
+    StepTasks,
+    Task,
+)
 from planning.transforms import Array, Transform, readonly
 
 

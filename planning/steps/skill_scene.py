@@ -22,21 +22,19 @@ from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.geometry.swept import boxes_in_reach
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MARGIN
-from planning.skills.contacts import (
+from planning.steps.skill import (
+    Obstruction,
     Pairs,
     Phase,
     SkillContacts,
-    ToolContact,
-    touching,
-)
-from planning.skills.joint_paths import (
-    Obstruction,
     SkillPath,
+    SkillTargets,
+    ToolContact,
     obstructions,
     skill_postures,
+    touching,
     unreachable,
 )
-from planning.skills.subgoals import SkillTargets
 from planning.transforms import Array
 
 Placed = tuple[CellObject, Attachment]

@@ -1,19 +1,135 @@
-"""Skills in joint space: inverse kinematics of all subgoals, and what stands in the way."""
+"""A manipulation skill: the poses of its tool, its path in joint space, and what may touch meanwhile."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import pairwise
 
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
+from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import follow_poses, inverse_kinematics
-from planning.skills.contacts import Phase
-from planning.skills.subgoals import SkillTargets, Subgoal
-from planning.transforms import Array
+from planning.transforms import Array, Transform
+
+STRIDE = 0.0075
+"""Longest straight way between two subgoals [m]: between them a robot moves on a straight line in
+joint space, which then strays from the straight line in the world by a fraction of a
+millimetre."""
+
+
+@dataclass(frozen=True)
+class Subgoal:
+    """A pose that a tool frame must reach.
+
+    Attributes:
+        name: "approach", "attach", "twist", "leave" and the like.
+        frame: name of the tool frame, a key of RobotModel.frames.
+        pose: of that frame in the world.
+    """
+
+    name: str
+    frame: str
+    pose: Transform
+
+
+@dataclass(frozen=True)
+class SkillTargets:
+    """One execution of a skill as poses to reach, in order.
+
+    Attributes:
+        skill: its name.
+        subgoals: poses in order; the robot comes to each in turn.
+        change_at: index of the subgoal at which the object changes hands, None if none does: the
+            robot takes it, lets go of it, or hands it to the receiver.
+        lead: how many subgoals at the front are goals of transits; the skill's own reference
+            path is ``subgoals[lead:]``.
+    """
+
+    skill: str
+    subgoals: tuple[Subgoal, ...]
+    change_at: int | None = None
+    lead: int = 1
+
+
+def straight_way(
+    frame: str, name: str, far: Transform, near: Transform
+) -> list[Subgoal]:
+    """Return subgoals on the straight way from ``far`` to ``near``, the latter left out."""
+    way = near[:3, 3] - far[:3, 3]
+    count = max(1, math.ceil(float(np.linalg.norm(way)) / STRIDE - 1e-9))
+    out = []
+    for k in range(count):
+        pose = far.copy()
+        pose[:3, 3] += way * k / count
+        out.append(Subgoal(name, frame, pose))
+    return out
+
+
+Pairs = frozenset[frozenset[str]]
+"""Unordered pairs of entities that may touch."""
+
+NOTHING: Pairs = frozenset()
+
+
+class Phase(Enum):
+    """A part of a skill with the same allowed contacts and the same places of all things."""
+
+    BEFORE = "before"
+    UNTIL_CHANGE = "until the object changes hands"
+    SINCE_CHANGE = "since the object changed hands"
+    AFTER = "after"
+
+
+@dataclass(frozen=True)
+class SkillContacts:
+    """Allowed contacts before, during and after a skill.
+
+    Attributes:
+        before: in the transits before it.
+        during: in the skill.
+        after: in the transit after it.
+    """
+
+    before: Pairs
+    during: Pairs
+    after: Pairs
+
+    def in_phase(self, phase: Phase) -> Pairs:
+        """Return the allowed contacts of a phase."""
+        if phase is Phase.BEFORE:
+            return self.before
+        return self.after if phase is Phase.AFTER else self.during
+
+
+@dataclass(frozen=True)
+class ToolContact:
+    """Depths by which a tool may overlap objects at rest in a skill, besides what it handles.
+
+    Attributes:
+        grazing: any object [m].
+        pressing: objects that the skill is allowed to touch, and those to lean on [m].
+        leaning: names of objects that it may lean on, as deep as on those it may touch.
+    """
+
+    grazing: float
+    pressing: float
+    leaning: frozenset[str] = frozenset()
+
+
+def gripped(robot: str, item: str) -> Pairs:
+    """Return the contact of a robot's tool with the object that it handles."""
+    return touching(entity(robot, "tool"), [item])
+
+
+def touching(one: str, others: Iterable[str]) -> Pairs:
+    """Return the contacts of one thing with others."""
+    return frozenset(frozenset((one, other)) for other in others)
+
 
 LARGEST_TURN = 1.2
 """Most that a joint may turn between two subgoals of a skill; more is another arm posture [rad]."""
