@@ -1,33 +1,108 @@
-"""The linear program of static equilibrium: rigid bodies, contacts, and as little pull as can be.
+"""The linear program of static equilibrium: rigid bodies and contact forces between them.
 
-Bodies have names, weights and centres; contacts are forces of a known direction at a known point
-between two bodies, or between a body and the ground; joints bear forces and torques of any
-direction up to a limit.
+One program a structure: six rows a body, a column for every force that a contact can bring. Which
+bodies are there and what acts on them (a ``LoadCase``) switches columns on and off and moves
+bounds, so that the solver starts each time from where it ended the last time. Two questions are
+asked of it: how much of a load do the bodies bear, contacts pulling up to their capacity
+(``bears``); and, from scratch, with how little pull are they in balance, and where do they give
+way first (``least_pull``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import highspy
 import numpy as np
-from scipy.optimize import OptimizeResult, linprog
-from scipy.sparse import coo_matrix, csc_matrix, eye, hstack, vstack
+from scipy.sparse import coo_matrix, csc_matrix, eye, hstack
 
+from planning.highs import new_highs
 from planning.transforms import Array
 
 STANDARD_GRAVITY = 9.80665
 """[m/s^2]."""
 
+ENOUGH = 1e-6
+"""A structure bears a force when it bears this much less [N]."""
+
 _NO_PULL = 1e-9
 """Scores, and shares of forces, below this are rounding."""
 
-_INFEASIBLE = 2
-"""Status of scipy's linprog."""
-
 LIMIT = 1.0 + 1e-9
 """Largest score that counts as stable."""
+
+_STATUS = highspy.HighsModelStatus
+_INFEASIBLE = (_STATUS.kInfeasible, _STATUS.kModelEmpty)
+
+Vector = tuple[float, float, float]
+
+DOWN: Vector = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True)
+class ContactForce:
+    """A force that two bodies, or a body and the ground, can bring on each other.
+
+    The unit of length is free as long as it is one.
+
+    Attributes:
+        first, second: names of the bodies, None for the ground.
+        point: where it acts.
+        direction: of the push on ``second``, a unit vector; the axis of a torque.
+        pull: capacity T of the opposite force [N]; 0 for a contact that only pushes.
+        within: bound of the force in both senses [N], or of the torque, which does not count as
+            pull; None for a contact that pushes without limit.
+        turns: True for a torque.
+    """
+
+    first: str | None
+    second: str | None
+    point: Vector
+    direction: Vector
+    pull: float = 0.0
+    within: float | None = None
+    turns: bool = False
+
+
+@dataclass(frozen=True)
+class SpreadForce:
+    """A known force on a body that acts at points in shares that balance is free to choose.
+
+    Attributes:
+        body: its name.
+        force: [N]; the shares have its direction and add up to it.
+        points: where it may act.
+    """
+
+    body: str
+    force: Vector
+    points: tuple[Vector, ...]
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """What of a structure is there, and what acts on it.
+
+    Attributes:
+        there: names of the bodies in their places.
+        held: those of them that move no more than the ground does.
+        weighing: bodies whose weight counts; all by default.
+        down: unit vector along which weights act.
+        loose: a body whose contacts push but do not pull.
+        pushes: contacts beside those of the structure, such as of tools and joints.
+        load: a force on one of the bodies.
+    """
+
+    there: Collection[str]
+    held: Collection[str] = ()
+    weighing: Collection[str] | None = None
+    down: Vector = DOWN
+    loose: str | None = None
+    pushes: Sequence[ContactForce] = ()
+    load: SpreadForce | None = None
 
 
 @dataclass(frozen=True)
@@ -53,154 +128,202 @@ class StabilityReport:
 
 
 class Equilibrium:
-    """Forces in balance on rigid bodies, built contact by contact.
-
-    The unit of length is free as long as it is one; forces are in newtons. A contact's force
-    along its direction is p - s T with p >= 0 and its capacity T of pull, so that the score s
-    is the only variable that ties contacts together: one column, no inequalities but bounds.
+    """Forces in balance on any of the bodies of a structure.
 
     Args:
         centres: centre of mass of each body, shape (3,) each.
         weights: weight of each body [N].
-        down: unit vector along which weights act.
+        contacts: between them, and with the ground, where all bodies are there.
     """
 
     def __init__(
         self,
         centres: Mapping[str, Array],
         weights: Mapping[str, float],
-        down: tuple[float, float, float] = (0.0, 0.0, -1.0),
+        contacts: Sequence[ContactForce],
     ) -> None:
         self._names = tuple(centres)
         self._index = {name: k for k, name in enumerate(self._names)}
         self._centres = np.array([centres[name] for name in self._names])
-        self._wrench = np.zeros((len(self._names), 6))
-        self._wrench[:, :3] = np.outer([weights[name] for name in self._names], down)
-        self._points: list[Array] = []
-        self._directions: list[Array] = []
-        self._turns: list[bool] = []
-        self._on: list[tuple[int, int]] = []
-        self._bounds: list[tuple[float, float]] = []
-        self._pulls: list[float] = []
-        self._shared: list[tuple[range, float]] = []
+        self._weights = np.array([weights[name] for name in self._names])
+        self._own = len(contacts)
+        self._columns: dict[tuple[ContactForce, bool], int] = {}
+        self._on = np.empty((0, 2), dtype=np.intp)
+        self._limits = np.empty((0, 2))
+        self._pulls = np.empty(0)
+        self._pushing = np.empty(0, dtype=bool)
+        self._blocks: list[csc_matrix] = []
+        # As the solver knows them now. Row 0 adds up the shares of a load.
+        self._bounds = np.empty((0, 2))
+        self._rows = np.zeros((1 + 6 * len(self._names), 2))
+        self._solver = new_highs()
+        for option, value in (
+            ("presolve", "off"),
+            ("solver", "simplex"),
+            # Primal: a quarter of the time of the dual, where columns are switched on and off.
+            ("simplex_strategy", 4),
+            ("threads", 1),
+        ):
+            self._solver.setOptionValue(option, value)
+        size, none = len(self._rows), np.array([], dtype=np.int32)
+        self._solver.addRows(
+            size, *self._rows.T, 0, np.zeros(size, np.int32), none, none
+        )
+        self._add(contacts, shares=False)
+        self.solved = 0
+        """Number of linear programs solved so far."""
 
-    def add_contact(
-        self,
-        first: str | None,
-        second: str | None,
-        point: Array,
-        direction: Array,
-        *,
-        pull: float = 0.0,
-        within: float | None = None,
-    ) -> None:
-        """Add a force along ``direction`` on ``second`` and its reaction on ``first``.
+    def bears(self, case: LoadCase) -> float:
+        """Return the largest part of a load that the bodies bear [N].
 
-        Args:
-            first: a body, None for the ground.
-            second: a body, None for the ground.
-            point: where it acts, shape (3,).
-            direction: of the push on ``second``, shape (3,), unit length.
-            pull: capacity T of the opposite force [N]; 0 for a contact that only pushes.
-            within: bound of the force in both senses [N], which does not count as pull.
+        Returns:
+            The force, 0 for no load; -1 where the bodies do not even stand.
         """
-        self._add_column(first, second, point, direction, turns=False)
-        self._bounds.append((0.0, np.inf) if within is None else (-within, within))
-        self._pulls.append(pull)
+        used = self._used(case)
+        limits = self._limits.copy()
+        limits[self._loosened(case), 0] = 0.0
+        bounds = np.zeros_like(limits)
+        bounds[used] = limits[used]
+        rows = self._balance(case)
+        rows[0, 0] = 0.0
+        self._apply(bounds, rows)
+        self.solved += 1
+        status = self._solve()
+        if status in _INFEASIBLE:
+            return -1.0
+        if status != _STATUS.kOptimal:
+            raise RuntimeError(f"equilibrium not solved: {status}")
+        return max(0.0, -float(self._solver.getInfo().objective_function_value))
 
-    def add_joint(
-        self,
-        first: str | None,
-        second: str | None,
-        point: Array,
-        *,
-        force: float,
-        torque: float,
-    ) -> None:
-        """Add a joint, such as a weld, that bears forces and torques about every axis.
+    def least_pull(self, case: LoadCase) -> StabilityReport:
+        """Return how much pull keeps the bodies in balance, and where they give way first.
 
-        Args:
-            first: a body, None for the ground.
-            second: a body, None for the ground.
-            point: where it is, shape (3,).
-            force: most that it bears along each axis of the world [N]; may be infinite.
-            torque: most that it bears about each axis [N times the unit of length].
-        """
-        for turns, limit in ((False, force), (True, torque)):
-            for axis in np.eye(3):
-                self._add_column(first, second, point, axis, turns=turns)
-                self._bounds.append((-limit, limit))
-                self._pulls.append(0.0)
-
-    def _add_column(
-        self,
-        first: str | None,
-        second: str | None,
-        point: Array,
-        direction: Array,
-        *,
-        turns: bool,
-    ) -> None:
-        self._points.append(point)
-        self._directions.append(direction)
-        self._turns.append(turns)
-        self._on.append((self._body(first), self._body(second)))
-
-    def add_load(self, body: str, force: Array, points: Array) -> None:
-        """Add a known force on a body that acts at points in shares that balance is free to choose.
-
-        Args:
-            body: the body.
-            force: shape (3,) [N]; the shares have its direction and add up to it.
-            points: where it may act, shape (k, 3).
-        """
-        k = self._index[body]
-        if len(points) == 1:
-            self._wrench[k, :3] += force
-            self._wrench[k, 3:] += np.cross(points[0] - self._centres[k], force)
-            return
-        total = float(np.linalg.norm(force))
-        first = len(self._points)
-        for point in points:
-            self.add_contact(None, body, point, force / total)
-        self._shared.append((range(first, len(self._points)), total))
-
-    def solve(self) -> StabilityReport:
-        """Solve the program.
+        A contact's force along its direction is p - s T with p >= 0 and its capacity T of pull,
+        so that the score s is the only variable that ties contacts together: one column, no
+        inequalities but bounds.
 
         Raises:
             RuntimeError: the solver failed, as it should never do.
         """
-        if not self._points:
-            return StabilityReport(math.inf, self._names[0])
-        contacts = vstack([self._matrix(), self._sums()], format="csc")
-        pulls = np.array(self._pulls)
-        column = csc_matrix((contacts @ -pulls)[:, None])
-        matrix = hstack([contacts, column], format="csc")
-        cost = np.zeros(matrix.shape[1])
+        used = self._used(case)
+        if not len(used):
+            first = min(self._index[n] for n in case.there if n not in case.held)
+            return StabilityReport(math.inf, self._names[first])
+        pulls = np.where(self._loosened(case), 0.0, self._pulls)[used]
+        low, high = self._limits[used].T
+        low = np.where(self._pushing[used], 0.0, low)
+        contacts = hstack(self._blocks, "csc")[:, used]
+        matrix = hstack([contacts, csc_matrix((contacts @ -pulls)[:, None])], "csc")
+        bounds = np.column_stack([[*low, 0.0], [*high, np.inf]])
+        rows, cost = self._balance(case), np.zeros(len(bounds))
         cost[-1] = 1.0
-        result = self._minimise(cost, matrix, [*self._bounds, (0.0, np.inf)])
-        if result.status == _INFEASIBLE:
-            return StabilityReport(math.inf, self._farthest(matrix))
-        if result.status != 0:
-            raise RuntimeError(f"equilibrium not solved: {result.message}")
-        score = max(0.0, float(result.fun))
+        found = _minimised(cost, matrix, bounds, rows)
+        if found is None:
+            return StabilityReport(math.inf, self._farthest(matrix, bounds, rows))
+        values, prices = found
+        score = max(0.0, float(values[-1]))
         if score < _NO_PULL:
             return StabilityReport(0.0, None)
-        price = np.where(pulls > 0.0, pulls * result.lower.marginals[:-1], 0.0)
-        pushes = result.x[: len(pulls)] - score * pulls
+        pushes = values[:-1] - score * pulls
         return StabilityReport(
-            score, self._priciest(price), self._pulled(pushes, pulls)
+            score,
+            self._priciest(self._on[used], pulls * prices[:-1]),
+            self._pulled(self._on[used], pushes, pulls),
+        )
+
+    def _used(self, case: LoadCase) -> Array:
+        """Return the columns of a load case: contacts, further pushes, shares of the load."""
+        there = np.zeros(len(self._names) + 1, dtype=bool)
+        there[[self._index[name] for name in case.there]] = True
+        there[-1] = True  # the ground
+        shares = _shares(case.load)
+        extra = [*((c, False) for c in case.pushes), *((c, True) for c in shares)]
+        for shared in (True, False):
+            new = dict.fromkeys(
+                c for c, s in extra if s is shared and (c, s) not in self._columns
+            )
+            self._add(tuple(new), shares=shared)
+        own = np.flatnonzero(there[self._on[: self._own]].all(axis=1))
+        return np.array([*own, *(self._columns[key] for key in extra)], dtype=np.intp)
+
+    def _loosened(self, case: LoadCase) -> Array:
+        """Return which contacts do not pull because of a body that is being put in its place."""
+        if case.loose is None:
+            return np.zeros(len(self._on), dtype=bool)
+        loose = (self._on == self._index[case.loose]).any(axis=1)
+        return np.asarray(loose & self._pushing)
+
+    def _balance(self, case: LoadCase) -> Array:
+        """Return the bounds of all rows: what the forces on the bodies must add up to."""
+        rows = np.zeros_like(self._rows)
+        if case.load is not None:
+            rows[0] = np.linalg.norm(case.load.force)
+        heavy = case.there if case.weighing is None else case.weighing
+        on = [self._index[name] for name in case.there if name in heavy]
+        wrench = rows[1:].reshape(len(self._names), 6, 2)
+        wrench[on, :3] = -(self._weights[on, None] * case.down)[:, :, None]
+        wrench[[self._index[name] for name in case.held]] = -np.inf, np.inf
+        return rows
+
+    def _apply(self, bounds: Array, rows: Array) -> None:
+        """Tell the solver what is different from the last time."""
+        k = np.flatnonzero((bounds != self._bounds).any(axis=1)).astype(np.int32)
+        self._solver.changeColsBounds(len(k), k, *bounds[k].T.copy())
+        k = np.flatnonzero((rows != self._rows).any(axis=1)).astype(np.int32)
+        self._solver.changeRowsBounds(len(k), k, *rows[k].T.copy())
+        self._bounds, self._rows = bounds, rows
+
+    def _solve(self) -> Any:
+        """Solve the program from where the last one ended, anew where that leads nowhere."""
+        self._solver.run()
+        status = self._solver.getModelStatus()
+        if status not in (*_INFEASIBLE, _STATUS.kOptimal):
+            self._solver.clearSolver()
+            self._solver.run()
+            status = self._solver.getModelStatus()
+        return status
+
+    def _add(self, contacts: Sequence[ContactForce], *, shares: bool) -> None:
+        """Add columns to the program, switched off.
+
+        Args:
+            contacts: whose forces they are.
+            shares: whether they are shares of a load, which are maximised.
+        """
+        if not contacts:
+            return
+        known = enumerate(contacts, len(self._on))
+        self._columns |= {(c, shares): k for k, c in known}
+        on = [[self._body(c.first), self._body(c.second)] for c in contacts]
+        limits = [
+            (-c.pull, np.inf) if c.within is None else (-c.within, c.within)
+            for c in contacts
+        ]
+        self._on = np.vstack([self._on, on])
+        self._limits = np.vstack([self._limits, limits])
+        self._pulls = np.append(self._pulls, [c.pull for c in contacts])
+        pushing = [c.within is None for c in contacts]
+        self._pushing = np.append(self._pushing, pushing)
+        self._bounds = np.vstack([self._bounds, np.zeros((len(contacts), 2))])
+        matrix = self._wrenches(contacts, shares=shares)
+        self._blocks.append(matrix)
+        zeros = np.zeros(len(contacts))
+        self._solver.addCols(
+            *(len(contacts), zeros - shares, zeros, zeros),
+            *(matrix.nnz, matrix.indptr[:-1], matrix.indices, matrix.data),
         )
 
     def _body(self, name: str | None) -> int:
         return -1 if name is None else self._index[name]
 
-    def _matrix(self) -> csc_matrix:
-        """Return the wrench (6 rows a body, about its centre) of each column's unit."""
-        points, directions = np.array(self._points), np.array(self._directions)
-        turns = np.array(self._turns)[:, None]
-        on = np.array(self._on)
+    def _wrenches(
+        self, contacts: Sequence[ContactForce], *, shares: bool
+    ) -> csc_matrix:
+        """Return a column for the unit of each force: its share, and six rows for each body."""
+        points = np.array([c.point for c in contacts])
+        directions = np.array([c.direction for c in contacts])
+        turns = np.array([[c.turns] for c in contacts])
+        on = np.array([[self._body(c.first), self._body(c.second)] for c in contacts])
         rows, columns, values = [], [], []
         for end, sign in ((0, -1.0), (1, 1.0)):
             k = np.flatnonzero(on[:, end] >= 0)
@@ -208,67 +331,81 @@ class Equilibrium:
             force = np.where(turns[k], 0.0, along)
             arm = points[k] - self._centres[on[k, end]]
             moment = np.where(turns[k], along, np.cross(arm, force))
-            rows.append((6 * on[k, end][:, None] + np.arange(6)).ravel())
+            rows.append((1 + 6 * on[k, end][:, None] + np.arange(6)).ravel())
             columns.append(np.repeat(k, 6))
             values.append(np.hstack([force, moment]).ravel())
+        if shares:
+            rows.append(np.zeros(len(contacts), dtype=np.intp))
+            columns.append(np.arange(len(contacts)))
+            values.append(np.ones(len(contacts)))
         entries = np.concatenate(values)
         there = entries != 0.0
         place = (np.concatenate(rows)[there], np.concatenate(columns)[there])
-        return coo_matrix(
-            (entries[there], place), shape=(self._wrench.size, len(points))
-        ).tocsc()
-
-    def _sums(self) -> csc_matrix:
-        """Return the rows that add up the shares of each shared load."""
-        rows = np.repeat(
-            np.arange(len(self._shared)), [len(k) for k, _ in self._shared]
-        )
-        columns = np.array([c for k, _ in self._shared for c in k], dtype=np.intp)
-        shape = (len(self._shared), len(self._points))
-        return coo_matrix((np.ones(len(columns)), (rows, columns)), shape=shape).tocsc()
-
-    def _minimise(
-        self, cost: Array, matrix: csc_matrix, bounds: list[tuple[float, float]]
-    ) -> OptimizeResult:
-        # Sparse matrices are accepted; scipy's type stubs do not know it.
-        solve: Callable[..., OptimizeResult] = linprog
-        totals = [total for _, total in self._shared]
-        target = np.concatenate([-self._wrench.ravel(), totals])
-        for presolve in (True, False):  # presolving leaves some in doubt
-            result = solve(
-                *(cost, None, None, matrix, target, bounds, "highs", None),
-                {"presolve": presolve},
-            )
-            if result.status in (0, _INFEASIBLE):
-                break
-        return result
+        matrix = coo_matrix((entries[there], place), (len(self._rows), len(contacts)))
+        return matrix.tocsc()
 
     def _pulled(
-        self, pushes: Array, pulls: Array
+        self, on: Array, pushes: Array, pulls: Array
     ) -> tuple[tuple[str | None, str | None, float], ...]:
         """Return the pairs of bodies that pull each other, the most strained first."""
         worst: dict[tuple[int, int], float] = {}
         for k in np.flatnonzero((pulls > 0.0) & (pushes < -_NO_PULL)):
-            share = float(-pushes[k] / pulls[k])
-            worst[self._on[k]] = max(worst.get(self._on[k], 0.0), share)
+            pair = (int(on[k, 0]), int(on[k, 1]))
+            worst[pair] = max(worst.get(pair, 0.0), float(-pushes[k] / pulls[k]))
         names = (*self._names, None)  # the ground has the index -1
         ordered = sorted(worst.items(), key=lambda item: -item[1])
         return tuple((names[a], names[b], share) for (a, b), share in ordered)
 
-    def _priciest(self, price: Array) -> str:
+    def _priciest(self, on: Array, price: Array) -> str:
         """Return the body whose contacts below the score depends on most, first of equals."""
         total = np.zeros(len(self._names))
-        for k, (first, second) in enumerate(self._on):
-            total[second if second >= 0 else first] += price[k]
+        np.add.at(total, np.where(on[:, 1] >= 0, on[:, 1], on[:, 0]), price)
         return self._names[int(np.flatnonzero(total >= total.max() * (1 - 1e-6))[0])]
 
-    def _farthest(self, matrix: csc_matrix) -> str:
+    def _farthest(self, matrix: csc_matrix, bounds: Array, rows: Array) -> str:
         """Return the body that needs most help from outside for all to be in balance."""
-        size = self._wrench.size
-        help_ = eye(matrix.shape[0], size)
+        size = len(rows) - 1
+        help_ = eye(len(rows), size, -1)
         helped = hstack([matrix, help_, -help_], format="csc")
-        cost = np.concatenate([np.zeros(matrix.shape[1]), np.ones(2 * size)])
-        free = [(0.0, np.inf)] * (2 * size)
-        result = self._minimise(cost, helped, [*self._bounds, (0.0, np.inf), *free])
-        extra = result.x[-2 * size :].reshape(2, len(self._names), 6).sum(axis=(0, 2))
+        free = np.tile([0.0, np.inf], (2 * size, 1))
+        cost = np.concatenate([np.zeros(len(bounds)), np.ones(2 * size)])
+        found = _minimised(cost, helped, np.vstack([bounds, free]), rows)
+        assert found is not None, "help from outside balances everything"
+        extra = found[0][-2 * size :].reshape(2, len(self._names), 6).sum(axis=(0, 2))
         return self._names[int(np.argmax(extra))]
+
+
+def _shares(load: SpreadForce | None) -> list[ContactForce]:
+    """Return the forces whose sum is a load."""
+    if load is None:
+        return []
+    x, y, z = (np.array(load.force) / np.linalg.norm(load.force)).tolist()
+    return [ContactForce(None, load.body, point, (x, y, z)) for point in load.points]
+
+
+def _minimised(
+    cost: Array, matrix: csc_matrix, bounds: Array, rows: Array
+) -> tuple[Array, Array] | None:
+    """Return the solution of a linear program, and what its bounds cost; None if there is none."""
+    program = highspy.HighsLp()
+    program.num_row_, program.num_col_ = matrix.shape
+    program.col_cost_ = cost
+    program.col_lower_, program.col_upper_ = bounds.T.copy()
+    program.row_lower_, program.row_upper_ = rows.T.copy()
+    program.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    program.a_matrix_.start_ = matrix.indptr
+    program.a_matrix_.index_ = matrix.indices
+    program.a_matrix_.value_ = matrix.data
+    solver = new_highs()
+    solver.setOptionValue("threads", 1)
+    for presolve in ("on", "off"):  # presolving leaves some in doubt
+        solver.setOptionValue("presolve", presolve)
+        solver.passModel(program)
+        solver.run()
+        status = solver.getModelStatus()
+        if status == _STATUS.kOptimal:
+            found = solver.getSolution()
+            return np.array(found.col_value), np.array(found.col_dual)
+        if status in _INFEASIBLE:
+            return None
+    raise RuntimeError(f"equilibrium not solved: {status}")

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, product
 
 import networkx as nx
 import numpy as np
@@ -22,13 +23,22 @@ from planning.cell.body import ConvexBody
 from planning.statics.contact_patch import ContactPatch, contact_patch
 from planning.statics.equilibrium import (
     STANDARD_GRAVITY,
+    ContactForce,
     Equilibrium,
-    StabilityReport,
+    LoadCase,
+    Vector,
 )
 from planning.transforms import Array, Transform
 
 _SIDES = 8
 """Edges of the pyramid that lies within a cone of friction."""
+
+_AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+_State = tuple[
+    frozenset[str], frozenset["Joint"], frozenset[str], frozenset[str] | None
+]
+"""What is there, joined and held, and what weighs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +114,7 @@ class Standing:
         self.rules = rules or StandingRules()
         self.bodies = bodies
         self._ground = ground
-        self._known: dict[tuple[object, ...], str | None] = {}
+        self._known: dict[_State, str | None] = {}
         self._boxes = {
             name: _boxes(body) for name, body in {**ground, **bodies}.items()
         }
@@ -143,75 +153,64 @@ class Standing:
         weights = None if weighing is None else frozenset(weighing)
         key = frozenset(there), frozenset(joints), frozenset(held), weights
         if key not in self._known:
-            self._known[key] = self._found(there, joints, set(held), weights)
+            solid = {*there, *self._ground}
+            pushes = tuple(
+                force
+                for joint in joints
+                if joint.first in solid and joint.second in solid
+                for force in self._borne_by(joint)
+            )
+            case = LoadCase(key[0], key[2], weights, pushes=pushes)
+            self._known[key] = self._found(case)
         return self._known[key]
 
-    def _found(
-        self,
-        there: Collection[str],
-        joints: Collection[Joint],
-        held: set[str],
-        weighing: Collection[str] | None,
-    ) -> str | None:
+    def _found(self, case: LoadCase) -> str | None:
         for down in self._downs():
-            report = self._report(down, frozenset(there), joints, held, weighing)
-            if not report.stable:
-                return report.body
+            tilted = replace(case, down=down)
+            if self._program.bears(tilted) < 0.0:
+                return self._program.least_pull(tilted).body
         return None
 
-    def _report(
-        self,
-        down: tuple[float, float, float],
-        there: frozenset[str],
-        joints: Collection[Joint],
-        held: set[str],
-        weighing: Collection[str] | None,
-    ) -> StabilityReport:
-        free = sorted(there - held)
-        heavy = there if weighing is None else weighing
-        program = Equilibrium(
-            {n: _placed(self.bodies[n].centre, self.bodies[n].pose) for n in free},
-            {
-                n: self.bodies[n].mass * STANDARD_GRAVITY if n in heavy else 0.0
-                for n in free
-            },
-            down,
+    @cached_property
+    def _program(self) -> Equilibrium:
+        """The program of all bodies in their places."""
+        moving = {name: self.bodies[name] for name in sorted(self.bodies)}
+        return Equilibrium(
+            {name: _placed(body.centre, body.pose) for name, body in moving.items()},
+            {name: body.mass * STANDARD_GRAVITY for name, body in moving.items()},
+            [
+                force
+                for pair, patches in self.patches.items()
+                for patch in patches
+                for force in self._pushes(pair, patch)
+            ],
         )
-        solid = there | self._ground.keys()
-        moving = set(free)
-        for (first, second), patches in self.patches.items():
-            if first not in solid or second not in solid:
-                continue
-            ends = [name if name in moving else None for name in (first, second)]
-            if ends != [None, None]:
-                for patch in patches:
-                    self._push(program, ends, patch)
-        for joint in joints:
-            if joint.first not in solid or joint.second not in solid:
-                continue
-            ends = [n if n in moving else None for n in (joint.first, joint.second)]
-            if ends != [None, None]:
-                program.add_joint(
-                    ends[0],
-                    ends[1],
-                    self._middle(joint),
-                    force=joint.force,
-                    torque=joint.torque,
-                )
-        return program.solve()
 
-    def _push(
-        self, program: Equilibrium, ends: list[str | None], patch: ContactPatch
-    ) -> None:
-        """Add the forces of a contact: at each of its corners, the edges of a cone."""
+    def _pushes(
+        self, pair: tuple[str, str], patch: ContactPatch
+    ) -> Iterator[ContactForce]:
+        """Yield the forces of a contact: at each of its corners, the edges of a cone."""
         across = np.linalg.svd(patch.normal[None, :])[2][1:]
         angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         aside = np.column_stack([np.cos(angles), np.sin(angles)]) @ across
         cone = patch.normal + self.rules.friction * aside
         cone /= np.linalg.norm(cone, axis=1)[:, None]
-        for point in patch.points:
-            for direction in cone:
-                program.add_contact(ends[0], ends[1], point, direction)
+        ends = self._ends(pair)
+        for point, edge in product(patch.points.tolist(), cone.tolist()):
+            yield ContactForce(*ends, tuple(point), tuple(edge))
+
+    def _borne_by(self, joint: Joint) -> Iterator[ContactForce]:
+        """Yield the forces and torques of a joint."""
+        ends = self._ends((joint.first, joint.second))
+        x, y, z = self._middle(joint).tolist()
+        for turns, limit in ((False, joint.force), (True, joint.torque)):
+            for axis in _AXES:
+                yield ContactForce(*ends, (x, y, z), axis, within=limit, turns=turns)
+
+    def _ends(self, pair: tuple[str, str]) -> tuple[str | None, str | None]:
+        """Return two names as the program knows them, None for what is of the ground."""
+        first, second = (n if n in self.bodies else None for n in pair)
+        return first, second
 
     def _downs(self) -> Iterator[tuple[float, float, float]]:
         """Yield the directions of gravity: tilted towards each side."""

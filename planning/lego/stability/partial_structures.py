@@ -2,15 +2,14 @@
 
 A sequence search asks thousands of times about structures that differ by a brick. Where bricks
 rest by pushing alone (``compression``) no program is needed; the others are judged by one linear
-program that is changed from one structure to the next (``force_program``). Why a structure gives
-way is worked out apart (``weakness``), by the program with the least friction (``stability``).
+program that is changed from one structure to the next (``planning.statics.equilibrium``).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 
@@ -25,18 +24,22 @@ from planning.lego.bricks.contacts import (
     side_contacts,
 )
 from planning.lego.stability.compression import Region, contains, resting_region
-from planning.lego.stability.force_program import ENOUGH, ForceProgram
 from planning.lego.stability.stability import (
     Hold,
     JointStrength,
     Load,
-    add_contacts,
-    add_loads,
-    bodies,
     face_contacts,
     joint_contacts,
+    spread_force,
+    tool_push,
 )
-from planning.statics.equilibrium import STANDARD_GRAVITY, StabilityReport
+from planning.statics.equilibrium import (
+    ENOUGH,
+    STANDARD_GRAVITY,
+    Equilibrium,
+    LoadCase,
+    StabilityReport,
+)
 
 Names = frozenset[str]
 
@@ -107,9 +110,14 @@ class PartialStructures:
         return self._program.solved if "_program" in self.__dict__ else 0
 
     @cached_property
-    def _program(self) -> ForceProgram:
-        """The program, made when it is asked for: many structures rest by pushing alone."""
-        return ForceProgram(self.bricks, self._contacts)
+    def _program(self) -> Equilibrium:
+        """The program in studs, made when it is asked for: many structures rest by pushing alone."""
+        bricks = self.bricks
+        return Equilibrium(
+            {name: centre(item) for name, item in bricks.items()},
+            {name: i.brick.mass * STANDARD_GRAVITY for name, i in bricks.items()},
+            self._contacts,
+        )
 
     def above(self, names: Names, name: str) -> tuple[str, ...]:
         """Return the bricks of a partial structure that sit on a brick."""
@@ -137,7 +145,7 @@ class PartialStructures:
         if known is None:
             regions = self._regions_of(names)
             known = all(contains(regions[n], self._middle[n]) for n in names)
-            known = known or self._program.bears(names) >= 0.0
+            known = known or self._program.bears(LoadCase(names)) >= 0.0
             self._standing[names] = known
         return known
 
@@ -155,7 +163,7 @@ class PartialStructures:
         if not holds and self._goes_through(names, load):
             stands = self.stands(names - {load.brick})
             return Bearing(needed, needed if stands else -1.0)
-        return Bearing(needed, self._program.bears(names, load=load, holds=holds))
+        return Bearing(needed, self._program.bears(_case(names, load, holds)))
 
     def could_bear(
         self, names: Names, load: Load, holds: Sequence[Hold] = ()
@@ -168,22 +176,14 @@ class PartialStructures:
         needed = abs(load.force[2])
         if self._goes_through(names, load):
             return Bearing(needed, needed)
-        force = self._program.bears(names, load=load, holds=holds, weightless=True)
-        return Bearing(needed, force)
+        case = replace(_case(names, load, holds), weighing=())
+        return Bearing(needed, self._program.bears(case))
 
     def weakness(
         self, names: Names, load: Load | None = None, holds: Sequence[Hold] = ()
     ) -> StabilityReport:
         """Return how much friction a partial structure needs, and where it gives way first."""
-        program = bodies(item for name, item in self.bricks.items() if name in names)
-        there = (
-            c
-            for c in self._contacts
-            if (c.first is None or c.first in names) and c.second in names
-        )
-        add_contacts(program, there, loose=None if load is None else load.brick)
-        add_loads(program, () if load is None else (load,), holds)
-        return program.solve()
+        return self._program.least_pull(_case(names, load, holds))
 
     def _goes_through(self, names: Names, load: Load) -> bool:
         """Return True when pressing and weight go down to the plate by pushing alone."""
@@ -221,3 +221,12 @@ class PartialStructures:
                     shape = self._shapes[key] = (len(self._shapes), region)
                 number[name], known[name] = shape
         return known
+
+
+def _case(names: Names, load: Load | None, holds: Sequence[Hold]) -> LoadCase:
+    """Return bricks under a press, whose own joints push but do not pull yet, as a load case."""
+    pushes = tuple(map(tool_push, holds))
+    if load is None:
+        return LoadCase(names, pushes=pushes)
+    spread = spread_force(load)
+    return LoadCase(names, loose=load.brick, pushes=pushes, load=spread)

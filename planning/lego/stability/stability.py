@@ -13,25 +13,22 @@ A structure whose score is 0 stands without any friction, up to 1 it stands, abo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-
-import numpy as np
+from functools import cache
 
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
 from planning.lego.bricks.contacts import (
     Joint,
     SideContact,
-    centre,
     is_narrow,
     knob_points,
     stud_height,
 )
-from planning.statics.equilibrium import STANDARD_GRAVITY, Equilibrium
-from planning.transforms import Array
+from planning.statics.equilibrium import ContactForce, SpreadForce, Vector
 
-UP = np.array([0.0, 0.0, 1.0])
-LEVEL = (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+UP = (0.0, 0.0, 1.0)
+LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -91,39 +88,10 @@ class Hold:
     point: tuple[float, float, float]
 
 
-def bodies(bricks: Iterable[PlacedBrick]) -> Equilibrium:
-    """Return a linear program with these bricks as rigid bodies and no contacts yet."""
-    items = tuple(bricks)
-    return Equilibrium(
-        {item.name: centre(item) for item in items},
-        {item.name: item.brick.mass * STANDARD_GRAVITY for item in items},
-    )
-
-
-@dataclass(frozen=True)
-class Contact:
-    """A force between two bricks, or a brick and the plate, as ``Equilibrium.add_contact`` takes it.
-
-    Attributes:
-        first, second: names of the bricks, None for the plate.
-        point: where it acts, shape (3,) [studs].
-        direction: of the push on ``second``, shape (3,).
-        pull: friction against being pulled apart [N].
-        within: bound of the force in both senses [N], None for one that pushes without limit.
-    """
-
-    first: str | None
-    second: str | None
-    point: Array
-    direction: Array
-    pull: float = 0.0
-    within: float | None = None
-
-
 def joint_contacts(
     joint: Joint, upper: PlacedBrick, strength: JointStrength
-) -> Iterator[Contact]:
-    """Yield the contacts of a joint, knob by knob.
+) -> Iterator[ContactForce]:
+    """Yield the contacts of a joint in studs, knob by knob.
 
     Args:
         joint: the joint.
@@ -133,47 +101,34 @@ def joint_contacts(
     ends, height = (joint.lower, joint.upper), stud_height(joint.level)
     pull, sideways = strength.pull(upper), strength.sideways
     for stud in joint.studs:
-        for x, y in knob_points(upper, stud):
-            yield Contact(*ends, np.array([x, y, height]), UP, pull)
-        axis = np.array([stud[0] + 0.5, stud[1] + 0.5, height])
+        for x, y in knob_points(upper, stud).tolist():
+            yield ContactForce(*ends, (x, y, height), UP, pull)
+        axis = (stud[0] + 0.5, stud[1] + 0.5, height)
         for direction in LEVEL:
-            yield Contact(*ends, axis, direction, within=sideways)
+            yield ContactForce(*ends, axis, direction, within=sideways)
 
 
-def face_contacts(side: SideContact) -> Iterator[Contact]:
-    """Yield the contacts of two bricks side by side, the corners of their common face."""
-    for along in side.span:
-        flat = (side.at, along) if side.axis == 0 else (along, side.at)
+def face_contacts(side: SideContact) -> Iterator[ContactForce]:
+    """Yield the contacts of two bricks side by side, the corners of their common face, in studs."""
+    for along in map(float, side.span):
+        x, y = (side.at, along) if side.axis == 0 else (along, side.at)
         for height in map(stud_height, side.levels):
-            point = np.array([*flat, height], dtype=np.float64)
-            yield Contact(side.first, side.second, point, LEVEL[side.axis])
+            at = (float(x), float(y), height)
+            yield ContactForce(side.first, side.second, at, LEVEL[side.axis])
 
 
-def add_contacts(
-    program: Equilibrium, contacts: Iterable[Contact], *, loose: str | None = None
-) -> None:
-    """Add contacts to a linear program.
-
-    Args:
-        program: the program.
-        contacts: of its bricks.
-        loose: a brick that is just being pressed into place: its joints do not pull yet.
-    """
-    for c in contacts:
-        free = loose is not None and loose in (c.first, c.second)
-        pull = 0.0 if free else c.pull
-        program.add_contact(
-            c.first, c.second, c.point, c.direction, pull=pull, within=c.within
-        )
+def spread_force(load: Load) -> SpreadForce:
+    """Return a load as the program of equilibrium takes it, in studs."""
+    return SpreadForce(load.brick, load.force, tuple(map(_in_studs, load.points)))
 
 
-def add_loads(
-    program: Equilibrium, loads: Iterable[Load], holds: Iterable[Hold]
-) -> None:
-    """Add forces and supporting tools to a linear program."""
-    for hold in holds:
-        up = np.array([0.0, 0.0, float(hold.direction)])
-        program.add_contact(None, hold.brick, np.array(hold.point) / STUD_PITCH, up)
-    for load in loads:
-        points = np.array(load.points) / STUD_PITCH
-        program.add_load(load.brick, np.array(load.force), points)
+@cache
+def tool_push(hold: Hold) -> ContactForce:
+    """Return the push of a standing tool as the program of equilibrium takes it, in studs."""
+    up = (0.0, 0.0, float(hold.direction))
+    return ContactForce(None, hold.brick, _in_studs(hold.point), up)
+
+
+def _in_studs(point: Vector) -> Vector:
+    x, y, z = point
+    return x / STUD_PITCH, y / STUD_PITCH, z / STUD_PITCH

@@ -7,11 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
+import numpy as np
+from scipy.optimize import linprog
+
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import PlacedBrick
 from planning.lego.bricks.contacts import (
     Joint,
     by_name,
+    centre,
     filled_places,
     joints,
     side_contacts,
@@ -20,13 +24,19 @@ from planning.lego.stability.stability import (
     Hold,
     JointStrength,
     Load,
-    add_contacts,
-    add_loads,
-    bodies,
     face_contacts,
     joint_contacts,
+    spread_force,
+    tool_push,
 )
-from planning.statics.equilibrium import StabilityReport
+from planning.statics.equilibrium import (
+    STANDARD_GRAVITY,
+    ContactForce,
+    SpreadForce,
+    StabilityReport,
+    Vector,
+)
+from planning.transforms import Array
 
 
 def stability(
@@ -63,16 +73,65 @@ def stability(
         return StabilityReport(0.0, None)
     if not holds and (loose_end := _floating(bricks, knobs)) is not None:
         return StabilityReport(math.inf, loose_end)
-    program = bodies(bricks.values())
+    contacts = [tool_push(hold) for hold in holds]
     for joint in knobs:
         for contact in joint_contacts(joint, bricks[joint.upper], strength):
             free = joint.upper in loose or joint.lower in loose
-            held = replace(contact, pull=0.0) if free else contact
-            add_contacts(program, (held,))
+            contacts.append(replace(contact, pull=0.0) if free else contact)
     for side in side_contacts(bricks, filled):
-        add_contacts(program, face_contacts(side))
-    add_loads(program, loads, holds)
-    return program.solve()
+        contacts += face_contacts(side)
+    return _least_pull(bricks, contacts, [spread_force(load) for load in loads])
+
+
+def _least_pull(
+    bricks: Mapping[str, PlacedBrick],
+    contacts: Sequence[ContactForce],
+    loads: Sequence[SpreadForce],
+) -> StabilityReport:
+    """Solve the plain program by scipy: the score, and the brick that it depends on most."""
+    number = {name: k for k, name in enumerate(bricks)}
+    centres = np.array([centre(item) for item in bricks.values()])
+    shares = [(load, point) for load in loads for point in load.points]
+    matrix = np.zeros((6 * len(bricks) + len(loads), len(contacts) + len(shares) + 1))
+
+    def push(name: str | None, column: int, point: Vector, force: Array) -> None:
+        if name is not None:
+            k = number[name]
+            turn = np.cross(point - centres[k], force)
+            matrix[6 * k : 6 * k + 6, column] += [*force, *turn]
+
+    for k, c in enumerate(contacts):
+        push(c.first, k, c.point, -np.array(c.direction))
+        push(c.second, k, c.point, np.array(c.direction))
+    for k, (load, point) in enumerate(shares, start=len(contacts)):
+        push(load.body, k, point, np.array(load.force))
+        matrix[6 * len(bricks) + loads.index(load), k] = 1.0
+    pulls = np.array([c.pull for c in contacts])
+    matrix[:, -1] = -(matrix[:, : len(contacts)] @ pulls)
+    target = np.zeros(len(matrix))
+    target[2 : 6 * len(bricks) : 6] = [
+        item.brick.mass * STANDARD_GRAVITY for item in bricks.values()
+    ]
+    target[6 * len(bricks) :] = 1.0
+    bounds = [
+        (0, None) if c.within is None else (-c.within, c.within) for c in contacts
+    ]
+    bounds += [(0, None)] * (len(shares) + 1)
+    cost = np.zeros(matrix.shape[1])
+    cost[-1] = 1.0
+    found = linprog(cost, A_eq=matrix, b_eq=target, bounds=bounds)
+    if found.status == 4:  # presolving leaves some in doubt
+        options = {"presolve": False}
+        found = linprog(cost, A_eq=matrix, b_eq=target, bounds=bounds, options=options)
+    assert found.status in (0, 2), found.message
+    if found.status == 2:
+        return StabilityReport(math.inf, None)
+    price = dict.fromkeys(bricks, 0.0)
+    for c, marginal in zip(contacts, found.lower.marginals, strict=False):
+        price[c.second or c.first or ""] += c.pull * marginal
+    worst = max(price, key=lambda name: price[name] > 0.999999 * max(price.values()))
+    score = 0.0 if found.fun < 1e-9 else float(found.fun)
+    return StabilityReport(score, worst if score else None)
 
 
 def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:
