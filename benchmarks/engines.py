@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import date_line, load_line, machine_line
-from benchmarks.timing_graph_files import load_timing_graph, save_timing_graph
+from benchmarks.timing_graphs import load_timing_graph, save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine

@@ -7,8 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.timing_graph_files import load_timing_graph, save_timing_graph
-from benchmarks.timing_graphs import SCENARIOS, contracted_graph
+from benchmarks.timing_graphs import (
+    SCENARIOS,
+    contracted_graph,
+    load_timing_graph,
+    save_timing_graph,
+)
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.shipped_runs import ShippedRuns

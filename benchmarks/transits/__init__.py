@@ -1,1 +1,0 @@
-"""Transit planning among random boxes, beside another planner."""

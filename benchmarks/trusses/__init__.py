@@ -1,1 +1,0 @@
-"""Trusses of round bars for measuring: generated cells and structures, and what planning takes for them."""
