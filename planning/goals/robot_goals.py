@@ -11,7 +11,7 @@ from planning.cell.workcell import Workcell, start_state
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
-from planning.steps.step_writer import StepBuilder
+from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -90,7 +90,7 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
 
     def expand(plan: TaskPlan, step: int, first_index: int) -> StepTasks:
         choice = plan[step]
-        build = StepBuilder(step, first_index)
+        build = StepWriter(cell, step, first_index)
         goal = found[step, choice.grasp]
         build.transit(choice.robot, goal, f"to goal {step}", None, goal=True)
         return build.build()

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 from planning.cell.workcell import Attachment
 from planning.parts.assembly import Grip
-from planning.parts.handovers import Handover
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.parts.relays import Relay
@@ -82,7 +81,7 @@ class WaysBeside:
     steps: Sequence[KnownStep]
     paths: dict[Way, tuple[SkillPath, ...]] = field(default_factory=dict)
     holds: dict[Way, SkillPath] = field(default_factory=dict)
-    relays: dict[Way, Relay | Handover] = field(default_factory=dict)
+    relays: dict[Way, Relay] = field(default_factory=dict)
     keeps: Mapping[int, int] = field(default_factory=dict)
 
     def done(

@@ -21,7 +21,6 @@ from planning.parts.beside import (
     pair_kept,
     way_of,
 )
-from planning.parts.handovers import find_ways_by_others
 from planning.parts.part_skills import PartSkills, process_targets
 from planning.parts.part_steps import (
     KnownStep,
@@ -33,6 +32,7 @@ from planning.parts.part_steps import (
     require_ways,
     touched_in_racks,
 )
+from planning.parts.relays import find_relays
 from planning.parts.tool_grips import beyond_part, overload, own_grips, why_no_grip
 from planning.statics.build_order import Stand, Waits
 from planning.steps.skill import Obstruction, joint_distance
@@ -268,7 +268,7 @@ class _Collector:
 
     def _add_relays(self, number: int, step: PartStep) -> None:
         """Add ways with the part laid down in between, or handed over in the air."""
-        found = find_ways_by_others(self._cell, self._skills, step)
+        found = find_relays(self._cell, self._skills, step)
         for k, (relay, tools) in enumerate(found, start=len(step.grips)):
             other = None if relay.giver == relay.receiver else relay.giver
             about = number, relay.receiver, step.part.name, k, relay.cost, other

@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
 from planning.parts.assembly import Grip
 from planning.parts.beside import way_of
 from planning.parts.candidates import PartCandidates
-from planning.parts.handovers import Handover
 from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
-from planning.parts.relays import Relay
 from planning.statics.build_order import Waits
-from planning.steps.skill import Pairs, SkillPath, touching
-from planning.steps.step_writer import StepBuilder
-from planning.steps.tool_changes import tool_entity, with_tools
-from planning.tasks.assignment import StepChoice, TaskPlan
+from planning.steps.handovers import Handover
+from planning.steps.placement import (
+    Placement,
+    PlannedHandover,
+    PlannedSkill,
+    Support,
+    write_placement,
+    write_release,
+    write_support,
+)
+from planning.steps.skill import SkillPath, handled, tool_entity, touching
+from planning.steps.step_writer import StepWriter
+from planning.steps.tool_changes import with_tools
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task, door_shut
 from planning.tasks.work import AssemblyWork
-from planning.transforms import Array
+from planning.transforms import Transform
 
 _PICK, _PLACE = "pick", "place-down"
 
@@ -43,204 +50,145 @@ def _expand_step(
 ) -> StepTasks:
     """Return the tasks of a step as the plan chooses it.
 
-    Every transit ends at the configuration that the next skill starts from, or at HOME, where
-    robots stop between pick and place and after it. Tools are changed before anything else.
+    Tools are changed before anything else.
     """
-    build, changes = StepBuilder(step, first_index), candidates.changes
-    expander = _Expander(candidates, plan, build)
+    changes, known = candidates.changes, candidates.steps[step - 1]
+    chosen = _ChosenStep(candidates, plan, step)
+    build = StepWriter(chosen.cell, step, first_index)
     before = changes.mounted_before(plan.choices[: step - 1])
     if first_index == 0:
         changes.begin(build)
     for robot, tool in sorted(plan[step].tools):
         if before[robot] != tool:
             changes.change(build, robot, before[robot], tool)
-    handled = candidates.steps[step - 1]
-    if isinstance(handled, MachineStep):
-        done = expander.machine_work(handled)
-    elif isinstance(handled, PartStep):
-        done = expander.place(handled)
+    if isinstance(known, MachineStep):
+        done = _write_machine_work(build, candidates, known)
+    elif isinstance(known, PartStep):
+        done = write_placement(build, chosen.placement(known))
     else:
-        done = expander.work(handled)
+        done = _write_process(build, chosen, known)
     for earlier, last in candidates.ways.keeps.items():
         if last == step:
-            expander.release_kept(plan[earlier], done)
+            _write_let_go(build, candidates, plan, earlier, done)
     changes.allow_mounted(build, before)
     return build.build()
 
 
-class _Expander:
-    """Writes the tasks of one step into a builder."""
+class _ChosenStep:
+    """A step as a plan does it."""
 
-    def __init__(
-        self, candidates: PartCandidates, plan: TaskPlan, build: StepBuilder
-    ) -> None:
-        self.candidates, self.plan, self.build = candidates, plan, build
-        self.choice = plan[build.step]
+    def __init__(self, candidates: PartCandidates, plan: TaskPlan, step: int) -> None:
+        self.choice, self._candidates = plan[step], candidates
         self.cell = with_tools(candidates.cell, self.choice.tools)
+        self.paths = candidates.ways.paths_of(plan, step)
+        self._hold = candidates.ways.hold_of(plan, step)
 
-    def _gripped(self, robot: str, part: str) -> Pairs:
-        """Return the contact of the tool that a robot has on it with a part."""
-        return touching(tool_entity(self.cell.robot(robot)), [part])
-
-    def place(self, step: PartStep) -> int:
-        """Write pick, the hold if any, place, and the ways back; return the place."""
-        choice, build = self.choice, self.build
-        robot, part = self.cell.robot(choice.robot), choice.object
-        ways = self.candidates.ways
-        *_, pick, place = ways.paths_of(self.plan, choice.step)
+    def placement(self, step: PartStep) -> Placement:
+        """Return how the part is picked, changes hands, is held and placed."""
+        choice, part = self.choice, self.choice.object
+        ways = self._candidates.ways
+        *_, pick, place = self.paths
         kept = choice.step in ways.keeps
         if kept:
             place = replace(place, path=place.path[: place.change_at])
         relay = ways.relays.get(way_of(choice.primary))
-        if isinstance(relay, Handover):
-            picked = self._hand_over(step, relay)
-        elif relay is not None:
-            laid = self._lay_down(step, relay)
-            picked = self._pick(robot, part, pick, relay.take)
-            build.allow(touching(part, relay.touched), picked)
-            build.depend(laid, picked)
+        between: tuple[PlannedSkill, PlannedSkill] | PlannedHandover | None = None
+        if relay is None:
+            first = self._pick(part, pick, step.grips[choice.grasp], step.at_start)
         else:
-            picked = self._pick(robot, part, pick, step.grips[choice.grasp])
-            build.allow(touching(part, step.at_start), picked)
-        held = self._hold(step)
-        build.lead_in(place, f"{part} to its place", part)
-        placed = build.skill(place, f"place {part}", part, None, step.goal)
-        if not kept:
-            build.transit(robot.name, robot.home, "HOME", None)
-        carrying = build.of_robot(robot.name, picked, placed)
-        build.allow(self._gripped(robot.name, part), *carrying)
-        build.allow(touching(part, step.at_goal), placed)
-        if held is not None:
-            self._let_go(step, held, placed, placed)
-        return placed
+            first = self._pick(part, relay.paths[0], relay.give, step.at_start)
+            rest = relay.between
+            if isinstance(rest, Handover):
+                in_hand = self._in_hand(relay.receiver, relay.take)
+                between = PlannedHandover(rest, in_hand, by_home=True)
+            else:
+                coming = f"{part} to where it lies in between"
+                contacts = touching(part, rest.touched)
+                down = relay.paths[1], coming, f"lay down {part}", rest.pose, contacts
+                again = self._pick(part, pick, relay.take, rest.touched)
+                between = PlannedSkill(*down), again
+        contacts = touching(part, step.at_goal)
+        coming, words = f"{part} to its place", f"place {part}"
+        put = PlannedSkill(place, coming, words, step.goal, contacts)
+        return Placement(part, first, between, put, self.hold(step), kept=kept)
 
-    def release_kept(self, choice: StepChoice, done: int) -> None:
-        """Write the way back of who kept hold of what it placed, after a task."""
-        build, part, ways = self.build, choice.object, self.candidates.ways
-        *_, place = ways.paths_of(self.plan, choice.step)
-        back = build.skill(ways.let_go(place), f"let go of {part}", part)
-        robot = with_tools(self.candidates.cell, choice.tools).robot(choice.robot)
-        build.transit(robot.name, robot.home, "HOME", None)
-        build.depend(done, back)
-        build.allow(touching(tool_entity(robot), [part]), back)
-
-    def _pick(self, robot: PlacedRobot, part: str, path: SkillPath, grip: Grip) -> int:
-        """Write transit, pick and the way HOME with a part; return the pick."""
-        build = self.build
-        build.lead_in(path, f"to {part}", None)
-        in_hand = held_pose(robot, self.candidates.frame, grip.pose)
-        picked = build.skill(path, f"pick {part}", part, robot.name, in_hand)
-        build.transit(robot.name, robot.home, f"HOME with {part}", part)
-        return picked
-
-    def _lay_down(self, step: PartStep, relay: Relay) -> int:
-        """Write how the part is picked first and laid down in between; return the latter."""
-        build, part = self.build, step.part.name
-        robot = self.cell.robot(relay.giver)
-        pick, down, *_ = relay.paths
-        picked = self._pick(robot, part, pick, relay.give)
-        build.lead_in(down, f"{part} to where it lies in between", part)
-        laid = build.skill(down, f"lay down {part}", part, None, relay.rest)
-        build.transit(robot.name, robot.home, "HOME", None)
-        carrying = build.of_robot(robot.name, picked, laid)
-        build.allow(self._gripped(robot.name, part), *carrying)
-        build.allow(touching(part, step.at_start), picked)
-        build.allow(touching(part, relay.touched), laid)
-        return laid
-
-    def _hand_over(self, step: PartStep, way: Handover) -> int:
-        """Write pick and handover; return the task with which the receiver takes the part."""
-        build, part, cell = self.build, step.part.name, self.cell
-        giver, receiver = cell.robot(way.giver), cell.robot(way.receiver)
-        pick, give, _ = way.paths
-        picked = self._pick(giver, part, pick, way.give)
-        build.transit(receiver.name, way.pre, "to the handover", None)
-        ready = build.transit(receiver.name, way.receive, "ready to receive", None)
-        build.lead_in(give, f"{part} to {receiver.name}", part)
-        in_hand = held_pose(receiver, self.candidates.frame, way.take.pose)
-        given = build.skill(give, f"hand over {part}", part, receiver.name, in_hand)
-        build.depend(ready, given)
-        carrying = build.of_robot(giver.name, picked, given)
-        # The receiver stands at the end of its task "ready" while the part is brought.
-        build.allow(self._gripped(giver.name, part), *carrying, ready)
-        build.allow(touching(part, step.at_start), picked)
-        build.transit(giver.name, giver.home, "HOME", None)
-        taken = build.transit(receiver.name, way.pre, f"take {part}", part)
-        build.depend(given, taken)
-        build.allow(self._gripped(receiver.name, part), ready, given)
-        build.transit(receiver.name, receiver.home, f"HOME with {part}", part)
-        return taken
-
-    def work(self, step: WorkStep) -> int:
-        """Write the hold if any, approach, process, and the ways back; return the process."""
-        choice, build, process = self.choice, self.build, step.step.process
-        robot = self.cell.robot(choice.robot)
-        (path,) = self.candidates.ways.paths_of(self.plan, choice.step)
-        words, part = step.step.words, step.step.owner
-        if part not in step.around:
-            part = None
-        targets = process_targets(process, step.place, process.turns[choice.grasp])
-        way = [*path.lead, *path.path]
-        held = self._hold(step)
-        build.lead_in(path, f"to {words}", None)
-        coming = f"approach to {words}"
-        first = self._along(STRAIGHT, way[: targets.first + 1], coming, part)
-        done = self._along(
-            process.name, way[targets.first : targets.last + 1], words, part
-        )
-        back = self._along(STRAIGHT, way[targets.last :], f"back from {words}", part)
-        build.allow(touching(tool_entity(robot), step.touched), first, done, back)
-        build.transit(robot.name, robot.home, "HOME", None)
-        if held is not None:
-            self._let_go(step, held, first, done)
-        return done
-
-    def machine_work(self, step: MachineStep) -> int:
-        """Write what a machine does, with its door shut; return that task."""
-        work = step.step
-        shut: tuple[Handling, ...] = ()
-        if work.door is not None:
-            pose = self.candidates.cell.object(work.door).start
-            shut = door_shut(work.door, pose)
-        return self.build.unmoved(
-            work.machine, work.process, work.words, work.part, shut
-        )
-
-    def _along(
-        self, kind: str, way: Sequence[Array], label: str, part: str | None
-    ) -> int:
-        """Write a motion through configurations, the first of which is where it starts."""
-        rest = way[1:] or way  # a process that stays where it is
-        path = SkillPath(kind, self.choice.robot, np.array(way[:1]), np.array(rest))
-        return self.build.skill(path, label, part)
-
-    def _hold(self, step: PartStep | WorkStep) -> int | None:
-        """Write how another robot grips what is held; return that task, None if nothing is."""
-        path = self.candidates.ways.hold_of(self.plan, self.choice.step)
+    def hold(self, step: PartStep | WorkStep) -> Support | None:
+        """Return how another robot grips what is held meanwhile, None if nothing is."""
+        path = self._hold
         if path is None or step.held is None:
             return None
         part = step.held.part.name
-        self.build.lead_in(path, f"to hold {part}", None)
-        return self.build.skill(path, f"hold {part}", part)
+        grips = PlannedSkill(path, f"to hold {part}", f"hold {part}")
+        touched = handled(self.cell.robot(path.robot), part)
+        return Support(grips, part, f"let go of {part}", touched)
 
-    def _let_go(
-        self, step: PartStep | WorkStep, held: int, begun: int, done: int
-    ) -> None:
-        """Write the way back of who holds, once the other has done its work."""
-        build = self.build
-        path = self.candidates.ways.hold_of(self.plan, self.choice.step)
-        assert path is not None
-        assert step.held is not None
-        part = step.held.part.name
-        way_back = SkillPath(
-            STRAIGHT, path.robot, path.path[-1:], path.waypoints[-2::-1]
+    def _pick(
+        self, part: str, path: SkillPath, grip: Grip, touched: Iterable[str]
+    ) -> PlannedSkill:
+        in_hand = self._in_hand(path.robot, grip)
+        contacts = touching(part, touched)
+        return PlannedSkill(path, f"to {part}", f"pick {part}", in_hand, contacts)
+
+    def _in_hand(self, robot: str, grip: Grip) -> Transform:
+        """Return the pose of the part in the flange frame of the robot that holds it by a grip."""
+        return held_pose(self.cell.robot(robot), self._candidates.frame, grip.pose)
+
+
+def _write_process(build: StepWriter, chosen: _ChosenStep, step: WorkStep) -> int:
+    """Write the hold if any, approach, process, and the ways back; return the process."""
+    process, robot = step.step.process, chosen.cell.robot(chosen.choice.robot)
+    (path,) = chosen.paths
+    words, part = step.step.words, step.step.owner
+    if part not in step.around:
+        part = None
+    targets = process_targets(process, step.place, process.turns[chosen.choice.grasp])
+    way, first, last = [*path.lead, *path.path], targets.first, targets.last
+    hold = chosen.hold(step)
+    held = 0 if hold is None else write_support(build, hold)
+    build.lead_in(path, f"to {words}", None)
+    parts = (
+        (STRAIGHT, way[: first + 1], f"approach to {words}"),
+        (process.name, way[first : last + 1], words),
+        (STRAIGHT, way[last:], f"back from {words}"),
+    )
+    begun, done, back = (
+        # A process may stay where it is.
+        build.skill(
+            SkillPath(kind, robot.name, np.array(own[:1]), np.array(own[1:] or own)),
+            label,
+            part,
         )
-        back = build.skill(way_back, f"let go of {part}", part)
-        home = self.cell.robot(path.robot).home
-        build.transit(path.robot, home, "HOME", None)
-        build.depend(held, begun)
-        build.depend(done, back)
-        build.allow(self._gripped(path.robot, part), held, back)
+        for kind, own, label in parts
+    )
+    build.allow(touching(tool_entity(robot), step.touched), begun, done, back)
+    build.home(robot.name)
+    if hold is not None:
+        write_release(build, hold, held, begun, done)
+    return done
+
+
+def _write_machine_work(
+    build: StepWriter, candidates: PartCandidates, step: MachineStep
+) -> int:
+    """Write what a machine does, with its door shut; return that task."""
+    work = step.step
+    shut: tuple[Handling, ...] = ()
+    if work.door is not None:
+        shut = door_shut(work.door, candidates.cell.object(work.door).start)
+    return build.unmoved(work.machine, work.process, work.words, work.part, shut)
+
+
+def _write_let_go(
+    build: StepWriter, candidates: PartCandidates, plan: TaskPlan, step: int, done: int
+) -> None:
+    """Write the way back of who kept hold of what it placed in an earlier step, after a task."""
+    choice, ways = plan[step], candidates.ways
+    *_, place = ways.paths_of(plan, step)
+    back = build.skill(ways.let_go(place), f"let go of {choice.object}", choice.object)
+    build.home(choice.robot)
+    build.depend(done, back)
+    robot = with_tools(candidates.cell, choice.tools).robot(choice.robot)
+    build.allow(handled(robot, choice.object), back)
 
 
 def _waiting_tasks(

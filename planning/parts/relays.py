@@ -1,31 +1,37 @@
-"""Parts laid down in between: taken up another way, or by another robot, where nobody can do a step alone.
+"""Parts that change hands on their way, where nobody can do a step alone: laid down, or in the air.
 
 A part is laid on any of its sides on the upper face of a fixture, where nothing else is and its own
 place is not. The robot that takes it up from there may be the one that laid it down, with another
-grip: regrasping. Places near to both robots are tried first.
+grip: regrasping. Places near to both robots are tried first. In the air a part changes hands only
+where there is no place to lay it down.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import islice, permutations, product
 
 import numpy as np
 
-from planning.cell.workcell import Fixture, PlacedRobot, Workcell
+from planning.cell.workcell import Attachment, Fixture, PlacedRobot, Workcell
 from planning.contacts.contact_graph import near_to, standing
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.part_skills import PartSkills
+from planning.parts.part_skills import PartSkills, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
 from planning.parts.tool_grips import overload, robot_grips
-from planning.steps.skill import Obstruction, SkillPath, joint_distance
+from planning.steps.handovers import Handover, Meeting, find_handover
+from planning.steps.skill import Obstruction, SkillPath, Subgoal, joint_distance
+from planning.steps.tool_changes import mounted_tool, with_each_tool
+from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.transforms import (
     Array,
     Transform,
+    inverse,
     readonly,
     rotation,
+    translation,
 )
 
 _SPACING = 0.1
@@ -46,27 +52,48 @@ _CLEAR = 0.0005
 _UPRIGHT = np.cos(np.radians(1.0))
 
 
+_PALM, _PALMS = 0.08, 0.1
+"""Palms are so far behind the tips of tools, and at least so far from each other [m]."""
+
+_MOST_PAIRS, _MOST_MEETINGS = 8, 48
+"""Pairs of grips, and meetings with them, that are tried for each pair of robots."""
+
+_MEETING_HEIGHTS = (0.4, 0.3, 0.5, 0.6)
+"""Heights above the middle between two bases at which a part is handed over [m]."""
+
+
 @dataclass(frozen=True)
-class Relay:
-    """A way to do a step with the part laid down in between.
+class LaidDown:
+    """Where a part lies in between.
 
     Attributes:
-        giver: who picks the part and lays it down.
-        receiver: who takes it up from there and places it; may be the giver.
-        rest: pose of the part's centre in the world where it is laid down.
-        touched: what it touches there.
+        pose: of its centre in the world.
+        touched: what it touches there, with the distances [m].
+    """
+
+    pose: Transform
+    touched: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Relay:
+    """A way to do a step in which the part changes hands in between.
+
+    Attributes:
+        giver: who picks the part, and lays it down or hands it over.
+        receiver: who takes it up or is handed it, and places it; may be who laid it down.
         give, take: grips of the two.
-        paths: pick and lay down of the giver, pick and place of the receiver.
-        cost: joint distance of all four from HOME.
+        between: where it is laid down, or how it is handed over.
+        paths: all skills in their order, from the pick to the place.
+        cost: joint distance of all from HOME.
     """
 
     giver: str
     receiver: str
-    rest: Transform
-    touched: frozenset[str]
     give: Grip
     take: Grip
-    paths: tuple[SkillPath, SkillPath, SkillPath, SkillPath]
+    between: LaidDown | Handover
+    paths: tuple[SkillPath, ...]
     cost: float
 
 
@@ -87,25 +114,60 @@ class End:
     cost: float
 
 
-def find_relays(skills: PartSkills, step: PartStep) -> list[Relay]:
+def find_relays(
+    cell: Workcell, skills_with: Callable[[Tools], PartSkills], step: PartStep
+) -> list[tuple[Relay, Tools]]:
+    """Return ways in which a part changes hands, with any tools on the robots, and the tools needed.
+
+    In the air it does so only where there is no place to lay it down in between.
+
+    Args:
+        cell: with robots as plans know them.
+        skills_with: returns the skills of robots that have certain tools on them.
+        step: that no robot can do alone.
+    """
+    choices = [list(with_each_tool([robot])) for robot in cell.robots]
+    for find in (_laid_down, _handed_over):
+        found: list[tuple[Relay, Tools]] = []
+        known: set[tuple[str, str, Tools]] = set()
+        for chosen in product(*choices):
+            new = set()
+            for way in find(
+                skills_with(NO_TOOLS.union(*map(mounted_tool, chosen))), step
+            ):
+                pair = way.giver, way.receiver
+                tools = NO_TOOLS.union(
+                    *(mounted_tool(r) for r in chosen if r.name in pair)
+                )
+                if (*pair, tools) not in known:
+                    new.add((*pair, tools))
+                    found.append((way, tools))
+            known |= new
+        if found:
+            break
+    return found
+
+
+def _laid_down(skills: PartSkills, step: PartStep) -> list[Relay]:
     """Return ways to do a step with the part laid down in between, the cheapest of each pair first.
 
     Args:
         skills: of the robots.
         step: that no robot can do alone.
     """
-    picks, places = find_ends(skills, step)
+    picks, places = _find_ends(skills, step)
     if not picks or not places:
         return []
     found: list[Relay] = []
-    for rest, touched in _rests(skills.cell, skills.assembly, step, (picks, places)):
-        there = replace(step, goal=rest, at_goal=touched)
-        taken = replace(step, part=replace(step.part, start=rest), at_start=touched)
+    for rest in _rests(skills.cell, skills.assembly, step, (picks, places)):
+        there = replace(step, goal=rest.pose, at_goal=rest.touched)
+        lying = replace(step.part, start=rest.pose)
+        taken = replace(step, part=lying, at_start=rest.touched)
         laid = _through(skills, there, picks, pick=False)
         if not laid:
             continue
         up = _through(skills, taken, places, pick=True)
-        ways = [_relay(pair, rest, touched) for pair in product(laid, up)]
+        ways = [_over(rest, *pair) for pair in product(laid, up)]
         if ways:
             found.append(min(ways, key=lambda way: way.cost))
         if len(found) == _ENOUGH:
@@ -113,25 +175,24 @@ def find_relays(skills: PartSkills, step: PartStep) -> list[Relay]:
     return sorted(found, key=lambda way: way.cost)
 
 
-def _relay(
-    pair: tuple[tuple[End, SkillPath, float], tuple[End, SkillPath, float]],
-    rest: Transform,
-    touched: Mapping[str, float],
+def _over(
+    rest: LaidDown,
+    first: tuple[End, SkillPath, float],
+    then: tuple[End, SkillPath, float],
 ) -> Relay:
-    (give, down, down_cost), (take, up, up_cost) = pair
+    (give, down, down_cost), (take, up, up_cost) = first, then
     return Relay(
         give.robot.name,
         take.robot.name,
-        rest,
-        frozenset(touched),
         give.grip,
         take.grip,
+        rest,
         (give.path, down, up, take.path),
         give.cost + down_cost + up_cost + take.cost,
     )
 
 
-def find_ends(skills: PartSkills, step: PartStep) -> tuple[list[End], list[End]]:
+def _find_ends(skills: PartSkills, step: PartStep) -> tuple[list[End], list[End]]:
     """Return how robots can pick the part of a step, and how they can place it, some ways each."""
     return _ends(skills, step, pick=True), _ends(skills, step, pick=False)
 
@@ -197,8 +258,8 @@ def _rests(
     assembly: PartAssembly,
     step: PartStep,
     ends: tuple[Sequence[End], Sequence[End]],
-) -> Iterator[tuple[Transform, Mapping[str, float]]]:
-    """Yield where a part can lie in between, nearest to the robots first, and what it touches."""
+) -> Iterator[LaidDown]:
+    """Yield where a part can lie in between, nearest to the robots first."""
     lying = standing(cell) | {
         name: (item, at.pose) for name, (item, at) in step.around.items()
     }
@@ -227,7 +288,7 @@ def _rests(
                 continue
             if near_to((step.part, rest), own, assembly.touch):
                 continue  # no step lies on where it comes from or goes
-            yield readonly(rest), touched
+            yield LaidDown(readonly(rest), touched)
 
 
 def _in_reach(
@@ -286,3 +347,97 @@ def _turns(step: PartStep) -> Iterator[Transform]:
 def _sides() -> Iterator[Transform]:
     for axis, quarter in (("x", 0), ("x", 1), ("x", 2), ("x", 3), ("y", 1), ("y", 3)):
         yield rotation(axis, quarter * np.pi / 2)
+
+
+def _handed_over(skills: PartSkills, step: PartStep) -> list[Relay]:
+    """Return ways to do a step in which one robot hands the part over, the cheapest first.
+
+    The giver brings the part into the receiver's open fingers, along the receiver's tool, and
+    leaves along its own. They meet between their bases, at some heights.
+
+    Args:
+        skills: of the robots.
+        step: that no robot can do alone.
+    """
+    picks, places = _find_ends(skills, step)
+    found: list[Relay] = []
+    for giver, receiver in permutations(skills.cell.robots, 2):
+        tries = islice(_meetings(picks, places, giver, receiver), _MOST_MEETINGS)
+        ways = (_handover(skills, step, *meeting) for meeting in tries)
+        found += islice((way for way in ways if way is not None), 1)
+    return sorted(found, key=lambda way: way.cost)
+
+
+def _meetings(
+    picks: Sequence[End],
+    places: Sequence[End],
+    giver: PlacedRobot,
+    receiver: PlacedRobot,
+) -> Iterator[tuple[End, End, Transform]]:
+    """Yield how two robots hold a part between them, and its pose: hands far apart come first.
+
+    The giver points to the receiver, or down; the receiver to the giver, or down.
+    """
+    own = [end for end in picks if end.robot is giver]
+    other = [end for end in places if end.robot is receiver]
+    pairs = [pair for pair in product(own, other) if _apart(*pair) >= _PALMS]
+    pairs.sort(key=lambda pair: -round(_apart(*pair), 6))
+    to = receiver.base[:3, 3] - giver.base[:3, 3]
+    middle = giver.base[:3, 3] + 0.5 * to
+    bearing = float(np.arctan2(to[1], to[0]))
+    level = rotation("z", bearing) @ rotation("y", np.pi / 2)
+    down = rotation("z", bearing) @ rotation("x", np.pi)
+    for height, pointing, (give, take), quarter in product(
+        _MEETING_HEIGHTS, (level, down), pairs[:_MOST_PAIRS], range(4)
+    ):
+        tool = pointing @ rotation("z", quarter * np.pi / 2)
+        part = tool @ inverse(give.grip.pose)
+        part[:3, 3] = middle
+        part[2, 3] += height
+        facing = (part @ take.grip.pose)[:3, 2]
+        if facing @ level[:3, 2] < -0.5 or facing[2] < -0.8:
+            yield give, take, readonly(part)
+
+
+def _apart(give: End, take: End) -> float:
+    """Return how far the palms of two hands on one part are from each other [m]."""
+    palm = translation(0.0, 0.0, -_PALM)
+    one, two = (end.grip.pose @ palm for end in (give, take))
+    return float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
+
+
+def _handover(
+    skills: PartSkills, step: PartStep, give: End, take: End, at: Transform
+) -> Relay | None:
+    """Return how a part is handed over at a pose, None if something is in the way."""
+    part, frame = step.part, skills.assembly.grips.frame
+    giver, receiver = give.robot, take.robot
+    ways = skills.assembly.ways(part.name)
+    tool = at @ take.grip.pose
+    back = tool @ translation(0.0, 0.0, -ways.approach)
+    coming = -ways.approach * tool[:3, 2]
+    meeting = Meeting(
+        giver,
+        receiver,
+        part,
+        Attachment(giver.name, held_pose(giver, frame, give.grip.pose)),
+        Attachment(receiver.name, held_pose(receiver, frame, take.grip.pose)),
+        at,
+        Subgoal("pre-receive", frame, back),
+        Subgoal("receive", frame, tool),
+        handover_targets(frame, at @ give.grip.pose, coming, ways.leave),
+        giver.home,
+    )
+    found = find_handover(skills.cell, step.around, meeting)
+    if not isinstance(found, Handover):
+        return None
+    cost = give.cost + take.cost + joint_distance(giver.home, found.give.contact)
+    return Relay(
+        giver.name,
+        receiver.name,
+        give.grip,
+        take.grip,
+        found,
+        (give.path, found.give, take.path),
+        cost + joint_distance(receiver.home, found.receive),
+    )

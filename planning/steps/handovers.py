@@ -1,13 +1,13 @@
-"""The receiver's side of a handover, whatever is handed over: postures, and what is in their way."""
+"""Handovers between two robots in the air, whatever is handed over, where meetings are given."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.steps.skill import (
     LARGEST_TURN,
@@ -15,48 +15,136 @@ from planning.steps.skill import (
     Obstruction,
     SkillContacts,
     SkillPath,
+    SkillTargets,
     Subgoal,
+    gripped,
 )
-from planning.steps.skill_scene import SkillScene, find_obstruction
-from planning.transforms import Array
+from planning.steps.skill_scene import (
+    Objects,
+    SkillScene,
+    find_obstruction,
+    resolve_skill,
+)
+from planning.transforms import Array, Transform
 
 
-def receiver_clash(
-    scene: SkillScene,
-    receiver: PlacedRobot,
-    pre: Array,
-    giver: PlacedRobot,
-    rest: Array,
+@dataclass(frozen=True)
+class Meeting:
+    """A place in the air where one robot may hand an object over to another.
+
+    Attributes:
+        giver: who brings the object.
+        receiver: who takes it.
+        item: what is handed over.
+        given: how the giver holds it.
+        taken: how the receiver holds it then.
+        at: pose of the object in the world as it changes hands.
+        pre: where the tool of the receiver comes from, and goes to with the object.
+        receive: where that tool is meanwhile.
+        targets: what the giver does.
+        rest: where the giver stands before and after, shape (n,).
+    """
+
+    giver: PlacedRobot
+    receiver: PlacedRobot
+    item: CellObject
+    given: Attachment
+    taken: Attachment
+    at: Transform
+    pre: Subgoal
+    receive: Subgoal
+    targets: SkillTargets
+    rest: Array
+
+
+@dataclass(frozen=True)
+class Handover:
+    """A handover that nothing is in the way of.
+
+    Attributes:
+        meeting: where the two robots meet.
+        pre: where the receiver comes from and goes to with the object, shape (n,).
+        receive: where it stands while it is given the object, shape (n,).
+        give: the giver's skill.
+    """
+
+    meeting: Meeting
+    pre: Array
+    receive: Array
+    give: SkillPath
+
+
+def find_handover(
+    cell: Workcell, around: Objects, meeting: Meeting
+) -> Handover | Obstruction | None:
+    """Return the handover at a meeting, in the receiver's first posture that is free.
+
+    Args:
+        cell: all robots but the two stand at HOME.
+        around: all other objects.
+        meeting: of the two.
+
+    Returns:
+        What is in the way in the first posture where none is free; None where the receiver has no
+        posture at all.
+    """
+    giver, receiver, item = meeting.giver, meeting.receiver, meeting.item
+    home = {robot.name: robot.home for robot in cell.robots}
+    giving, taking = gripped(giver.name, item.name), gripped(receiver.name, item.name)
+    reason: Obstruction | None = None
+    for pre, receive in _ready_postures(receiver, meeting.pre, meeting.receive):
+        scene = SkillScene(
+            cell,
+            {**around, item.name: (item, meeting.taken)},
+            {**home, receiver.name: receive},
+            SkillContacts(taking, taking, taking),
+            (item.name, meeting.taken),
+        )
+        if clash := _receiver_clash(scene, meeting, pre):
+            reason = reason or clash
+            continue
+        scene = replace(
+            scene,
+            objects={**around, item.name: (item, meeting.given)},
+            contacts=SkillContacts(giving, giving | taking, NOTHING),
+        )
+        found = resolve_skill(giver, meeting.targets, scene)
+        if not isinstance(found, Obstruction):
+            return Handover(meeting, pre, receive, found.path)
+        reason = reason or found
+    return reason
+
+
+def _receiver_clash(
+    scene: SkillScene, meeting: Meeting, pre: Array
 ) -> Obstruction | None:
-    """Return what the receiver of a handover touches on its way in, or out with the object.
+    """Return what the receiver touches on its way in, or out with the object.
 
     Args:
         scene: with the receiver where it receives and the object in its hand.
-        receiver: who takes the object.
-        pre: where it comes from and goes to, shape (n,).
-        giver: who hands it over.
-        rest: where that one stands meanwhile, shape (n,).
+        meeting: of the two robots.
+        pre: where the receiver comes from and goes to, shape (n,).
     """
-    assert scene.handed is not None
-    receive = scene.configurations[receiver.name]
-    coming = SkillPath("receive", receiver.name, pre[None], receive[None])
+    name, giver = meeting.receiver.name, meeting.giver.name
+    receive = scene.configurations[name]
+    coming = SkillPath("receive", name, pre[None], receive[None])
     empty = replace(
         scene,
-        objects={k: v for k, v in scene.objects.items() if k != scene.handed[0]},
-        configurations={**scene.configurations, receiver.name: receiver.home},
+        objects={k: v for k, v in scene.objects.items() if k != meeting.item.name},
+        configurations={**scene.configurations, name: meeting.receiver.home},
         contacts=SkillContacts(NOTHING, NOTHING, NOTHING),
         handed=None,
     )
     if found := find_obstruction(coming, empty):
         return found
-    leaving = SkillPath("receive", receiver.name, receive[None], pre[None])
-    standing = {**empty.configurations, giver.name: rest}
+    leaving = SkillPath("receive", name, receive[None], pre[None])
+    standing = {**empty.configurations, giver: meeting.rest}
     return find_obstruction(
         leaving, replace(scene, configurations=standing, handed=None)
     )
 
 
-def ready_postures(
+def _ready_postures(
     robot: PlacedRobot, pre: Subgoal, receive: Subgoal
 ) -> Iterator[tuple[Array, Array]]:
     """Yield the receiver's (pre, receive) postures, nearest to HOME first."""

@@ -121,6 +121,16 @@ class ToolContact:
     leaning: frozenset[str] = frozenset()
 
 
+def tool_entity(robot: PlacedRobot) -> str:
+    """Return by which name allowed contacts speak of the tool that a robot has on it."""
+    return str(robot.tool) if robot.tools else entity(robot.name, "tool")
+
+
+def handled(robot: PlacedRobot, item: str) -> Pairs:
+    """Return the contact of the tool that a robot has on it with the object that it handles."""
+    return touching(tool_entity(robot), [item])
+
+
 def gripped(robot: str, item: str) -> Pairs:
     """Return the contact of a robot's tool with the object that it handles."""
     return touching(entity(robot, "tool"), [item])

@@ -40,6 +40,9 @@ from planning.transforms import Array
 Placed = tuple[CellObject, Attachment]
 """An object and where it is."""
 
+Objects = Mapping[str, Placed]
+"""Objects by name, and where they are."""
+
 
 @dataclass(frozen=True)
 class SkillScene:
@@ -61,7 +64,7 @@ class SkillScene:
     """
 
     cell: Workcell
-    objects: Mapping[str, Placed]
+    objects: Objects
     configurations: Mapping[str, Array]
     contacts: SkillContacts
     handed: tuple[str, Attachment] | None = None

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, PlacedRobot
-from planning.steps.skill import Pairs, SkillPath
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.steps.skill import Pairs, SkillPath, handled
 from planning.tasks.task import (
     STILL,
     TRANSIT,
@@ -20,14 +20,16 @@ from planning.transforms import Array, Transform, readonly
 
 
 @dataclass
-class StepBuilder:
+class StepWriter:
     """Appends tasks and remembers what depends on what and what may touch what.
 
     Attributes:
+        cell: robots with the tools on them that they have in the step.
         step: assembly step, counted from 1.
         first: index of the first task.
     """
 
+    cell: Workcell
     step: int
     first: int
     _tasks: list[Task] = field(default_factory=list)
@@ -51,6 +53,11 @@ class StepBuilder:
             *(self._next, robot, TRANSIT, self.step, label, path, (), carries), goal
         )
         return self._append(task)
+
+    def home(self, robot: str, carries: str | None = None) -> int:
+        """Append the transit of a robot to HOME, with what it carries."""
+        label = f"HOME with {carries}" if carries else "HOME"
+        return self.transit(robot, self.cell.robot(robot).home, label, carries)
 
     def stand(self, robot: PlacedRobot, label: str, handling: Handling) -> int:
         """Append a task in which something changes hands and the robot stays at HOME."""
@@ -137,13 +144,23 @@ class StepBuilder:
         """The tasks so far."""
         return tuple(self._tasks)
 
-    def of_robot(self, robot: str, first: int, last: int) -> list[int]:
-        """Return the tasks of a robot from one index to another, both included."""
-        return [
+    def allow_carried(
+        self, robot: str, item: str, first: int, last: int, *also: int
+    ) -> None:
+        """Let a robot's tool touch what it carries from one of its tasks to another.
+
+        Args:
+            robot: who carries it.
+            item: the object.
+            first, last: its first and last task with it.
+            also: tasks of others in which they touch.
+        """
+        own = [
             task.index
             for task in self._tasks
             if task.robot == robot and first <= task.index <= last
         ]
+        self.allow(handled(self.cell.robot(robot), item), *own, *also)
 
     def build(self) -> StepTasks:
         """Return the step."""

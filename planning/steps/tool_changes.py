@@ -41,7 +41,7 @@ from planning.steps.skill import (
     unreachable,
 )
 from planning.steps.skill_scene import SkillScene, find_obstruction
-from planning.steps.step_writer import StepBuilder
+from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, StepChoice, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
 from planning.transforms import Transform, inverse, translation
@@ -61,11 +61,6 @@ def mounted_tool(robot: PlacedRobot) -> Tools:
     if not robot.tools:
         return NO_TOOLS
     return frozenset({(robot.name, str(robot.tool))})
-
-
-def tool_entity(robot: PlacedRobot) -> str:
-    """Return by which name allowed contacts speak of the tool that a robot has on it."""
-    return str(robot.tool) if robot.tools else entity(robot.name, "tool")
 
 
 def with_tools(cell: Workcell, tools: Tools) -> Workcell:
@@ -175,7 +170,7 @@ class ToolChanges:
             found |= dict(choice.tools)
         return found
 
-    def begin(self, build: StepBuilder) -> None:
+    def begin(self, build: StepWriter) -> None:
         """Write that robots have tools on them from the start."""
         for robot in self.cell.robots:
             for tool in robot.tools:
@@ -183,13 +178,13 @@ class ToolChanges:
                     mounted = Handling(tool.name, 0, robot.name, tool.mount)
                     build.stand(robot, f"with {tool.name}", mounted)
 
-    def change(self, build: StepBuilder, robot: str, old: str, new: str) -> None:
+    def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
         """Write how a robot leaves one tool and takes another."""
         self._at_rack(build, self.ways[robot, old], leave=True)
         self._at_rack(build, self.ways[robot, new], leave=False)
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}", None)
 
-    def _at_rack(self, build: StepBuilder, way: RackWay, *, leave: bool) -> None:
+    def _at_rack(self, build: StepWriter, way: RackWay, *, leave: bool) -> None:
         name, path = way.tool.name, way.path
         stop = path.path[-1:]
         build.lead_in(path, f"to the rack of {name}", None)
@@ -205,7 +200,7 @@ class ToolChanges:
         out = build.skill(back, f"out of the rack of {name}", name)
         build.allow(_at_rack(path.robot, way), into, done, out)
 
-    def allow_mounted(self, build: StepBuilder, mounted: Mapping[str, str]) -> None:
+    def allow_mounted(self, build: StepWriter, mounted: Mapping[str, str]) -> None:
         """Allow robots to touch the tools that they have on them, in all tasks written so far.
 
         Args:

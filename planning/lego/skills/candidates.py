@@ -11,7 +11,6 @@ from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.skills.handovers import HandoverOptions
 from planning.lego.skills.options import SkillOption, SkillOptions
 from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.tasks.assignment import (
@@ -32,15 +31,13 @@ class LegoCandidates:
     Attributes:
         world: cell and assembly.
         problem: what the solver needs.
-        skills: picks, places and supports.
-        handovers: handovers.
+        skills: picks, places, supports and handovers.
         alternatives: see ``find_candidates``.
     """
 
     world: BrickWorld
     problem: AssignmentProblem
     skills: SkillOptions = field(repr=False)
-    handovers: HandoverOptions = field(repr=False)
     alternatives: int = 2
 
 
@@ -72,7 +69,7 @@ def find_candidates(
     if alternatives is None:
         alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
     skills = SkillOptions(world)
-    collector = _Collector(skills, HandoverOptions(skills), alternatives)
+    collector = _Collector(skills, alternatives)
     for number in range(1, len(assembly.steps) + 1):
         collector.add(number)
     return collector.candidates()
@@ -92,8 +89,7 @@ def exchange_steps(
     """
     assembly = replace(known.world.assembly, steps=steps)
     skills = known.skills.exchanged(BrickWorld(known.world.cell, assembly), at)
-    handovers = known.handovers.exchanged(skills, at)
-    collector = _Collector(skills, handovers, known.alternatives)
+    collector = _Collector(skills, known.alternatives)
     for number in range(1, len(steps) + 1):
         if number in (at, at + 1):
             collector.add(number)
@@ -105,11 +101,9 @@ def exchange_steps(
 class _Collector:
     """Gathers candidates step by step."""
 
-    def __init__(
-        self, skills: SkillOptions, handovers: HandoverOptions, alternatives: int
-    ) -> None:
+    def __init__(self, skills: SkillOptions, alternatives: int) -> None:
         self._most = alternatives
-        self.world, self.skills, self.handovers = skills.world, skills, handovers
+        self.world, self.skills = skills.world, skills
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: list[tuple[int, int]] = []
@@ -129,9 +123,7 @@ class _Collector:
             unlimited=self.world.stations,
             rejections=tuple(self.rejections),
         )
-        return LegoCandidates(
-            self.world, problem, self.skills, self.handovers, self._most
-        )
+        return LegoCandidates(self.world, problem, self.skills, self._most)
 
     def keep(self, problem: AssignmentProblem, step: int) -> None:
         """Add the candidates that a step has in another problem."""
@@ -165,7 +157,7 @@ class _Collector:
                     continue
                 cost = self._cost(place.path)
                 if giver is not None:
-                    handover = self.handovers.handover(giver, robot, step, grasp)
+                    handover = self.skills.handover(giver, robot, step, grasp)
                     if isinstance(handover, Obstruction):
                         what = f"{giver} hands it to {robot}, {_grip(grasp)}"
                         self._reject(step, what, handover)

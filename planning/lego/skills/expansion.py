@@ -1,9 +1,9 @@
-"""From choices to tasks: the sequence of transits and skills of every step (APEX-MR IV-A)."""
+"""From choices to steps of a LEGO assembly: which skills they are, and what touches in them (APEX-MR IV-A)."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from planning.cell.workcell import CellObject
@@ -11,7 +11,7 @@ from planning.geometry.robot_bodies import entity
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.bricks.grid import Span, box_from_top
+from planning.lego.bricks.grid import Span
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import (
     Bricks,
@@ -20,11 +20,24 @@ from planning.lego.skills.allowed_contacts import (
     supporting,
 )
 from planning.lego.skills.candidates import LegoCandidates
-from planning.lego.skills.handovers import HandoverOption
 from planning.lego.skills.options import SkillOption
 from planning.lego.skills.targets import supported_span
-from planning.steps.skill import Obstruction, SkillPath, gripped, touching
-from planning.steps.step_writer import StepBuilder
+from planning.steps.handovers import Handover
+from planning.steps.placement import (
+    Placement,
+    PlannedHandover,
+    PlannedSkill,
+    Support,
+    write_placement,
+)
+from planning.steps.skill import (
+    NOTHING,
+    Obstruction,
+    Pairs,
+    gripped,
+    touching,
+)
+from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork
@@ -49,16 +62,11 @@ def _expand_step(
 ) -> StepTasks:
     """Return the tasks of a step as the plan chooses it.
 
-    Every transit ends at the configuration that the next skill starts from, or at HOME, where
-    robots stop between pick and place and at the end of their part.
     The plan must have the choices of the earlier steps, whose bricks stand around.
     """
-    expander = _Expander(candidates, plan, StepBuilder(step, first_index))
-    if candidates.world.step(step).up:
-        expander.place_up()
-    else:
-        expander.place_down()
-    return expander.builder.build()
+    build = StepWriter(candidates.world.cell, step, first_index)
+    write_placement(build, _ChosenStep(candidates, plan, step).placement())
+    return build.build()
 
 
 def _waits(
@@ -87,19 +95,16 @@ def _waits(
         last_place = place or last_place
 
 
-class _Expander:
-    """Writes the tasks of one step into a builder."""
+class _ChosenStep:
+    """A step as a plan does it, with the bricks that stand around by then."""
 
-    def __init__(
-        self, candidates: LegoCandidates, plan: TaskPlan, builder: StepBuilder
-    ) -> None:
-        self.skills, self.handovers = candidates.skills, candidates.handovers
+    def __init__(self, candidates: LegoCandidates, plan: TaskPlan, step: int) -> None:
+        self.skills = candidates.skills
         self.world: BrickWorld = candidates.world
-        self.choice = plan[builder.step]
-        self.builder = builder
-        self.work = self.world.step(builder.step)
+        self.choice = plan[step]
+        self.work = self.world.step(step)
         source, stations = self.choice.object, self.world.stations
-        sources = [c.object for c in plan.choices if c.step <= builder.step]
+        sources = [c.object for c in plan.choices if c.step <= step]
         *self._used, self.brick = object_names(sources, stations)
         self._picked = Counter(sources)
         self.refill: CellObject | None = None
@@ -107,9 +112,97 @@ class _Expander:
             item = self.world.stock_at_rest[source][0]
             self.refill = next_copy(item, source, self._picked[source] + 1)
 
-    def _standing(
-        self, near: Mapping[str, tuple[Cell, BrickType]]
-    ) -> dict[str, tuple[Cell, BrickType]]:
+    def placement(self) -> Placement:
+        """Return pick, handover if any, support if any, and place."""
+        robot, step, grasp = self.choice.robot, self.choice.step, self.choice.grasp
+        by, giver = self.choice.support, self.choice.primary.partner
+        support, between, up = None, None, self.work.up
+        if by is not None:
+            held = _option(self.skills.support(by.robot, step, by.pose))
+            support = self._support(held, by.pose)
+        if giver is not None:
+            handover = self.skills.handover(giver, robot, step, grasp)
+            assert isinstance(handover, Handover), handover
+            flange = inverse(self._flange(robot, handover.receive))
+            in_hand = flange @ handover.meeting.at
+            between = PlannedHandover(handover, in_hand, aside=True)
+        pick = self._pick(giver or robot)
+        place = self._place(_option(self.skills.place(robot, step, grasp, by)))
+        return Placement(self.brick, pick, between, place, support, support_late=up)
+
+    def _pick(self, robot: str) -> PlannedSkill:
+        brick, source = self.brick, self.choice.object
+        option = _option(self.skills.pick(robot, source, self.choice.grasp))
+        start = self.world.stock_at_rest[source][1].pose
+        held = inverse(self._flange(robot, option.path.contact)) @ start
+        cell = self.world.stock[source].cell
+        near = self.world.cells_near_stock(source, self.choice.step)
+        beside = self._standing(near)
+        if self.refill is not None:
+            beside.pop(self.refill.name)
+        touched, grazed = self._touched(option)
+        return PlannedSkill(
+            option.path,
+            f"to {brick}",
+            f"pick {brick}",
+            held,
+            self._at_rest(robot, cell, start, beside) | touched,
+            grazed,
+            self.refill,
+        )
+
+    def _place(self, option: SkillOption) -> PlannedSkill:
+        path, cell = option.path, self.work.cell
+        goal = self.world.goal(self.choice.step)[1].pose
+        others = self._standing_near(room_at_rest(cell, self.work.brick))
+        touched, grazed = self._touched(option)
+        below = " from below" if self.work.up else ""
+        return PlannedSkill(
+            path,
+            f"{self.brick} to its place",
+            f"place {self.brick}{below}",
+            goal,
+            self._at_rest(path.robot, cell, goal, others) | touched,
+            grazed,
+        )
+
+    def _support(self, option: SkillOption, choice: int) -> Support:
+        path, support = option.path, self.work.supports[choice]
+        bricks = self._standing_near(supported_span(support))
+        bricks[self.brick] = self.work.cell, self.work.brick
+        pressed = supporting(path.robot, support, bricks)
+        touched, grazed = self._touched(option)
+        words = f"support step {self.choice.step}"
+        skill = PlannedSkill(path, "to its support", words, None, touched, grazed)
+        return Support(
+            skill,
+            None,
+            "back from its support",
+            pressed,
+            # What the placing robot brings touches the standing tool as well.
+            pressed & gripped(path.robot, self.brick),
+            straight=False,
+        )
+
+    def _at_rest(
+        self, robot: str, cell: Cell, pose: Transform, others: Bricks
+    ) -> Pairs:
+        """Return the contacts of the brick where it is picked or placed."""
+        seat, fixtures = (cell, self.work.brick, pose), self.world.cell.fixtures
+        press = press_of(self.choice.grasp)
+        return contacts_at_rest(robot, self.brick, seat, press, others, fixtures)
+
+    def _touched(self, option: SkillOption) -> tuple[Pairs, Pairs]:
+        """Return what the tool leans on in a skill, and grazes, as far as it is there by then."""
+        tool = entity(option.path.robot, "tool")
+        later, brick = self.world.goal_numbers, (self.work.cell, self.work.brick)
+        found = {True: NOTHING, False: NOTHING}
+        for known, leans in option.touched.items():
+            if later.get(known, 0) < self.choice.step:
+                found[leans] |= touching(tool, self._standing({known: brick}))
+        return found[True], found[False]
+
+    def _standing(self, near: Bricks) -> dict[str, tuple[Cell, BrickType]]:
         """Return bricks by what they are called and where they are when the brick has been picked.
 
         Args:
@@ -128,147 +221,7 @@ class _Expander:
 
     def _standing_near(self, span: Span) -> dict[str, tuple[Cell, BrickType]]:
         """Return the bricks near some room above the plate when the brick has been picked."""
-        return self._standing(self.world.cells_near(span, self.builder.step))
-
-    def place_down(self) -> None:
-        """Write pick, the support if any, place, and the ways back."""
-        build, robot = self.builder, self.choice.robot
-        place, support = self._cooperation()
-        picked = self._pick(robot)
-        held = 0 if support is None else self._support(support)
-        build.lead_in(place.path, f"{self.brick} to its place", self.brick)
-        placed = self._place(place, f"place {self.brick}")
-        carrying = build.of_robot(robot, picked, placed)
-        build.allow(gripped(robot, self.brick), *carrying)
-        self._home(robot)
-        if support is not None:
-            self._retract(support.path, held, placed)
-
-    def place_up(self) -> None:
-        """Write pick, handover, support from above, place from below, and the ways back."""
-        build, receiver = self.builder, self.choice.robot
-        giver = self.choice.primary.partner
-        place, support = self._cooperation()
-        assert giver is not None
-        assert support is not None
-        step, grasp = self.choice.step, self.choice.grasp
-        handover = self.handovers.handover(giver, receiver, step, grasp)
-        assert isinstance(handover, HandoverOption), handover
-        picked = self._pick(giver)
-        build.transit(receiver, handover.pre_receive, "to the handover", None)
-        ready = build.transit(receiver, handover.receive, "ready to receive", None)
-        build.transit(giver, handover.rest, f"{self.brick} to the handover", self.brick)
-        build.lead_in(handover.give, f"{self.brick} to {receiver}", self.brick)
-        box = box_from_top(handover.top, self.work.brick)
-        in_hand = inverse(self._flange(receiver, handover.receive)) @ box
-        given = build.skill(
-            handover.give, f"hand over {self.brick}", self.brick, receiver, in_hand
-        )
-        build.depend(ready, given)
-        # The receiver stands at the end of its task "ready" while the brick is pressed on.
-        carrying = build.of_robot(giver, picked, given)
-        build.allow(gripped(giver, self.brick), *carrying, ready)
-        build.transit(giver, handover.rest, "back from the handover", None)
-        self._home(giver)
-        taken = build.transit(
-            receiver, handover.pre_receive, f"take {self.brick}", self.brick
-        )
-        build.depend(given, taken)
-        build.lead_in(place.path, f"{self.brick} to its place", self.brick)
-        held = self._support(support)
-        placed = self._place(place, f"place {self.brick} from below")
-        carrying = build.of_robot(receiver, taken, placed)
-        build.allow(gripped(receiver, self.brick), ready, given, *carrying)
-        self._home(receiver)
-        self._retract(support.path, held, placed)
-
-    def _cooperation(self) -> tuple[SkillOption, SkillOption | None]:
-        """Return the place beside the support, and the support if there is one."""
-        robot, step, grasp = self.choice.robot, self.choice.step, self.choice.grasp
-        by = self.choice.support
-        if by is None:
-            return _option(self.skills.place(robot, step, grasp, None)), None
-        place = _option(self.skills.place(robot, step, grasp, by))
-        return place, _option(self.skills.support(by.robot, step, by.pose))
-
-    def _pick(self, robot: str) -> int:
-        """Write transit, pick and the way HOME; return the pick."""
-        build, brick = self.builder, self.brick
-        option = _option(self.skills.pick(robot, self.choice.object, self.choice.grasp))
-        path = option.path
-        build.lead_in(path, f"to {brick}", None)
-        start = self.world.stock_at_rest[self.choice.object][1].pose
-        held = inverse(self._flange(robot, path.contact)) @ start
-        picked = build.skill(path, f"pick {brick}", brick, robot, held, self.refill)
-        cell = self.world.stock[self.choice.object].cell
-        near = self.world.cells_near_stock(self.choice.object, build.step)
-        beside = self._standing(near)
-        if self.refill is not None:
-            beside.pop(self.refill.name)
-        self._allow_at_rest(picked, robot, cell, start, beside)
-        self._allow_touched(picked, option)
-        self._home(robot, brick)
-        return picked
-
-    def _place(self, option: SkillOption, label: str) -> int:
-        """Write the place itself; return it."""
-        goal, path = self.world.goal(self.choice.step)[1].pose, option.path
-        placed = self.builder.skill(path, label, self.brick, None, goal)
-        cell = self.work.cell
-        others = self._standing_near(room_at_rest(cell, self.work.brick))
-        self._allow_at_rest(placed, path.robot, cell, goal, others)
-        self._allow_touched(placed, option)
-        return placed
-
-    def _allow_at_rest(
-        self, task: int, robot: str, cell: Cell, pose: Transform, others: Bricks
-    ) -> None:
-        """Allow the contacts of the brick where it is picked or placed."""
-        seat, fixtures = (cell, self.work.brick, pose), self.world.cell.fixtures
-        press = press_of(self.choice.grasp)
-        pairs = contacts_at_rest(robot, self.brick, seat, press, others, fixtures)
-        self.builder.allow(pairs, task)
-
-    def _allow_touched(self, task: int, option: SkillOption) -> None:
-        """Allow what the tool grazes or leans on in a skill, as far as it is there by then."""
-        build, tool = self.builder, entity(option.path.robot, "tool")
-        later, brick = self.world.goal_numbers, (self.work.cell, self.work.brick)
-        for known, leans in option.touched.items():
-            if later.get(known, 0) < build.step:
-                allow = build.allow if leans else build.graze
-                allow(touching(tool, self._standing({known: brick})), task)
-
-    def _support(self, option: SkillOption) -> int:
-        """Write transit and support; return the support."""
-        self.builder.lead_in(option.path, "to its support", None)
-        label = f"support step {self.choice.step}"
-        held = self.builder.skill(option.path, label, None)
-        self._allow_touched(held, option)
-        return held
-
-    def _retract(self, path: SkillPath, held: int, placed: int) -> None:
-        """Write the supporting robot's way back, once the brick is placed."""
-        build, robot = self.builder, path.robot
-        ways_back = [
-            build.transit(robot, q, "back from its support", None)
-            for q in path.waypoints[-2::-1]
-        ]
-        build.depend(held, placed)
-        build.depend(placed, ways_back[0])
-        self._home(robot)
-        assert self.choice.support is not None
-        support = self.work.supports[self.choice.support.pose]
-        bricks = self._standing_near(supported_span(support))
-        bricks[self.brick] = self.work.cell, self.work.brick
-        touched = supporting(robot, support, bricks)
-        build.allow(touched, held, *ways_back)
-        # What the placing robot brings touches the standing tool as well.
-        build.allow(touched & gripped(robot, self.brick), placed)
-
-    def _home(self, robot: str, carries: str | None = None) -> int:
-        label = f"HOME with {carries}" if carries else "HOME"
-        home = self.world.cell.robot(robot).home
-        return self.builder.transit(robot, home, label, carries)
+        return self._standing(self.world.cells_near(span, self.choice.step))
 
     def _flange(self, robot: str, q: Array) -> Transform:
         return frame_pose(self.world.cell.robot(robot), q)

@@ -7,27 +7,19 @@ the two bases, nearest to it first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot
-from planning.kinematics.kinematics import inverse_kinematics
-from planning.lego.bricks.brick_world import goal_name, press_of
+from planning.lego.bricks.assembly import Press
+from planning.lego.bricks.brick_world import BrickWorld
+from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
-from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import handover_targets, held_box, received_top
-from planning.steps.handovers import ready_postures, receiver_clash
-from planning.steps.skill import (
-    NOTHING,
-    Obstruction,
-    SkillContacts,
-    SkillPath,
-    Subgoal,
-    gripped,
-)
-from planning.steps.skill_scene import SkillScene, resolve_skill
+from planning.steps.handovers import Meeting
+from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, rotation, translation
 
 REACH = 0.45
@@ -112,124 +104,40 @@ def _bearing(receiver: Transform, giver: Transform) -> float:
     return float(np.arctan2(away[1], away[0]))
 
 
-@dataclass(frozen=True)
-class HandoverOption:
-    """A collision-free handover of a brick.
+def brick_meetings(
+    world: BrickWorld,
+    robots: tuple[PlacedRobot, PlacedRobot],
+    step: int,
+    press: Press,
+    taken: Attachment,
+    rest: Array,
+) -> Iterator[Meeting]:
+    """Yield where the brick of a step may be handed over, in the order to try.
 
-    Attributes:
-        pre_receive: receiver's tool drawn back, before and after, shape (n,).
-        receive: receiver's configuration while the brick is pressed on, shape (n,).
-        rest: where the giver waits before and after, shape (n,).
-        give: the giver's skill.
-        top: pose in the world of the brick's top face once it has changed hands.
+    Args:
+        world: cell and assembly.
+        robots: who gives, and who receives.
+        step: of the brick, counted from 1.
+        press: the grip.
+        taken: how the receiver holds the brick then.
+        rest: where the giver stands before and after, shape (n,).
     """
-
-    pre_receive: Array
-    receive: Array
-    rest: Array
-    give: SkillPath
-    top: Transform
-
-
-class HandoverOptions:
-    """Finds handovers; each is worked out at most once."""
-
-    def __init__(self, skills: SkillOptions) -> None:
-        self._skills = skills
-        self._found: dict[tuple[str, str, int, int], HandoverOption | Obstruction] = {}
-
-    def handover(
-        self, giver: str, receiver: str, step: int, grasp: int
-    ) -> HandoverOption | Obstruction:
-        """Return how a brick goes from one robot to another, at the first place that works.
-
-        Args:
-            giver, receiver: names of the robots.
-            step: of the brick, counted from 1.
-            grasp: number of the grip.
-        """
-        key = giver, receiver, step, grasp
-        if key not in self._found:
-            self._found[key] = self._find(*key)
-        return self._found[key]
-
-    def exchanged(self, skills: SkillOptions, step: int) -> HandoverOptions:
-        """Return the handovers where a step and the next one are exchanged.
-
-        Known ones of other steps are not worked out again.
-        """
-        other = HandoverOptions(skills)
-        for key, found in self._found.items():
-            if key[2] not in (step, step + 1):
-                other._found[key] = found
-        return other
-
-    def _find(
-        self, giver: str, receiver: str, step: int, grasp: int
-    ) -> HandoverOption | Obstruction:
-        cell = self._skills.world.cell
-        taker, source = cell.robot(receiver), cell.robot(giver)
-        resting = giver_rest(source.base)
-        rests = inverse_kinematics(source, resting.frame, resting.pose, source.home)
-        if not rests:
-            return Obstruction(f"{resting.name} of {giver} is out of reach")
-        reason: Obstruction | None = None
-        for place in receive_poses(taker.base, source.base):
-            for pre, receive in ready_postures(taker, *place):
-                scene = self._scene(receiver, step, grasp, receive)
-                found = receiver_clash(scene, taker, pre, source, rests[0]) or (
-                    self._give(scene, source, place[1].pose, step, grasp)
-                )
-                if not isinstance(found, Obstruction):
-                    give, top = found
-                    return HandoverOption(pre, receive, rests[0], give, top)
-                reason = reason or found
-        return reason or Obstruction(f"receive is out of reach of {receiver}")
-
-    def _scene(
-        self, receiver: str, step: int, grasp: int, receive: Array
-    ) -> SkillScene:
-        """Return the scene in which the receiver stands with the brick that it was given."""
-        skills, name = self._skills, goal_name(step)
-        taken = skills.held_for_place(receiver, step, grasp)
-        brick = (skills.world.goal(step)[0], taken)
-        grip = gripped(receiver, name)
-        return SkillScene(
-            skills.world.cell,
-            {**skills.around(step), name: brick},
-            {**skills.home, receiver: receive},
-            SkillContacts(grip, grip, grip),
-            (name, taken),
-        )
-
-    def _give(
-        self,
-        scene: SkillScene,
-        giver: PlacedRobot,
-        tool: Transform,
-        step: int,
-        grasp: int,
-    ) -> tuple[SkillPath, Transform] | Obstruction:
-        """Return the giver's skill and the pose of the brick's top face after it.
-
-        The scene is that of the receiver, whose tool is at a pose in the world.
-        """
-        world, press = self._skills.world, press_of(grasp)
-        kind, goal = world.step(step).brick, world.goal_top(step)
-        assert scene.handed is not None
-        name, taken = scene.handed
-        assert taken.holder is not None
-        contact = side_contact_pose(goal, kind, press)
-        top = received_top(world.frames(taken.holder), tool, goal, contact)
-        frames, twist = giver.model.frames, world.assembly.twist["handover"]
+    giver, receiver = robots
+    kind, goal = world.step(step).brick, world.goal_top(step)
+    frames, twist = giver.model.frames, world.assembly.twist["handover"]
+    contact = side_contact_pose(goal, kind, press)
+    for pre, receive in receive_poses(receiver.base, giver.base):
+        top = received_top(receiver.model.frames, receive.pose, goal, contact)
         held = held_box(frames, "tool", grip_pose(top, kind, press), top, kind)
-        given = (scene.objects[name][0], Attachment(giver.name, held))
-        grip = gripped(giver.name, name)
-        scene = replace(
-            scene,
-            objects={**scene.objects, name: given},
-            contacts=SkillContacts(grip, grip | scene.contacts.during, NOTHING),
+        yield Meeting(
+            giver,
+            receiver,
+            world.goal(step)[0],
+            Attachment(giver.name, held),
+            taken,
+            box_from_top(top, kind),
+            pre,
+            receive,
+            handover_targets(frames, kind, top, press, twist=twist),
+            rest,
         )
-        targets = handover_targets(frames, kind, top, press, twist=twist)
-        found = resolve_skill(giver, targets, scene)
-        return found if isinstance(found, Obstruction) else (found.path, top)

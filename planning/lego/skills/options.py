@@ -12,6 +12,7 @@ from functools import cached_property
 from itertools import product
 
 from planning.cell.workcell import Attachment
+from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import BrickType, Press
 from planning.lego.bricks.brick_world import (
     BrickWorld,
@@ -28,6 +29,7 @@ from planning.lego.skills.allowed_contacts import (
     room_at_rest,
     supporting,
 )
+from planning.lego.skills.handovers import brick_meetings, giver_rest
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
@@ -39,6 +41,7 @@ from planning.lego.skills.targets import (
     support_top_targets,
     supported_span,
 )
+from planning.steps.handovers import Handover, find_handover
 from planning.steps.skill import (
     NOTHING,
     Obstruction,
@@ -116,6 +119,7 @@ class SkillOptions:
         self._picks: dict[tuple[str, str, int], Found] = {}
         self._places: dict[tuple[str, int, int, SupportCandidate | None], Found] = {}
         self._supports: dict[tuple[str, int, int], Found] = {}
+        self._handovers: dict[tuple[str, str, int, int], Handover | Obstruction] = {}
 
     def pick(self, robot: str, stock: str, grasp: int) -> Found:
         """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
@@ -147,6 +151,15 @@ class SkillOptions:
             self._supports[key] = self._support(*key)
         return self._supports[key]
 
+    def handover(
+        self, giver: str, receiver: str, step: int, grasp: int
+    ) -> Handover | Obstruction:
+        """Return how the brick of a step goes from one robot to another, with a grip."""
+        key = giver, receiver, step, grasp
+        if key not in self._handovers:
+            self._handovers[key] = self._handover(*key)
+        return self._handovers[key]
+
     def exchanged(self, world: BrickWorld, step: int) -> SkillOptions:
         """Return the options of a world in which a step and the next one are exchanged.
 
@@ -175,6 +188,9 @@ class SkillOptions:
         for held, found in self._supports.items():
             if held[1] not in number:
                 other._supports[held] = renamed(found)
+        for way, handover in self._handovers.items():
+            if way[2] not in number:
+                other._handovers[way] = handover
         return other
 
     def _pick(self, robot: str, stock: str, grasp: int) -> Found:
@@ -377,6 +393,27 @@ class SkillOptions:
                 _DRAWN_BACK, self.support_targets(step, choice)
             )
         )
+
+    def _handover(
+        self, giver: str, receiver: str, step: int, grasp: int
+    ) -> Handover | Obstruction:
+        """Return a handover at the first place that works."""
+        cell = self.world.cell
+        robots = source, _ = cell.robot(giver), cell.robot(receiver)
+        resting = giver_rest(source.base)
+        rests = inverse_kinematics(source, resting.frame, resting.pose, source.home)
+        if not rests:
+            return Obstruction(f"{resting.name} of {giver} is out of reach")
+        taken = self.held_for_place(receiver, step, grasp)
+        reason: Obstruction | None = None
+        for meeting in brick_meetings(
+            self.world, robots, step, press_of(grasp), taken, rests[0]
+        ):
+            found = find_handover(cell, self.around(step), meeting)
+            if isinstance(found, Handover):
+                return found
+            reason = reason or found
+        return reason or Obstruction(f"receive is out of reach of {receiver}")
 
     def _resolve(
         self,
