@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from planning.cell.workcell import Workcell, start_state
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
+from planning.steps.candidates import CandidateCollector
+from planning.steps.skill import joint_distance
 from planning.steps.step_writer import StepWriter
-from planning.tasks.assignment import (
-    AssignmentProblem,
-    PrimaryCandidate,
-    Rejection,
-    TaskPlan,
-)
+from planning.tasks.assignment import PrimaryCandidate, TaskPlan
 from planning.tasks.task import StepTasks
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform
@@ -53,40 +48,31 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         cell: the static cell.
         goals: in the order in which a sequential plan goes there.
     """
-    primaries: list[PrimaryCandidate] = []
-    rejections: list[Rejection] = []
+    collector = CandidateCollector(cell.robots)
     found: dict[tuple[int, int], Array] = {}
-    at = {robot.name: robot.home for robot in cell.robots}
+    at = dict(collector.home)
     for step, goal in enumerate(goals, start=1):
-        alone = replace(cell, robots=(cell.robot(goal.robot),))
-        checker = SceneChecker(alone, goal.robot, start_state(alone), margin=MARGIN)
-        ways = _configurations(cell, goal, at[goal.robot])
+        name = goal.robot
+        alone = replace(cell, robots=(cell.robot(name),))
+        checker = SceneChecker(alone, name, start_state(alone), margin=MARGIN)
+        ways = _configurations(cell, goal, at[name])
         if not ways:
-            rejections.append(Rejection(step, goal.robot, "the pose is out of reach"))
+            collector.reject(step, name, "the pose is out of reach")
         for number, q in enumerate(ways):
-            contact = checker.contact(q)
-            if contact is not None:
-                what = f"{goal.robot}, configuration {number + 1}"
-                rejections.append(Rejection(step, what, str(contact)))
+            if (contact := checker.contact(q)) is not None:
+                what = f"{name}, configuration {number + 1}"
+                collector.reject(step, what, str(contact))
                 continue
-            cost = float(np.sum(np.abs(q - at[goal.robot])))
             found[step, number] = q
-            primaries.append(
-                PrimaryCandidate(step, goal.robot, _nothing(step), number, cost)
-            )
+            cost = joint_distance(q, at[name])
+            # A goal is about no object: each has one of its own.
+            candidate = PrimaryCandidate(step, name, f"goal {step}", number, cost)
+            collector.primaries.append(candidate)
         reached = [found[key] for key in found if key[0] == step]
         if reached:
-            at[goal.robot] = reached[0]
-    problem = AssignmentProblem(
-        robots=tuple(robot.name for robot in cell.robots),
-        steps=tuple(
-            f"{goal.robot} goes to goal {k + 1}" for k, goal in enumerate(goals)
-        ),
-        needs_support=(False,) * len(goals),
-        primaries=tuple(primaries),
-        balance=0.0,
-        rejections=tuple(rejections),
-    )
+            at[name] = reached[0]
+    steps = [f"{goal.robot} goes to goal {k}" for k, goal in enumerate(goals, start=1)]
+    problem = collector.problem(steps, [False] * len(goals), balance=0.0)
 
     def expand(plan: TaskPlan, step: int, first_index: int) -> StepTasks:
         choice = plan[step]
@@ -96,11 +82,6 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         return build.build()
 
     return AssemblyWork(problem, expand)
-
-
-def _nothing(step: int) -> str:
-    """Return the name of the object that a step is about: there is none, so one of its own."""
-    return f"goal {step}"
 
 
 def _configurations(cell: Workcell, goal: RobotGoal, near: Array) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -35,6 +35,7 @@ from planning.parts.part_steps import (
 from planning.parts.relays import find_relays
 from planning.parts.tool_grips import beyond_part, overload, own_grips, why_no_grip
 from planning.statics.build_order import Stand, Waits
+from planning.steps.candidates import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.tool_changes import (
     ToolChanges,
@@ -47,7 +48,6 @@ from planning.tasks.assignment import (
     NO_TOOLS,
     AssignmentProblem,
     PrimaryCandidate,
-    Rejection,
     SupportCandidate,
     Tools,
 )
@@ -130,18 +130,16 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         stand = stand_of_all(around, steps, assembly.balance, leaves)
     require_ways(around, assembly, steps)
     keeps = {k + 1: last + 1 for k, last in sorted(stand.keeps.items())}
-    collector = _Collector(cell, assembly, steps, keeps)
+    collector = PartCollector(cell, assembly, steps, keeps)
     for k, step in enumerate(steps, start=1):
         collector.add(k, step)
     ways = collector.ways
-    pairing = pair_kept(ways, collector.primaries, collector.supports, collector.block)
+    pairing = pair_kept(ways, collector.primaries, collector.supports, collector.reject)
     number = pairing.numbers()
-    problem = AssignmentProblem(
-        robots=tuple(robot.name for robot in cell.robots),
-        steps=tuple(step.words for step in assembly.steps),
-        needs_support=tuple(step.hold is not None for step in assembly.steps),
+    problem = collector.problem(
+        [step.words for step in assembly.steps],
+        [step.hold is not None for step in assembly.steps],
         primaries=tuple(collector.primaries[p] for p in number),
-        supports=tuple(collector.supports),
         incompatible=frozenset(
             (number[p], s)
             for p, s in collector.incompatible | pairing.incompatible
@@ -150,7 +148,6 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         unlimited=frozenset(moves_on(assembly.steps)),
         mounted=changes.mounted,
         changes=changes.costs,
-        rejections=tuple(collector.rejections),
         kept=keeps,
         clashing=frozenset(
             (number[p], number[q]) for p, q in pairing.clashing if q in number
@@ -168,8 +165,8 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
     )
 
 
-class _Collector:
-    """Gathers candidates step by step."""
+class PartCollector(CandidateCollector):
+    """Gathers the candidates of an assembly of parts."""
 
     def __init__(
         self,
@@ -178,15 +175,11 @@ class _Collector:
         steps: Sequence[KnownStep],
         keeps: Mapping[int, int],
     ) -> None:
+        super().__init__(cell.robots)
         self._cell, self._assembly = cell, assembly
         self.ways = WaysBeside(self._skills, steps, keeps=keeps)
         self._robots = tuple(with_each_tool(cell.robots))
         self._known: dict[Tools, PartSkills] = {}
-        self.primaries: list[PrimaryCandidate] = []
-        self.supports: list[SupportCandidate] = []
-        self.incompatible: set[tuple[int, int]] = set()
-        self.rejections: list[Rejection] = []
-        self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
 
     def _skills(self, tools: Tools) -> PartSkills:
         """Return the skills of robots that have certain tools on them."""
@@ -204,7 +197,7 @@ class _Collector:
         for robot in self._robots:
             if not step.step.done_by(robot.name):
                 only = ", ".join(step.step.robots or ())
-                self._reject(number, f"{robot.name} does it", f"it is for {only} only")
+                self.reject(number, f"{robot.name} does it", f"it is for {only} only")
             elif isinstance(step, PartStep):
                 self._add_places(number, step, robot)
             else:
@@ -222,38 +215,31 @@ class _Collector:
     def _add_places(self, number: int, step: PartStep, robot: PlacedRobot) -> None:
         part, name, tools = step.part.name, robot.name, mounted_tool(robot)
         if (heavy := overload(robot, step.part)) is not None:
-            self._reject(number, f"{name} lifts {part}", heavy)
+            self.reject(number, f"{name} lifts {part}", heavy)
             return
         skills = self._skills(tools)
         own = list(own_grips(robot, step.grips))
         if not own:
             rules = self._assembly.ways(part).grips
             reason = why_no_grip(robot, step.part.shape, rules)
-            self._reject(number, f"{name} grips {part}", reason)
+            self.reject(number, f"{name} grips {part}", reason)
         for k, grip in own:
-            misfit = skills.misfit(robot, step.part, grip)
-            if misfit is not None:
-                self.block(number, f"{name} grips, {grip.words}", misfit)
-                continue
-            place = skills.place(robot, step, grip.pose)
-            if isinstance(place, Obstruction):
+            words = grip.words
+            if wrong := skills.misfit(robot, step.part, grip):
+                self.reject(number, f"{name} grips, {words}", wrong)
+            elif isinstance(place := skills.place(robot, step, grip.pose), Obstruction):
                 place = self._too_deep(place, step, robot, grip)
-                self.block(number, f"{name} places, {grip.words}", place)
-                continue
-            pick = skills.pick(robot, step, grip.pose)
-            if isinstance(pick, Obstruction):
+                self.reject(number, f"{name} places, {words}", place)
+            elif isinstance(pick := skills.pick(robot, step, grip.pose), Obstruction):
                 pick = self._too_deep(pick, step, robot, grip)
-                self.block(number, f"{name} picks, {grip.words}", pick)
-                continue
-            blocked = skills.carried_home(robot, step, grip.pose)
-            if blocked is not None:
-                self.block(number, f"{name} at HOME, {grip.words}", blocked)
-                continue
-            self.ways.paths[number, name, k, tools] = pick, place
-            cost = sum(joint_distance(robot.home, p.contact) for p in (pick, place))
-            self.primaries.append(
-                PrimaryCandidate(number, name, part, k, cost, tools=tools)
-            )
+                self.reject(number, f"{name} picks, {words}", pick)
+            elif wrong := skills.carried_home(robot, step, grip.pose):
+                self.reject(number, f"{name} at HOME, {words}", wrong)
+            else:
+                self.ways.paths[number, name, k, tools] = pick, place
+                cost = self.cost(pick, place)
+                way = PrimaryCandidate(number, name, part, k, cost, tools=tools)
+                self.primaries.append(way)
 
     def _too_deep(
         self, found: Obstruction, step: PartStep, robot: PlacedRobot, grip: Grip
@@ -278,7 +264,7 @@ class _Collector:
             self.primaries.append(item)
         if not found:
             reason = "robots reach no place in common, to lie or to be handed over"
-            self._reject(number, f"{step.part.name} changes hands", reason)
+            self.reject(number, f"{step.part.name} changes hands", reason)
 
     def _add_machine(self, number: int, step: MachineStep) -> None:
         """Add the machine, which has no choice."""
@@ -297,18 +283,18 @@ class _Collector:
         process, name, tools = step.step.process, robot.name, mounted_tool(robot)
         if process.frame not in {"flange", *robot.model.frames}:
             reason = f"it has no frame {process.frame!r}"
-            self._reject(number, f"{name} does it", reason)
+            self.reject(number, f"{name} does it", reason)
             return
         if process.tool not in (None, robot.tool):
             has = "none is named" if robot.tool is None else f"it has {robot.tool}"
             reason = f"the tool must be {process.tool}: {has}"
-            self._reject(number, f"{name} does it", reason)
+            self.reject(number, f"{name} does it", reason)
             return
         for k, turn in enumerate(process.turns):
-            found = self._skills(tools).work(robot, step, turn)
-            if isinstance(found, Obstruction):
-                what = f"{name} turned by {np.degrees(turn):.0f} deg"
-                self.block(number, what, found)
+            what = f"{name} turned by {np.degrees(turn):.0f} deg"
+            tried = self._skills(tools).work(robot, step, turn)
+            found = self.accept(number, what, tried)
+            if found is None:
                 continue
             self.ways.paths[number, name, k, tools] = (found,)
             # What is worked at can be worked at again: each process is a thing of its own.
@@ -330,7 +316,7 @@ class _Collector:
         rules = self._assembly.ways(held.part.name).grips
         if not own:
             reason = why_no_grip(robot, held.part.shape, rules)
-            self._reject(number, f"{robot.name} holds {held.part.name}", reason)
+            self.reject(number, f"{robot.name} holds {held.part.name}", reason)
         count = 0
         for k in far_first(step):
             if k not in own:
@@ -338,15 +324,11 @@ class _Collector:
             if count == _MOST_HOLDS:
                 break
             grip = held.grips[k]
+            what = f"{robot.name} holds {held.part.name}, {grip.words}"
             misfit = skills.misfit(robot, held.part, grip)
-            if misfit is not None:
-                what = f"{robot.name} holds {held.part.name}, {grip.words}"
-                self.block(number, what, misfit)
-                continue
-            path = skills.hold(robot, step, held, grip.pose)
-            if isinstance(path, Obstruction):
-                what = f"{robot.name} holds {held.part.name}, {grip.words}"
-                self.block(number, what, path)
+            found = misfit or skills.hold(robot, step, held, grip.pose)
+            path = self.accept(number, what, found)
+            if path is None:
                 continue
             count += 1
             self.ways.holds[number, robot.name, k, tools] = path
@@ -368,19 +350,9 @@ class _Collector:
                 continue
             at = {second.robot: self.ways.holds[hold_way(second)].path[-1]}
             supporting = Holding(at, second.tools)
-            path = self.ways.done(way_of(first), NOBODY, supporting)
-            if isinstance(path, Obstruction):
+            what = f"{first.robot} beside {second.robot} that holds"
+            paths = self.ways.done(way_of(first), NOBODY, supporting)
+            if self.accept(first.step, what, paths) is None:
                 self.incompatible.add((p, s))
-                what = f"{first.robot} beside {second.robot} that holds"
-                self.block(first.step, what, path)
-                continue
-            found[robots] = found.get(robots, 0) + 1
-
-    def block(self, step: int, what: str, reason: Obstruction) -> None:
-        """Note that something is in the way."""
-        self._reject(step, what, reason.words)
-        if reason.by is not None:
-            self.blockers[step][reason.by] += 1
-
-    def _reject(self, step: int, what: str, reason: str) -> None:
-        self.rejections.append(Rejection(step, what, reason))
+            else:
+                found[robots] = found.get(robots, 0) + 1

@@ -17,10 +17,10 @@ from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.statics.build_order import Waits
 from planning.steps.handovers import Handover
 from planning.steps.placement import (
-    Placement,
     PlannedHandover,
+    PlannedPlacement,
     PlannedSkill,
-    Support,
+    PlannedSupport,
     write_placement,
     write_release,
     write_support,
@@ -53,7 +53,7 @@ def _expand_step(
     Tools are changed before anything else.
     """
     changes, known = candidates.changes, candidates.steps[step - 1]
-    chosen = _ChosenStep(candidates, plan, step)
+    chosen = _ChosenPartStep(candidates, plan, step)
     build = StepWriter(chosen.cell, step, first_index)
     before = changes.mounted_before(plan.choices[: step - 1])
     if first_index == 0:
@@ -74,7 +74,7 @@ def _expand_step(
     return build.build()
 
 
-class _ChosenStep:
+class _ChosenPartStep:
     """A step as a plan does it."""
 
     def __init__(self, candidates: PartCandidates, plan: TaskPlan, step: int) -> None:
@@ -83,7 +83,7 @@ class _ChosenStep:
         self.paths = candidates.ways.paths_of(plan, step)
         self._hold = candidates.ways.hold_of(plan, step)
 
-    def placement(self, step: PartStep) -> Placement:
+    def placement(self, step: PartStep) -> PlannedPlacement:
         """Return how the part is picked, changes hands, is held and placed."""
         choice, part = self.choice, self.choice.object
         ways = self._candidates.ways
@@ -110,9 +110,9 @@ class _ChosenStep:
         contacts = touching(part, step.at_goal)
         coming, words = f"{part} to its place", f"place {part}"
         put = PlannedSkill(place, coming, words, step.goal, contacts)
-        return Placement(part, first, between, put, self.hold(step), kept=kept)
+        return PlannedPlacement(part, first, between, put, self.hold(step), kept=kept)
 
-    def hold(self, step: PartStep | WorkStep) -> Support | None:
+    def hold(self, step: PartStep | WorkStep) -> PlannedSupport | None:
         """Return how another robot grips what is held meanwhile, None if nothing is."""
         path = self._hold
         if path is None or step.held is None:
@@ -120,7 +120,7 @@ class _ChosenStep:
         part = step.held.part.name
         grips = PlannedSkill(path, f"to hold {part}", f"hold {part}")
         touched = handled(self.cell.robot(path.robot), part)
-        return Support(grips, part, f"let go of {part}", touched)
+        return PlannedSupport(grips, part, f"let go of {part}", touched)
 
     def _pick(
         self, part: str, path: SkillPath, grip: Grip, touched: Iterable[str]
@@ -134,7 +134,7 @@ class _ChosenStep:
         return held_pose(self.cell.robot(robot), self._candidates.frame, grip.pose)
 
 
-def _write_process(build: StepWriter, chosen: _ChosenStep, step: WorkStep) -> int:
+def _write_process(build: StepWriter, chosen: _ChosenPartStep, step: WorkStep) -> int:
     """Write the hold if any, approach, process, and the ways back; return the process."""
     process, robot = step.step.process, chosen.cell.robot(chosen.choice.robot)
     (path,) = chosen.paths

@@ -21,7 +21,7 @@ from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.part_skills import PartSkills, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
 from planning.parts.tool_grips import overload, robot_grips
-from planning.steps.handovers import Handover, Meeting, find_handover
+from planning.steps.handovers import Handover, MeetingPlace, find_handover
 from planning.steps.skill import Obstruction, SkillPath, Subgoal, joint_distance
 from planning.steps.tool_changes import mounted_tool, with_each_tool
 from planning.tasks.assignment import NO_TOOLS, Tools
@@ -416,7 +416,7 @@ def _handover(
     tool = at @ take.grip.pose
     back = tool @ translation(0.0, 0.0, -ways.approach)
     coming = -ways.approach * tool[:3, 2]
-    meeting = Meeting(
+    meeting = MeetingPlace(
         giver,
         receiver,
         part,

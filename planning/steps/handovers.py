@@ -29,7 +29,7 @@ from planning.transforms import Array, Transform
 
 
 @dataclass(frozen=True)
-class Meeting:
+class MeetingPlace:
     """A place in the air where one robot may hand an object over to another.
 
     Attributes:
@@ -68,14 +68,14 @@ class Handover:
         give: the giver's skill.
     """
 
-    meeting: Meeting
+    meeting: MeetingPlace
     pre: Array
     receive: Array
     give: SkillPath
 
 
 def find_handover(
-    cell: Workcell, around: Objects, meeting: Meeting
+    cell: Workcell, around: Objects, meeting: MeetingPlace
 ) -> Handover | Obstruction | None:
     """Return the handover at a meeting, in the receiver's first posture that is free.
 
@@ -116,7 +116,7 @@ def find_handover(
 
 
 def _receiver_clash(
-    scene: SkillScene, meeting: Meeting, pre: Array
+    scene: SkillScene, meeting: MeetingPlace, pre: Array
 ) -> Obstruction | None:
     """Return what the receiver touches on its way in, or out with the object.
 

@@ -58,7 +58,7 @@ class PlannedHandover:
 
 
 @dataclass(frozen=True)
-class Support:
+class PlannedSupport:
     """What another robot supports, or holds, while the work of a step is done.
 
     Attributes:
@@ -79,7 +79,7 @@ class Support:
 
 
 @dataclass(frozen=True)
-class Placement:
+class PlannedPlacement:
     """A step in which an object is put somewhere, as a plan does it.
 
     Attributes:
@@ -97,12 +97,12 @@ class Placement:
     pick: PlannedSkill
     between: tuple[PlannedSkill, PlannedSkill] | PlannedHandover | None
     place: PlannedSkill
-    support: Support | None = None
+    support: PlannedSupport | None = None
     support_late: bool = False
     kept: bool = False
 
 
-def write_placement(build: StepWriter, step: Placement) -> int:
+def write_placement(build: StepWriter, step: PlannedPlacement) -> int:
     """Write the tasks of a step in which an object is put somewhere; return the place.
 
     Every transit ends at the configuration that the next skill starts from, or at HOME, where
@@ -133,7 +133,7 @@ def write_placement(build: StepWriter, step: Placement) -> int:
     return placed
 
 
-def write_support(build: StepWriter, support: Support) -> int:
+def write_support(build: StepWriter, support: PlannedSupport) -> int:
     """Write how a robot comes to support or hold something; return the skill."""
     skill = support.skill
     build.lead_in(skill.path, skill.coming, None)
@@ -141,7 +141,7 @@ def write_support(build: StepWriter, support: Support) -> int:
 
 
 def write_release(
-    build: StepWriter, support: Support, held: int, begun: int, done: int
+    build: StepWriter, support: PlannedSupport, held: int, begun: int, done: int
 ) -> None:
     """Write the way back of who supports.
 

@@ -12,11 +12,11 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep
 from planning.lego.bricks.brick_world import BrickWorld, press_of
 from planning.lego.skills.options import SkillOption, SkillOptions
-from planning.steps.skill import Obstruction, SkillPath, joint_distance
+from planning.steps.candidates import CandidateCollector
+from planning.steps.skill import Obstruction, joint_distance
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
-    Rejection,
     SupportCandidate,
 )
 
@@ -69,7 +69,7 @@ def find_candidates(
     if alternatives is None:
         alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
     skills = SkillOptions(world)
-    collector = _Collector(skills, alternatives)
+    collector = BrickCollector(skills, alternatives)
     for number in range(1, len(assembly.steps) + 1):
         collector.add(number)
     return collector.candidates()
@@ -89,7 +89,7 @@ def exchange_steps(
     """
     assembly = replace(known.world.assembly, steps=steps)
     skills = known.skills.exchanged(BrickWorld(known.world.cell, assembly), at)
-    collector = _Collector(skills, known.alternatives)
+    collector = BrickCollector(skills, known.alternatives)
     for number in range(1, len(steps) + 1):
         if number in (at, at + 1):
             collector.add(number)
@@ -98,30 +98,21 @@ def exchange_steps(
     return collector.candidates()
 
 
-class _Collector:
-    """Gathers candidates step by step."""
+class BrickCollector(CandidateCollector):
+    """Gathers the candidates of a LEGO assembly."""
 
     def __init__(self, skills: SkillOptions, alternatives: int) -> None:
+        super().__init__(skills.world.cell.robots)
         self._most = alternatives
         self.world, self.skills = skills.world, skills
-        self.primaries: list[PrimaryCandidate] = []
-        self.supports: list[SupportCandidate] = []
-        self.incompatible: list[tuple[int, int]] = []
-        self.rejections: list[Rejection] = []
-        self._home = self.skills.home
 
     def candidates(self) -> LegoCandidates:
         """Return what was gathered."""
         steps = self.world.assembly.steps
-        problem = AssignmentProblem(
-            robots=tuple(robot.name for robot in self.world.cell.robots),
-            steps=tuple(step.words for step in steps),
-            needs_support=tuple(s.up or s.support is not None for s in steps),
-            primaries=tuple(self.primaries),
-            supports=tuple(self.supports),
-            incompatible=frozenset(self.incompatible),
+        problem = self.problem(
+            [step.words for step in steps],
+            [step.up or step.support is not None for step in steps],
             unlimited=self.world.stations,
-            rejections=tuple(self.rejections),
         )
         return LegoCandidates(self.world, problem, self.skills, self._most)
 
@@ -134,18 +125,18 @@ class _Collector:
         for s in problem.supports_of.get(step, []):
             support[s] = len(self.supports)
             self.supports.append(problem.supports[s])
-        self.incompatible += [
+        self.incompatible.update(
             (primary[p], support[s]) for p, s in problem.incompatible if p in primary
-        ]
+        )
         self.rejections += [item for item in problem.rejections if item.step == step]
 
     def add(self, step: int) -> None:
         """Add the candidates of a step: primary robot, giver for a place-up, brick and grip."""
         supports = self._add_supports(step)
         ways: Iterable[tuple[str, str | None]] = (
-            permutations(self._home, 2)
+            permutations(self.home, 2)
             if self.world.step(step).up
-            else product(self._home, [None])
+            else product(self.home, [None])
         )
         for robot, giver in ways:
             count = 0
@@ -155,20 +146,20 @@ class _Collector:
                 place = self._place(robot, step, grasp, supports)
                 if place is None:
                     continue
-                cost = self._cost(place.path)
+                cost = self.cost(place.path)
                 if giver is not None:
-                    handover = self.skills.handover(giver, robot, step, grasp)
-                    if isinstance(handover, Obstruction):
-                        what = f"{giver} hands it to {robot}, {_grip(grasp)}"
-                        self._reject(step, what, handover)
+                    what = f"{giver} hands it to {robot}, {_grip(grasp)}"
+                    found = self.skills.handover(giver, robot, step, grasp)
+                    handover = self.accept(step, what, found)
+                    if handover is None:
                         continue
-                    cost += self._cost(handover.give)
-                    cost += joint_distance(self._home[robot], handover.receive)
+                    cost += self.cost(handover.give)
+                    cost += joint_distance(self.home[robot], handover.receive)
                 first = len(self.primaries)
                 for stock in self.world.usable_stock(step):
                     pick = self._pick(step, giver or robot, stock, grasp)
                     if pick is not None:
-                        whole = cost + self._cost(pick.path)
+                        whole = cost + self.cost(pick.path)
                         after = (place.after | pick.after) - {stock}
                         self.primaries.append(
                             PrimaryCandidate(
@@ -198,7 +189,7 @@ class _Collector:
     def _add_supports(self, step: int) -> dict[int, SupportCandidate]:
         """Add the support candidates of a step; return who stands where by candidate index."""
         out: dict[int, SupportCandidate] = {}
-        for robot in self._home:
+        for robot in self.home:
             count = 0
             for choice in range(len(self.world.step(step).supports)):
                 if count == self._most:
@@ -207,11 +198,11 @@ class _Collector:
                 if isinstance(option, SkillOption) and option.after:
                     names = ", ".join(sorted(option.after))
                     option = Obstruction(f"blocked by {names}")
-                if isinstance(option, Obstruction):
-                    self._reject(step, f"{robot} supports", option)
+                support = self.accept(step, f"{robot} supports", option)
+                if support is None:
                     continue
                 count += 1
-                cost = self._cost(option.path)
+                cost = self.cost(support.path)
                 out[len(self.supports)] = SupportCandidate(step, robot, choice, cost)
                 self.supports.append(out[len(self.supports)])
         return out
@@ -231,10 +222,10 @@ class _Collector:
         found = [self.skills.place(robot, step, grasp, support) for support in beside]
         places = [option for option in found if isinstance(option, SkillOption)]
         if places:
-            return min(places, key=lambda option: self._cost(option.path))
+            return min(places, key=lambda option: self.cost(option.path))
         reasons = [option for option in found if isinstance(option, Obstruction)]
         alone = Obstruction("no other robot can support it")
-        self._reject(step, f"{robot} places, {_grip(grasp)}", [*reasons, alone][0])
+        self.reject(step, f"{robot} places, {_grip(grasp)}", [*reasons, alone][0])
         return None
 
     def _pick(
@@ -244,10 +235,7 @@ class _Collector:
         found = self.skills.pick(robot, stock, grasp)
         if isinstance(found, SkillOption) and found.latest and step > found.latest:
             found = Obstruction(f"the brick of step {found.latest} is in the way")
-        if isinstance(found, Obstruction):
-            self._reject(step, f"{robot} picks {stock}, {_grip(grasp)}", found)
-            return None
-        return found
+        return self.accept(step, f"{robot} picks {stock}, {_grip(grasp)}", found)
 
     def _add_clashes(
         self,
@@ -264,17 +252,10 @@ class _Collector:
                 continue
             if self.world.go_together(step, grasp, item.pose):
                 option = self.skills.place(robot, step, grasp, item)
-                if isinstance(option, SkillOption):
-                    continue
                 words = f"{robot} places beside {item.robot}, {_grip(grasp)}"
-                self._reject(step, words, option)
-            self.incompatible += [(p, index) for p in newest]
-
-    def _cost(self, path: SkillPath) -> float:
-        return joint_distance(self._home[path.robot], path.contact)
-
-    def _reject(self, step: int, what: str, reason: Obstruction) -> None:
-        self.rejections.append(Rejection(step, what, reason.words))
+                if self.accept(step, words, option) is not None:
+                    continue
+            self.incompatible.update((p, index) for p in newest)
 
 
 def _grip(grasp: int) -> str:

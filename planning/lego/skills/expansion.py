@@ -24,10 +24,10 @@ from planning.lego.skills.options import SkillOption
 from planning.lego.skills.targets import supported_span
 from planning.steps.handovers import Handover
 from planning.steps.placement import (
-    Placement,
     PlannedHandover,
+    PlannedPlacement,
     PlannedSkill,
-    Support,
+    PlannedSupport,
     write_placement,
 )
 from planning.steps.skill import (
@@ -65,7 +65,7 @@ def _expand_step(
     The plan must have the choices of the earlier steps, whose bricks stand around.
     """
     build = StepWriter(candidates.world.cell, step, first_index)
-    write_placement(build, _ChosenStep(candidates, plan, step).placement())
+    write_placement(build, _ChosenBrickStep(candidates, plan, step).placement())
     return build.build()
 
 
@@ -95,7 +95,7 @@ def _waits(
         last_place = place or last_place
 
 
-class _ChosenStep:
+class _ChosenBrickStep:
     """A step as a plan does it, with the bricks that stand around by then."""
 
     def __init__(self, candidates: LegoCandidates, plan: TaskPlan, step: int) -> None:
@@ -112,7 +112,7 @@ class _ChosenStep:
             item = self.world.stock_at_rest[source][0]
             self.refill = next_copy(item, source, self._picked[source] + 1)
 
-    def placement(self) -> Placement:
+    def placement(self) -> PlannedPlacement:
         """Return pick, handover if any, support if any, and place."""
         robot, step, grasp = self.choice.robot, self.choice.step, self.choice.grasp
         by, giver = self.choice.support, self.choice.primary.partner
@@ -128,7 +128,9 @@ class _ChosenStep:
             between = PlannedHandover(handover, in_hand, aside=True)
         pick = self._pick(giver or robot)
         place = self._place(_option(self.skills.place(robot, step, grasp, by)))
-        return Placement(self.brick, pick, between, place, support, support_late=up)
+        return PlannedPlacement(
+            self.brick, pick, between, place, support, support_late=up
+        )
 
     def _pick(self, robot: str) -> PlannedSkill:
         brick, source = self.brick, self.choice.object
@@ -166,7 +168,7 @@ class _ChosenStep:
             grazed,
         )
 
-    def _support(self, option: SkillOption, choice: int) -> Support:
+    def _support(self, option: SkillOption, choice: int) -> PlannedSupport:
         path, support = option.path, self.work.supports[choice]
         bricks = self._standing_near(supported_span(support))
         bricks[self.brick] = self.work.cell, self.work.brick
@@ -174,7 +176,7 @@ class _ChosenStep:
         touched, grazed = self._touched(option)
         words = f"support step {self.choice.step}"
         skill = PlannedSkill(path, "to its support", words, None, touched, grazed)
-        return Support(
+        return PlannedSupport(
             skill,
             None,
             "back from its support",

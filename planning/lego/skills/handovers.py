@@ -18,7 +18,7 @@ from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.bricks.grid import box_from_top
 from planning.lego.bricks.grips import grip_pose, side_contact_pose
 from planning.lego.skills.targets import handover_targets, held_box, received_top
-from planning.steps.handovers import Meeting
+from planning.steps.handovers import MeetingPlace
 from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, rotation, translation
 
@@ -111,7 +111,7 @@ def brick_meetings(
     press: Press,
     taken: Attachment,
     rest: Array,
-) -> Iterator[Meeting]:
+) -> Iterator[MeetingPlace]:
     """Yield where the brick of a step may be handed over, in the order to try.
 
     Args:
@@ -129,7 +129,7 @@ def brick_meetings(
     for pre, receive in receive_poses(receiver.base, giver.base):
         top = received_top(receiver.model.frames, receive.pose, goal, contact)
         held = held_box(frames, "tool", grip_pose(top, kind, press), top, kind)
-        yield Meeting(
+        yield MeetingPlace(
             giver,
             receiver,
             world.goal(step)[0],
