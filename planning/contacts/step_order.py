@@ -8,7 +8,7 @@ from itertools import pairwise
 
 
 @dataclass(frozen=True)
-class Precedence:
+class StepPrecedence:
     """What comes before what among steps.
 
     Attributes:
@@ -31,7 +31,7 @@ class Precedence:
         if first != then:
             self.before[then].setdefault(first, why)
 
-    def with_required(self, first: int, then: int, why: str) -> Precedence:
+    def with_required(self, first: int, then: int, why: str) -> StepPrecedence:
         """Return the same and that one step comes before another."""
         out = replace(self, before=tuple(dict(own) for own in self.before))
         out.require(first, then, why)

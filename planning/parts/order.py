@@ -27,7 +27,7 @@ from planning.contacts.precedence import (
     leads_through,
     stacked,
 )
-from planning.contacts.step_order import Precedence
+from planning.contacts.step_order import StepPrecedence
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, Place, Work
 from planning.parts.balance import PartBalance, standing_of
@@ -41,7 +41,7 @@ _BORE = 0.002
 """Width of the straight way of a tool to a place of work that no part may bar [m]."""
 
 
-def precedence(cell: Workcell, assembly: PartAssembly) -> Precedence:
+def precedence(cell: Workcell, assembly: PartAssembly) -> StepPrecedence:
     """Return what comes before what, as far as places and contacts alone tell.
 
     Args:
@@ -69,7 +69,7 @@ def precedence(cell: Workcell, assembly: PartAssembly) -> Precedence:
         for k, step in enumerate(steps)
         if isinstance(step, Place) and step.until is not None
     }
-    out = Precedence(words, before, any_of, closing)
+    out = StepPrecedence(words, before, any_of, closing)
     for first, then, why in (
         *_named(steps),
         *_contacts(cell, assembly, graph),
@@ -127,7 +127,7 @@ def find_ordered_candidates(
     raise AssertionError("the last try returns")
 
 
-def _ordered(assembly: PartAssembly, known: Precedence) -> PartAssembly:
+def _ordered(assembly: PartAssembly, known: StepPrecedence) -> PartAssembly:
     order = known.order()
     if order is None:
         raise InfeasibleStepError(
@@ -136,7 +136,7 @@ def _ordered(assembly: PartAssembly, known: Precedence) -> PartAssembly:
     return replace(assembly, steps=tuple(assembly.steps[k] for k in order))
 
 
-def _propped(cell: Workcell, assembly: PartAssembly, known: Precedence) -> Precedence:
+def _propped(cell: Workcell, assembly: PartAssembly, known: StepPrecedence) -> StepPrecedence:
     """Return what comes before what once all props that are found come before what they keep up.
 
     What falls all the same is left for the candidates to refuse.
@@ -187,12 +187,12 @@ def _joining(assembly: PartAssembly, part: str | None, but: int) -> frozenset[in
 
 
 def _moved(
-    known: Precedence,
+    known: StepPrecedence,
     assembly: PartAssembly,
     ordered: PartAssembly,
     step: int,
     blockers: Mapping[int, Sequence[str]],
-) -> Precedence | None:
+) -> StepPrecedence | None:
     """Return what comes before what once a part that blocks a step is moved past it."""
     number = {id(item): k for k, item in enumerate(assembly.steps)}
     placing = {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}

@@ -68,8 +68,11 @@ class ContactForce:
 
 
 @dataclass(frozen=True)
-class SpreadForce:
+class Load:
     """A known force on a body that acts at points in shares that balance is free to choose.
+
+    A tool that holds a body keeps it from turning, so what it presses with acts where the body
+    resists: anywhere between the points that the tool touches.
 
     Attributes:
         body: its name.
@@ -102,7 +105,7 @@ class LoadCase:
     down: Vector = DOWN
     loose: str | None = None
     pushes: Sequence[ContactForce] = ()
-    load: SpreadForce | None = None
+    load: Load | None = None
 
 
 @dataclass(frozen=True)
@@ -375,7 +378,7 @@ class Equilibrium:
         return self._names[int(np.argmax(extra))]
 
 
-def _shares(load: SpreadForce | None) -> list[ContactForce]:
+def _shares(load: Load | None) -> list[ContactForce]:
     """Return the forces whose sum is a load."""
     if load is None:
         return []

@@ -14,7 +14,7 @@ from twin.host.guard import COMPLETED, guarded, print_json
 
 if TYPE_CHECKING:
     from planning.lego.bricks.assembly import LegoAssembly, Support
-    from planning.lego.sequencing.rules import SequencingRules
+    from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
 
 Output = Annotated[
@@ -87,7 +87,7 @@ def sequence(
 
 def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> None:
     """Print what the structure bears at a step, and draw it."""
-    from planning.lego.sequencing.explanation import MOST, explain_step
+    from planning.lego.sequencing.stable_steps import MOST, explain_step
     from twin.planning.step_picture import draw_step
 
     def up_to(force: float) -> str:

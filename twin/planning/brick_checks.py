@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
 from planning.lego.bricks.drawing import Spot
-from planning.lego.bricks.grid import Place, joined_to_plate, occupied_places
+from planning.lego.bricks.grid import GridPlace, joined_to_plate, occupied_places
 from planning.lego.skills.targets import supported_span
 from twin.scenario.document.problems import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -64,7 +64,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
     """No two bricks in one place, nothing off the plate, nothing in the air."""
     studs = assembly.plate.studs
     owner: dict[str, StockSection] = {s.name: s for s in assembly.stock}
-    taken: dict[Place, str] = {}
+    taken: dict[GridPlace, str] = {}
     storage = assembly.storage_plate
     stock = list(enumerate(assembly.stock))
     here = [(i, item) for i, item in stock if storage is None or item.fixed]
@@ -107,7 +107,7 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
 
 
 def _check_step(
-    step: StepSection, brick: BrickType, at: KeyPath, taken: Mapping[Place, str]
+    step: StepSection, brick: BrickType, at: KeyPath, taken: Mapping[GridPlace, str]
 ) -> Found:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]
@@ -128,7 +128,7 @@ def _check_stock(
     stock: Sequence[tuple[int, StockSection]],
     types: Mapping[str, BrickType],
     studs: Sequence[int],
-    taken: dict[Place, str],
+    taken: dict[GridPlace, str],
 ) -> Found:
     """Check the stock of one plate, and note the studs it takes.
 
@@ -198,7 +198,7 @@ def _free_stock(
 
 
 def _off_plate(
-    cells: Iterable[Place], studs: Sequence[int], hint: str = ": the lowest layer is 1"
+    cells: Iterable[GridPlace], studs: Sequence[int], hint: str = ": the lowest layer is 1"
 ) -> str:
     for x, y, level in sorted(cells, key=lambda cell: (cell[2], cell)):
         if level < 0:
@@ -211,11 +211,11 @@ def _off_plate(
     return ""
 
 
-def _first_taken(cells: Iterable[Place], taken: Mapping[Place, str]) -> str:
+def _first_taken(cells: Iterable[GridPlace], taken: Mapping[GridPlace, str]) -> str:
     return next((taken[c] for c in cells if c in taken), "")
 
 
-def _touches(cells: frozenset[Place], structure: set[Place], up: int) -> bool:
+def _touches(cells: frozenset[GridPlace], structure: set[GridPlace], up: int) -> bool:
     return any((x, y, level + up) in structure for x, y, level in cells)
 
 
@@ -253,7 +253,7 @@ def _check_drawn(
     read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
 ) -> Drawn:
     """No two bricks in one place, none off the plate or in the air, and enough in stock."""
-    taken: dict[Place, str] = {}
+    taken: dict[GridPlace, str] = {}
     for item in assembly.stock:
         if item.fixed or assembly.storage_plate is None:
             words = f"{item.name} of the stock"

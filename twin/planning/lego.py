@@ -40,7 +40,7 @@ from twin.scenario.sections.lego import (
 from twin.scenario.sections.poses import build_transform
 
 if TYPE_CHECKING:
-    from planning.lego.sequencing.rules import SequencingRules
+    from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStructure
     from planning.lego.skills.candidates import LegoCandidates
     from planning.motion.sequential import MotionSettings
@@ -270,7 +270,7 @@ def sequencing_rules(
         robots: how many there are; supports and handovers take two.
         carrier: the registered robot that carries the tool.
     """
-    from planning.lego.sequencing.rules import SequencingRules
+    from planning.lego.insertion.rules import SequencingRules
 
     allowed, stock = lego.rules, build_lego(lego).stock
     return SequencingRules(

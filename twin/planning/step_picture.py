@@ -6,12 +6,12 @@ import io
 from typing import TYPE_CHECKING
 
 from planning.lego.bricks.grid import level_height, occupied_span
-from planning.lego.sequencing.explanation import MOST, strain_of
+from planning.lego.sequencing.stable_steps import MOST, strain_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from planning.lego.sequencing.explanation import ExplainedStep
+    from planning.lego.sequencing.stable_steps import ExplainedStep
 
 _STUD_MM, _MM = 8.0, 1000.0
 
@@ -56,7 +56,7 @@ def _draw_side(axes: Axes, step: ExplainedStep, axis: int) -> None:
         bottom, top = (level_height(v) * _MM for v in (span.bottom, span.top))
         share = min(1.0, strain[name])
         colour = (1.0, 1.0 - 0.85 * share, 1.0 - 0.85 * share)
-        pressed = name == step.load.brick
+        pressed = name == step.load.body
         axes.add_patch(
             Rectangle(
                 (low * _STUD_MM, bottom),

@@ -18,7 +18,7 @@ from planning.importers.brick_models.stations import (
     stations,
 )
 from planning.lego.bricks.assembly import BRICK_LEVELS, Cell, Plate
-from planning.lego.bricks.grid import Span, footprint
+from planning.lego.bricks.grid import GridSpan, footprint
 from planning.lego.bricks.objects import brick_colour
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
@@ -59,7 +59,7 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
         )
     corner = (STUDS - wide) // 2, (STUDS - deep) // 2
     plate = Plate(translation(*_PLATE), (STUDS, STUDS))
-    span = Span(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
+    span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
     arm = robot_model(_MODEL)
     stock: list[dict[str, Any]] = []
     for (name, xyz, yaw), far in zip(_ROBOTS, (False, True), strict=True):

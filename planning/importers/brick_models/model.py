@@ -11,8 +11,8 @@ from planning.errors import ScenarioError, listed
 from planning.files import read_file
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.grid import (
-    Place,
-    Span,
+    GridPlace,
+    GridSpan,
     joined_to_plate,
     occupied_places,
     occupied_span,
@@ -184,14 +184,14 @@ def finished_model(
     return BrickModel(moved, tuple(notes))
 
 
-def _moved(item: ModelBrick, span: Span, low: Sequence[int]) -> ModelBrick:
+def _moved(item: ModelBrick, span: GridSpan, low: Sequence[int]) -> ModelBrick:
     x, y, level = span.x0 - low[0], span.y0 - low[1], span.bottom - low[2]
     return replace(item, cell=Cell.at_level(x, y, level, turned=item.cell.turned))
 
 
 def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:
     """Check that no two bricks are in one place, and that all are joined to the plate."""
-    taken: dict[Place, ModelBrick] = {}
+    taken: dict[GridPlace, ModelBrick] = {}
     overlaps: dict[tuple[str, str], None] = {}
     places = [occupied_places(item.cell, item.brick) for item in bricks]
     for item, own in zip(bricks, places, strict=True):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from planning.cell.workcell import PlacedRobot
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, Plate
-from planning.lego.bricks.grid import Span, occupied_span, top_pose
+from planning.lego.bricks.grid import GridSpan, occupied_span, top_pose
 from planning.lego.bricks.grips import presses
 from planning.lego.skills.targets import lever_reaches_below, pick_targets
 from planning.steps.skill import SkillPath, skill_postures
@@ -38,7 +38,7 @@ class Station:
 def stations(
     robot: PlacedRobot,
     plate: Plate,
-    structure: Span,
+    structure: GridSpan,
     kinds: Sequence[BrickType],
     *,
     far: bool,
@@ -59,7 +59,7 @@ def stations(
         ScenarioError: there is no room within reach for one of them.
     """
     out: list[Station] = []
-    taken: list[Span] = []
+    taken: list[GridSpan] = []
     for kind in sorted(kinds, key=lambda k: (-k.height, -k.studs[0] * k.studs[1])):
         for cell in _places(plate, structure, kind, far=far):
             span = occupied_span(cell, kind)
@@ -82,7 +82,7 @@ def stations(
 
 
 def _places(
-    plate: Plate, structure: Span, kind: BrickType, *, far: bool
+    plate: Plate, structure: GridSpan, kind: BrickType, *, far: bool
 ) -> Iterator[Cell]:
     """Yield the cells of a station in the order in which they are tried."""
     wide, deep = plate.studs
@@ -103,7 +103,7 @@ def _station(kind: BrickType, cell: Cell) -> Station:
     return Station(kind, at, stand)
 
 
-def _near(a: Span, b: Span, studs: int) -> bool:
+def _near(a: GridSpan, b: GridSpan, studs: int) -> bool:
     """Tell whether there are fewer studs than these between two rooms, along x and along y."""
     return (
         a.x0 < b.x1 + studs

@@ -19,7 +19,8 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.lego.bricks.grid import (
-    Span,
+    BrickTiles,
+    GridSpan,
     box_pose,
     box_size,
     bricks_above,
@@ -28,7 +29,6 @@ from planning.lego.bricks.grid import (
 )
 from planning.lego.bricks.grips import MOST_OFFSETS, presses
 from planning.lego.bricks.objects import source_of
-from planning.lego.bricks.tiles import BrickTiles
 from planning.transforms import Transform, readonly
 
 Placed = tuple[CellObject, Attachment]
@@ -161,7 +161,9 @@ class BrickWorld:
         """Return cell and type of the bricks of some steps in their places."""
         return {goal_name(k): (self.step(k).cell, self.step(k).brick) for k in numbers}
 
-    def cells_near(self, span: Span, number: int) -> dict[str, tuple[Cell, BrickType]]:
+    def cells_near(
+        self, span: GridSpan, number: int
+    ) -> dict[str, tuple[Cell, BrickType]]:
         """Return the bricks near some room that may stand on the structure's plate in a step."""
         return self._tiles.near(span, before=number)
 

@@ -7,7 +7,8 @@ are boxes a tenth of a millimetre smaller on each side than their share of the g
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from itertools import product
 from typing import NamedTuple, TypeVar
@@ -24,7 +25,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.transforms import Array, Transform, rotation, translation
 
-Place = tuple[int, int, int]
+GridPlace = tuple[int, int, int]
 """A place on the grid: stud in x and y from 0, level from 0 on the plate."""
 
 Key = TypeVar("Key", bound=Hashable)
@@ -33,7 +34,7 @@ BRICK_GAP = 0.0002
 """A brick is this much shorter than its studs times the pitch [m]."""
 
 
-class Span(NamedTuple):
+class GridSpan(NamedTuple):
     """The room of a brick on the grid: from where to before where, in studs and levels."""
 
     x0: int
@@ -44,14 +45,14 @@ class Span(NamedTuple):
     top: int
 
     @property
-    def places(self) -> frozenset[Place]:
+    def places(self) -> frozenset[GridPlace]:
         """The (x, y, level) of every place on the grid in it."""
         xs, ys = range(self.x0, self.x1), range(self.y0, self.y1)
         return frozenset(product(xs, ys, range(self.bottom, self.top)))
 
-    def widened(self, studs: int) -> Span:
+    def widened(self, studs: int) -> GridSpan:
         """Return the room that reaches some studs further along x and y."""
-        return Span(
+        return GridSpan(
             self.x0 - studs,
             self.x1 + studs,
             self.y0 - studs,
@@ -60,7 +61,7 @@ class Span(NamedTuple):
             self.top,
         )
 
-    def near(self, other: Span, *, levels: int) -> bool:
+    def near(self, other: GridSpan, *, levels: int) -> bool:
         """Tell whether another room begins within a stud beside, and so many levels above or below."""
         return (
             self.x0 <= other.x1
@@ -71,11 +72,11 @@ class Span(NamedTuple):
             and other.bottom < self.top + levels
         )
 
-    def carries(self, other: Span) -> bool:
+    def carries(self, other: GridSpan) -> bool:
         """Tell whether another brick stands on this one."""
         return other.bottom == self.top and self.shares_studs(other)
 
-    def shares_studs(self, other: Span) -> bool:
+    def shares_studs(self, other: GridSpan) -> bool:
         """Tell whether another room is over or under this one, or in it."""
         return (
             self.x0 < other.x1
@@ -142,11 +143,11 @@ def box_from_top(top: Transform, brick: BrickType) -> Transform:
 
 
 @lru_cache(maxsize=20_000)
-def occupied_span(cell: Cell, brick: BrickType) -> Span:
+def occupied_span(cell: Cell, brick: BrickType) -> GridSpan:
     """Return the room of a brick on the grid."""
     nx, ny = footprint(cell, brick)
     x, y, level = cell.x, cell.y, cell.level
-    return Span(x, x + nx, y, y + ny, level, level + brick.height)
+    return GridSpan(x, x + nx, y, y + ny, level, level + brick.height)
 
 
 @lru_cache(maxsize=20_000)
@@ -157,7 +158,7 @@ def covered_studs(cell: Cell, brick: BrickType) -> frozenset[tuple[int, int]]:
 
 
 @lru_cache(maxsize=20_000)
-def occupied_places(cell: Cell, brick: BrickType) -> frozenset[Place]:
+def occupied_places(cell: Cell, brick: BrickType) -> frozenset[GridPlace]:
     """Return the (x, y, level) of every place on the grid that a brick fills."""
     return occupied_span(cell, brick).places
 
@@ -172,7 +173,7 @@ def bricks_above(
 
 
 def joined_to_plate(
-    places: Mapping[Key, frozenset[Place]], base: Collection[Place] = ()
+    places: Mapping[Key, frozenset[GridPlace]], base: Collection[GridPlace] = ()
 ) -> set[Key]:
     """Return the bricks that are joined to the plate, or to others that are, one on the other.
 
@@ -194,3 +195,53 @@ def joined_to_plate(
         held |= new
         front += new
     return held
+
+
+_TILE = 8
+"""Studs along the edge of a tile."""
+
+Numbered = tuple[int, str, Cell, BrickType]
+"""A brick with its place in some order, its name, and where it is."""
+
+
+class BrickTiles:
+    """Bricks on one plate, found by where they are.
+
+    Args:
+        bricks: each with its place in an order; several may be in one place, at different times.
+    """
+
+    def __init__(self, bricks: Iterable[Numbered]) -> None:
+        self._tiles: dict[tuple[int, int], list[tuple[GridSpan, Numbered]]] = (
+            defaultdict(list)
+        )
+        for item in bricks:
+            span = occupied_span(item[2], item[3])
+            for tile in _tiles(span):
+                self._tiles[tile].append((span, item))
+
+    def near(self, span: GridSpan, before: int) -> dict[str, tuple[Cell, BrickType]]:
+        """Return the bricks on, under and within a stud beside some room, in their order.
+
+        Args:
+            span: the room.
+            before: only bricks that are before this in the order.
+        """
+        found = {
+            item
+            for tile in _tiles(span)
+            for other, item in self._tiles.get(tile, ())
+            if item[0] < before and span.near(other, levels=1)
+        }
+        return {name: (cell, kind) for _, name, cell, kind in sorted(found, key=_order)}
+
+
+def _order(item: Numbered) -> tuple[int, str]:
+    return item[0], item[1]
+
+
+def _tiles(span: GridSpan) -> Iterator[tuple[int, int]]:
+    """Yield the tiles of some room and of a stud beside it."""
+    for x in range((span.x0 - 1) // _TILE, (span.x1 + 1) // _TILE + 1):
+        for y in range((span.y0 - 1) // _TILE, (span.y1 + 1) // _TILE + 1):
+            yield x, y

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
@@ -22,11 +22,12 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import (
-    Place,
+    GridPlace,
     covered_studs,
     level_height,
     occupied_span,
 )
+from planning.lego.insertion.rules import TOOLS_APART
 from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
@@ -41,8 +42,8 @@ from planning.lego.insertion.tool_room import (
     support_face,
 )
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, ORIENTATIONS
-from planning.lego.stability.partial_structures import Names
-from planning.lego.stability.stability import Hold
+from planning.lego.stability.contacts import ToolHold
+from planning.lego.stability.partial_structures import Names, PartialStructures
 from planning.transforms import Array
 
 _LEAST_TOUCH = 0.002
@@ -77,7 +78,7 @@ class SupportPlace:
         near: further bricks that it passes within a millimetre.
     """
 
-    touches: Mapping[str, tuple[Hold, ...]]
+    touches: Mapping[str, tuple[ToolHold, ...]]
     blockers: Names
     near: Names
 
@@ -94,7 +95,7 @@ class DesignRoom:
     def __init__(
         self,
         bricks: Mapping[str, PlacedBrick],
-        filled: Mapping[Place, str],
+        filled: Mapping[GridPlace, str],
         robot: str = "gp4",
     ) -> None:
         self._robot = robot
@@ -184,7 +185,7 @@ class DesignRoom:
         *,
         from_above: bool,
         apart: float = 0.0,
-    ) -> tuple[Hold, ...]:
+    ) -> tuple[ToolHold, ...]:
         """Return pushes that are worth any supporting tool that has room, and all of them at once.
 
         Wherever a tool touches a brick, it does no more than pushes on the corners of its face.
@@ -208,12 +209,13 @@ class DesignRoom:
             for hold in self.face(other, top=from_above)
         )
 
-    def face(self, brick: str, *, top: bool) -> tuple[Hold, ...]:
+    def face(self, brick: str, *, top: bool) -> tuple[ToolHold, ...]:
         """Return pushes on the corners of a brick's bottom, or top: what any touch there amounts to."""
         (x0, y0, z0), (x1, y1, z1) = self._corners[brick].tolist()
         sign, height = (-1, z1) if top else (1, z0)
         return tuple(
-            Hold(brick, sign, (x, y, height)) for x, y in product((x0, x1), (y0, y1))
+            ToolHold(brick, sign, (x, y, height))
+            for x, y in product((x0, x1), (y0, y1))
         )
 
     def _all_supports(self, from_above: bool) -> Iterator[Support]:
@@ -245,7 +247,7 @@ class DesignRoom:
     def _corners(self) -> dict[str, Array]:
         return dict(zip(self._boxes.names, self._boxes.corners, strict=True))
 
-    def _touches(self, support: Support) -> dict[str, tuple[Hold, ...]]:
+    def _touches(self, support: Support) -> dict[str, tuple[ToolHold, ...]]:
         """Return where a supporting tool touches bricks: the corners of what they share."""
         top = support.from_above
         low, high = support_face(support, top=top, robot=self._robot)
@@ -266,7 +268,9 @@ class DesignRoom:
             if x1 - x0 > _LEAST_TOUCH and y1 - y0 > _LEAST_TOUCH:
                 sign = -1 if top else 1
                 corners = product((x0, x1), (y0, y1))
-                out[name] = tuple(Hold(name, sign, (x, y, height)) for x, y in corners)
+                out[name] = tuple(
+                    ToolHold(name, sign, (x, y, height)) for x, y in corners
+                )
         return out
 
 
@@ -274,3 +278,139 @@ def _extent(one: Array, other: Array) -> float:
     """Return how far two boxes reach together, along x plus along y [m]."""
     far = np.maximum(one[1], other[1]) - np.minimum(one[0], other[0])
     return float(far[0] + far[1])
+
+
+Point = tuple[float, float]
+
+_BELOW = (-9, -6, -12, -8, -7, -10, -11, -5, -4)
+_ABOVE = (9, 12, 8, 7, 6, 5, 10, 11)
+"""Levels of a support's cell from the contact of the press, those of whole layers first."""
+_SHIFTS = (0, -1, 1)
+"""Studs by which it is aside from the contact, in x and in y."""
+
+
+@dataclass(frozen=True)
+class SupportSpot:
+    """A spot where a supporting tool touches bricks and has room.
+
+    Attributes:
+        support: cell and orientation of the tool.
+        holds: where it touches bricks.
+        tight: True when it passes other bricks within a millimetre.
+    """
+
+    support: Support
+    holds: tuple[ToolHold, ...]
+    tight: bool
+
+    def away(self, at: Point) -> float:
+        """Return the distance of what it touches from a point, along x plus along y [m]."""
+        n = len(self.holds)
+        x, y = (sum(hold.point[k] for hold in self.holds) / n for k in (0, 1))
+        return abs(x - at[0]) + abs(y - at[1])
+
+
+@dataclass(frozen=True)
+class SupportSpots:
+    """Finds where the other arm may hold one partial structure.
+
+    Attributes:
+        structures: of the design.
+        room: of the tool in the design.
+        touchable: the bricks that may be touched.
+        obstacles: the bricks that are in the tool's way.
+        inserted: the brick that is pressed on: held itself, it would not go in.
+    """
+
+    structures: PartialStructures
+    room: DesignRoom
+    touchable: Names
+    obstacles: Names
+    inserted: str
+
+    def below(self, contact: Cell, at: Point) -> Iterator[SupportSpot]:
+        """Yield the spots below bricks: those beside the press first, then the others by distance.
+
+        Args:
+            contact: cell of the press.
+            at: middle of the press, in the plate's frame [m].
+        """
+        return self._spots(contact, at, _BELOW, from_above=False)
+
+    def above(self, contact: Cell, at: Point) -> Iterator[SupportSpot]:
+        """Yield the spots on top of bricks, for a press from below, in the same order."""
+        return self._spots(contact, at, _ABOVE, from_above=True)
+
+    def above_aside(self, at: Point) -> Iterator[SupportSpot]:
+        """Yield the spots on top of bricks that leave room for a tool that presses from above."""
+        for support in self._anywhere(at, from_above=True):
+            spot = self.spot(support)
+            if spot is not None and spot.away(at) >= TOOLS_APART:
+                yield spot
+
+    def spot(self, support: Support) -> SupportSpot | None:
+        """Return a tool's place as a spot, None where it touches nothing or has no room."""
+        if support.cell.level < 0:
+            return None
+        place = self.room.support(support)
+        if PLATE in place.blockers or not place.blockers.isdisjoint(self.obstacles):
+            return None
+        touched = [n for n in place.touches if n in self.touchable]
+        if not touched or self.inserted in touched:
+            return None
+        holds = tuple(chain.from_iterable(place.touches[n] for n in touched))
+        return SupportSpot(support, holds, not place.near.isdisjoint(self.obstacles))
+
+    def _spots(
+        self, contact: Cell, at: Point, levels: tuple[int, ...], *, from_above: bool
+    ) -> Iterator[SupportSpot]:
+        turns = ORIENTATIONS
+        beside = [
+            support_at(
+                contact.x + dx,
+                contact.y + dy,
+                contact.level + k,
+                turn,
+                from_above=from_above,
+            )
+            for k, dx, dy, turn in product(levels, _SHIFTS, _SHIFTS, turns)
+        ]
+        near = [spot for spot in map(self.spot, beside) if spot is not None]
+
+        def order(spot: SupportSpot) -> tuple[bool, int, float]:
+            rank = levels.index(spot.support.cell.level - contact.level)
+            return spot.tight, rank, round(spot.away(at), 9)
+
+        yield from sorted(near, key=order)
+        tried = set(beside)
+        for support in self._anywhere(at, from_above=from_above):
+            if support not in tried:
+                spot = self.spot(support)
+                if spot is not None:
+                    yield spot
+
+    def _anywhere(self, at: Point, *, from_above: bool) -> list[Support]:
+        """Return the tool's places at all bare tops or bottoms of bricks, nearest first."""
+        filled = self.structures.filled
+        step = 1 if from_above else -BRICK_LEVELS
+        beyond = 1 if from_above else -1
+        bare = {
+            (x, y, level + step)
+            for (x, y, level), name in filled.items()
+            if name in self.touchable and name != self.inserted
+            for other in [filled.get((x, y, level + beyond))]
+            if other is None or (other != name and other not in self.obstacles)
+        }
+        found = {
+            support_at(x + dx, y + dy, level, turn, from_above=from_above)
+            for x, y, level in bare
+            for dx, dy in TIP_SHIFTS
+            for turn in ORIENTATIONS
+        }
+
+        def order(s: Support) -> tuple[float, int, int, int, int]:
+            away = abs((s.x + 0.5) * STUD_PITCH - at[0])
+            away += abs((s.y + 0.5) * STUD_PITCH - at[1])
+            return round(away, 9), s.cell.level, s.x, s.y, s.orientation
+
+        return sorted(found, key=order)

@@ -6,9 +6,8 @@ and the tools must have room.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -20,61 +19,29 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import covered_studs
+from planning.lego.bricks.grid import covered_studs, footprint, level_height
 from planning.lego.bricks.grips import press_cell, presses
-from planning.lego.insertion.design_room import DesignRoom
-from planning.lego.insertion.press_force import (
-    INSERTION_FORCE,
-    PRESS_MARGIN,
-    press_force,
-    press_load,
-)
-from planning.lego.insertion.support_spots import (
-    TOOLS_APART,
+from planning.lego.insertion.design_room import (
+    DesignRoom,
     Point,
     SupportSpot,
     SupportSpots,
 )
+from planning.lego.insertion.rules import InsertionWay, SequencingRules
 from planning.lego.insertion.tool_room import PLATE
+from planning.lego.stability.contacts import ToolHold
 from planning.lego.stability.partial_structures import (
-    Bearing,
     Names,
     PartialStructures,
+    PressBearing,
 )
-from planning.lego.stability.stability import Hold, Load
-from planning.statics.equilibrium import StabilityReport
+from planning.statics.equilibrium import Load, StabilityReport
 
 MOST_SPOTS = 40
 """So many supporting spots are tried for one press."""
 
-
-class Way(Enum):
-    """A way to press a brick on, the preferred ones first."""
-
-    DOWN = "from above"
-    DOWN_HELD_BELOW = "from above, the structure held from below"
-    UP = "from below, the structure held from above"
-    DOWN_HELD_ABOVE = "from above, the structure held down beside it"
-
-    @property
-    def up(self) -> bool:
-        """True when the brick goes in from below."""
-        return self is Way.UP
-
-    @property
-    def holds_from_above(self) -> bool:
-        """True when the other arm holds the structure from above."""
-        return self in (Way.UP, Way.DOWN_HELD_ABOVE)
-
-    @property
-    def apart(self) -> float:
-        """How far the other arm's tool keeps from the press [m]."""
-        return TOOLS_APART if self is Way.DOWN_HELD_ABOVE else 0.0
-
-    @property
-    def held(self) -> bool:
-        """True when the other arm holds the structure."""
-        return self is not Way.DOWN
+_STUD_EDGE = ((0.3, 0.0), (0.0, 0.3), (-0.3, 0.0), (0.0, -0.3))
+"""Points on the edge of a stud, from its axis [studs]."""
 
 
 @dataclass(frozen=True)
@@ -88,33 +55,55 @@ class Insertion:
         bearing: the force that it takes, and what of it the structure bears.
     """
 
-    way: Way
+    way: InsertionWay
     press: Press
     support: Support | None
-    bearing: Bearing
+    bearing: PressBearing
 
 
 @dataclass(frozen=True)
-class InsertionRules:
+class Insertions:
     """Finds insertions of the bricks of one design.
 
     Attributes:
         structures: the partial structures of the design.
-        force: force at which the skill stops pressing [N].
-        margin: force that presses a knob in over the friction that then holds it.
-        robot: the registered robot whose tool it is.
+        rules: what is allowed, and what must be borne.
+        fixed: bricks that stand from the start.
     """
 
     structures: PartialStructures
-    force: float = INSERTION_FORCE
-    margin: float = PRESS_MARGIN
-    robot: str = "gp4"
+    rules: SequencingRules
+    fixed: Names = frozenset()
+
+    @staticmethod
+    def of(
+        bricks: Iterable[PlacedBrick],
+        fixed: Iterable[PlacedBrick],
+        rules: SequencingRules,
+    ) -> Insertions:
+        """Return those of the bricks that are put in and of those that stand from the start."""
+        fixed = tuple(fixed)
+        names = frozenset(item.name for item in fixed)
+        return Insertions(PartialStructures([*bricks, *fixed]), rules, names)
 
     @cached_property
     def room(self) -> DesignRoom:
         """Room of the tool among the bricks of the design."""
         structures = self.structures
-        return DesignRoom(structures.bricks, structures.filled, self.robot)
+        return DesignRoom(structures.bricks, structures.filled, self.rules.robot)
+
+    def last(self, names: Names, brick: str, way: InsertionWay) -> Insertion | None:
+        """Return how a brick of a partial structure is put in as its last one, None if it cannot."""
+        site = self.at(names, brick, up=way.up)
+        if site.obstacle() is not None or not site.roomy_presses:
+            return None
+        if not self.structures.stands(names - {brick}):
+            return None
+        return site.insertion(way)
+
+    def force_onto(self, brick: str, others: Iterable[str | None]) -> float:
+        """Return the force that presses a brick onto others, None for the plate [N]."""
+        return self.rules.press_force(self.structures.engaged(brick, others))
 
     def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
         """Return the insertion site of a brick in a partial structure.
@@ -132,18 +121,18 @@ class InsertionSite:
     """A brick that is put into a partial structure, from above or from below.
 
     Attributes:
-        rules: of the design.
+        design: knows all its insertions.
         names: the partial structure with the brick in place.
         item: the brick.
         up: True for a place-up.
     """
 
-    rules: InsertionRules
+    design: Insertions
     names: Names
     item: PlacedBrick
     up: bool
 
-    def insertion(self, way: Way) -> Insertion | None:
+    def insertion(self, way: InsertionWay) -> Insertion | None:
         """Return the first insertion that suffices, by the order of presses and spots."""
         if way.held and not self._might(way):
             return None
@@ -153,7 +142,7 @@ class InsertionSite:
                 return found
         return None
 
-    def insertions(self, press: Press, way: Way) -> Iterator[Insertion]:
+    def insertions(self, press: Press, way: InsertionWay) -> Iterator[Insertion]:
         """Yield the insertions with one press: alone, or held at each spot that suffices."""
         if not way.held:
             bearing = self.bears(press)
@@ -170,7 +159,7 @@ class InsertionSite:
             if bearing.stable:
                 yield Insertion(way, press, spot.support, bearing)
 
-    def bears(self, press: Press, support: Support | None = None) -> Bearing:
+    def bears(self, press: Press, support: Support | None = None) -> PressBearing:
         """Tell whether the structure bears a press, room for the tools set aside.
 
         Args:
@@ -182,7 +171,7 @@ class InsertionSite:
     def weakness(self, press: Press, support: Support | None = None) -> StabilityReport:
         """Return how much friction a press takes, and where the structure gives way first."""
         load, holds = self.load(press), self.holds(support)
-        return self.rules.structures.weakness(self.names, load, holds)
+        return self.design.structures.weakness(self.names, load, holds)
 
     def obstacle(self) -> str | None:
         """Return the reason why the brick cannot be inserted this way, None if it may be."""
@@ -199,8 +188,7 @@ class InsertionSite:
     def force(self) -> float:
         """The force that it takes to press the brick on [N]."""
         onto = self._above if self.up else self._below
-        engaged = self.rules.structures.engaged(self.item.name, onto)
-        return press_force(engaged, most=self.rules.force, margin=self.rules.margin)
+        return self.design.force_onto(self.item.name, onto)
 
     @cached_property
     def roomy_presses(self) -> tuple[Press, ...]:
@@ -231,16 +219,16 @@ class InsertionSite:
             up=self.up,
             presses=(press, *others),
             supports=tuple(i.support for i in held if i.support is not None),
-            attack=self.rules.room.attack(item.name, press, self.names, up=self.up),
+            attack=self.design.room.attack(item.name, press, self.names, up=self.up),
         )
 
-    def spots(self, press: Press, way: Way) -> Iterator[SupportSpot]:
+    def spots(self, press: Press, way: InsertionWay) -> Iterator[SupportSpot]:
         """Yield where the other arm may hold the structure, a bounded number of them."""
         contact = press_cell(self.item.cell, self.item.brick, press, up=self.up)
         found, at = self._spots, self._press_point(press)
-        if way is Way.UP:
+        if way is InsertionWay.UP:
             spots = found.above(contact, at)
-        elif way is Way.DOWN_HELD_BELOW:
+        elif way is InsertionWay.DOWN_HELD_BELOW:
             spots = found.below(contact, at)
         else:
             spots = found.above_aside(at)
@@ -249,28 +237,30 @@ class InsertionSite:
 
     @property
     def _above(self) -> tuple[str, ...]:
-        return self.rules.structures.above(self.names, self.item.name)
+        return self.design.structures.above(self.names, self.item.name)
 
     @property
     def _below(self) -> tuple[str | None, ...]:
-        return self.rules.structures.below(self.names, self.item.name)
+        return self.design.structures.below(self.names, self.item.name)
 
     @cached_property
     def _spots(self) -> SupportSpots:
-        rules, names = self.rules, self.names
-        return SupportSpots(rules.structures, rules.room, names, names, self.item.name)
+        design, names = self.design, self.names
+        return SupportSpots(
+            design.structures, design.room, names, names, self.item.name
+        )
 
     def _blocker(self, press: Press) -> str | None:
         """Return the first brick in the way of a press, or the plate."""
-        room = self.rules.room
+        room = self.design.room
         found = room.in_the_way(self.item.name, press, self.names, up=self.up)
         return PLATE if PLATE in found else min(found, default=None)
 
-    def _might(self, way: Way) -> bool:
+    def _might(self, way: InsertionWay) -> bool:
         """Tell whether the structure bears all presses together, held wherever it can be."""
         if not self.roomy_presses:
             return False
-        holds = self.rules.room.holds_anywhere(
+        holds = self.design.room.holds_anywhere(
             self.item.name,
             sorted(self.names),
             self.names,
@@ -279,19 +269,19 @@ class InsertionSite:
         )
         load = self.load(*self.roomy_presses)
         return bool(holds) and (
-            self.rules.structures.pressed(self.names, load, holds).stable
+            self.design.structures.pressed(self.names, load, holds).stable
         )
 
-    def _pressed(self, press: Press, holds: tuple[Hold, ...]) -> Bearing:
-        return self.rules.structures.pressed(self.names, self.load(press), holds)
+    def _pressed(self, press: Press, holds: tuple[ToolHold, ...]) -> PressBearing:
+        return self.design.structures.pressed(self.names, self.load(press), holds)
 
-    def holds(self, support: Support | None) -> tuple[Hold, ...]:
+    def holds(self, support: Support | None) -> tuple[ToolHold, ...]:
         """Return where a supporting tool touches bricks that are there; nowhere for none."""
         if support is None:
             return ()
         if self.up:
             support = replace(support, from_above=True)
-        touches = self.rules.room.support(support).touches
+        touches = self.design.room.support(support).touches
         return tuple(
             h for n, holds in touches.items() if n in self.names for h in holds
         )
@@ -301,7 +291,7 @@ class InsertionSite:
         onto: tuple[str | None, ...] = self._above if self.up else self._below
         studs = set(covered_studs(self.item.cell, self.item.brick))
         if onto and None not in onto:
-            bricks = [self.rules.structures.bricks[name] for name in onto if name]
+            bricks = [self.design.structures.bricks[name] for name in onto if name]
             studs &= frozenset().union(
                 *(covered_studs(other.cell, other.brick) for other in bricks)
             )
@@ -321,3 +311,36 @@ class InsertionSite:
 
 def _name(brick: str | None) -> str:
     return "the plate" if brick is None else f"brick {brick!r}"
+
+
+def press_load(item: PlacedBrick, *presses: Press, up: bool, force: float) -> Load:
+    """Return the force of the tool on a brick that it presses on.
+
+    The tool has hold of the brick by one or two studs and keeps it from turning, so its force
+    acts where the brick resists: anywhere between the edges of the studs that it holds. That of
+    several presses acts wherever that of any of them does: what a structure does not bear then,
+    it bears with none of them.
+
+    Args:
+        item: the brick in its place.
+        presses: the grip, or several.
+        up: True for a place-up, where the tool presses from below.
+        force: its amount [N].
+    """
+    points = (p for press in presses for p in _pressed_points(item, press, up=up))
+    every = tuple(dict.fromkeys(points))
+    return Load(item.name, (0.0, 0.0, force if up else -force), every)
+
+
+def _pressed_points(
+    item: PlacedBrick, press: Press, *, up: bool
+) -> Iterator[tuple[float, float, float]]:
+    """Yield points on the edges of the studs that a press holds."""
+    contact = press_cell(item.cell, item.brick, press, up=up)
+    dx, dy = (1, 0) if contact.turned else (0, 1)
+    nx, ny = footprint(item.cell, item.brick)
+    height = level_height(item.cell.level + (0 if up else item.brick.height))
+    for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy)):
+        if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny:
+            for i, j in _STUD_EDGE:
+                yield (x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height

@@ -28,7 +28,7 @@ from planning.steps.skill import (
 _MOST = 6
 """How many steps that are out of reach are named."""
 
-Way = tuple[PlacedRobot, SkillTargets]
+_Attempt = tuple[PlacedRobot, SkillTargets]
 
 
 def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
@@ -106,7 +106,7 @@ class _Reach:
                 f"{_reasons({**placing, **supporting})}"
             )
 
-    def _out_of_reach(self, ways: Iterable[Way]) -> dict[str, str]:
+    def _out_of_reach(self, ways: Iterable[_Attempt]) -> dict[str, str]:
         """Return the robots that none of the ways is possible for, each with a reason."""
         done: set[str] = set()
         reasons: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
@@ -127,7 +127,7 @@ class _Reach:
             if name not in done
         }
 
-    def _places(self, number: int) -> Iterator[Way]:
+    def _places(self, number: int) -> Iterator[_Attempt]:
         step = self._world.step(number)
         heights = (APPROACH_HEIGHT,) if step.up else (APPROACH_HEIGHT, HIGH_APPROACH)
         attacks = (step.attack, -step.attack)
@@ -139,11 +139,11 @@ class _Reach:
                 self._options.place_targets(robot.name, number, grasp, attack, height),
             )
 
-    def _picks(self, stock: str, grasps: Iterable[int]) -> Iterator[Way]:
+    def _picks(self, stock: str, grasps: Iterable[int]) -> Iterator[_Attempt]:
         for grasp, robot in product(grasps, self._world.cell.robots):
             yield robot, self._options.pick_targets(robot.name, stock, grasp)
 
-    def _supports(self, number: int) -> Iterator[Way]:
+    def _supports(self, number: int) -> Iterator[_Attempt]:
         choices = range(len(self._world.step(number).supports))
         for choice, robot in product(choices, self._world.cell.robots):
             for targets in self._options.support_targets(number, choice):

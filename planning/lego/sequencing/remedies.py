@@ -2,18 +2,90 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from planning.lego.bricks.assembly import BRICKS, PlacedBrick
-from planning.lego.bricks.grid import Place, occupied_places
-from planning.lego.insertion.insertion import InsertionRules
-from planning.lego.sequencing.blocking_set import remaining, smallest_blocking_set
-from planning.lego.sequencing.prospects import Prospects
-from planning.lego.sequencing.rules import SequencingRules
-from planning.lego.sequencing.scaffolding import columns_below
-from planning.lego.stability.partial_structures import Names, PartialStructures
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
+from planning.lego.bricks.grid import GridPlace, footprint, occupied_places
+from planning.lego.insertion.insertion import Insertions
+from planning.lego.insertion.rules import SequencingRules
+from planning.lego.sequencing.blocking import (
+    Prospects,
+    remaining,
+    smallest_blocking_set,
+)
+from planning.lego.stability.partial_structures import Names
+
+
+def columns_below(
+    item: PlacedBrick, filled: Mapping[GridPlace, str], types: Collection[BrickType]
+) -> Iterator[tuple[PlacedBrick, ...]]:
+    """Yield columns that would carry a brick where there is nothing below it, the widest first.
+
+    Args:
+        item: the brick.
+        filled: the brick in each place of the grid.
+        types: of bricks that there are.
+
+    Yields:
+        The bricks of a column from the top down, named after the brick and their layer.
+    """
+    x0, y0, top = item.cell.x, item.cell.y, item.cell.level
+    nx, ny = footprint(item.cell, item.brick)
+    free = {
+        (x, y)
+        for x in range(x0, x0 + nx)
+        for y in range(y0, y0 + ny)
+        if top > 0 and (x, y, top - 1) not in filled
+    }
+    heights: dict[tuple[tuple[int, int], bool], dict[int, BrickType]] = {}
+    for brick in types:
+        for turned in (False, True) if brick.studs[0] != brick.studs[1] else (False,):
+            size = footprint(Cell(0, 0, 1, turned), brick)
+            heights.setdefault((size, turned), {})[brick.height] = brick
+
+    def order(size: tuple[tuple[int, int], bool]) -> tuple[int, int, bool]:
+        (w, d), turned = size
+        return -w * d, abs(w - d), turned
+
+    for (w, d), turned in sorted(heights, key=order):
+        for x, y in sorted(free):
+            patch = {(x + i, y + j) for i in range(w) for j in range(d)}
+            if patch <= free:
+                column = _column(x, y, top, turned, heights[(w, d), turned], filled)
+                if column:
+                    free -= patch
+                    yield tuple(
+                        replace(part, name=f"under {item.name}: {part.cell.words}")
+                        for part in column
+                    )
+
+
+def _column(
+    x: int,
+    y: int,
+    top: int,
+    turned: bool,
+    heights: Mapping[int, BrickType],
+    filled: Mapping[GridPlace, str],
+) -> list[PlacedBrick]:
+    """Return a column up to a level from what stands below it; none where heights do not add up."""
+    column: list[PlacedBrick] = []
+    while top > 0:
+        fitting = [h for h in heights if h <= top]
+        for height in sorted(fitting, reverse=True):
+            cell = Cell.at_level(x, y, top - height, turned=turned)
+            brick = heights[height]
+            if not any(p in filled for p in occupied_places(cell, brick)):
+                column.append(PlacedBrick("", brick, cell))
+                top -= height
+                break
+        else:
+            w, d = footprint(Cell(0, 0, 1, turned), next(iter(heights.values())))
+            under = ((x + i, y + j, top - 1) for i in range(w) for j in range(d))
+            return column if any(place in filled for place in under) else []
+    return column
 
 
 def on_plinth(
@@ -59,15 +131,12 @@ class Design:
     ) -> None:
         self.temporary = tuple(temporary)
         self._types = rules.types or tuple(BRICKS.values())
-        self.fixed: Names = frozenset(item.name for item in fixed)
         self.parts: Names = frozenset(
             item.name for item in (*structure, *self.temporary)
         )
-        self.structures = PartialStructures([*structure, *fixed, *self.temporary])
-        self.insertion = InsertionRules(
-            self.structures, rules.force, rules.margin, rules.robot
-        )
-        self.prospects = Prospects(self.insertion, rules.ways_of, self.fixed)
+        self.insertions = Insertions.of([*structure, *self.temporary], fixed, rules)
+        self.structures = self.insertions.structures
+        self.prospects = Prospects(self.insertions)
 
     def order(self) -> list[str]:
         """Return the bricks from the top down."""
@@ -108,7 +177,7 @@ class Design:
         return below or self.columns(names, most=1, carriers=True)
 
     def _column(
-        self, name: str, filled: Mapping[Place, str], carriers: bool
+        self, name: str, filled: Mapping[GridPlace, str], carriers: bool
     ) -> tuple[PlacedBrick, ...]:
         """Return a column under a brick, or under what carries it."""
         bricks, every = self.structures.bricks, frozenset(self.structures.bricks)

@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 
 from planning.errors import InfeasibleStepError, UndecidedError
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
-from planning.lego.insertion.insertion import MOST_SPOTS, Insertion, Way
-from planning.lego.sequencing.refusal import Refusal
+from planning.lego.insertion.insertion import MOST_SPOTS, Insertion
+from planning.lego.insertion.rules import InsertionWay, SequencingRules
+from planning.lego.sequencing.blocking import Refusal
 from planning.lego.sequencing.remedies import Design, on_plinth, scaffolded
-from planning.lego.sequencing.removals import Removals
-from planning.lego.sequencing.rules import SequencingRules
-from planning.lego.sequencing.search import SequenceSearch, search_sequence
+from planning.lego.sequencing.search import DisassemblySearch, Removals, search_sequence
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
 
@@ -104,7 +103,7 @@ def sequence_structure(
     elif plinth:
         design = Design(raised, fixed, plinth, rules)
     core = design.blocking_set()
-    refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
+    refusal = Refusal(design.prospects)
     if core:
         hint = _remedies(raised, fixed, plinth, rules)
         raise InfeasibleStepError(refusal.blocked(core) + hint)
@@ -120,7 +119,7 @@ def sequence_structure(
     if found.steps is None and not found.complete and limit < rules.search_limit:
         found = _search(design, rules, rules.search_limit, progress)
     if found.steps is None:
-        refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
+        refusal = Refusal(design.prospects)
         end = found.dead_end or frozenset()
         words = (
             f"no brick can be placed in step {len(end)} of {len(design.parts)}, as the last of "
@@ -169,26 +168,28 @@ def sequenced(
 
 def _search(
     design: Design, rules: SequencingRules, limit: int, progress: Progress
-) -> SequenceSearch:
-    removals = Removals(design.insertion, rules.ways_of, design.fixed)
+) -> DisassemblySearch[str, Insertion]:
+    removals = Removals(design.insertions)
     return search_sequence(
         design.parts, removals, design.prospects, limit=limit, progress=progress
     )
 
 
-def _stuck(design: Design, found: SequenceSearch) -> list[str]:
+def _stuck(design: Design, found: DisassemblySearch[str, Insertion]) -> list[str]:
     """Return the bricks that could go in at a dead end but for the press, from the top down."""
     end = found.dead_end or frozenset()
     return [n for n in design.order() if n in end and design.prospects.perhaps(end, n)]
 
 
-def _described(design: Design, found: SequenceSearch) -> Iterable[SequencedStep]:
+def _described(
+    design: Design, found: DisassemblySearch[str, Insertion]
+) -> Iterable[SequencedStep]:
     """Yield the steps of a sequence with all their alternatives."""
-    names, temporary = design.fixed, {item.name for item in design.temporary}
+    names, temporary = design.insertions.fixed, {item.name for item in design.temporary}
     for removal in found.steps or ():
         name, chosen = removal.part, removal.how
         names |= {name}
-        site = design.insertion.at(names, name, up=chosen.way.up)
+        site = design.insertions.at(names, name, up=chosen.way.up)
         step = replace(site.step(chosen), temporary=name in temporary)
         reason = _reason(design, names, name, chosen)
         yield SequencedStep(name, step, reason, chosen.bearing.needed, step.temporary)
@@ -196,7 +197,7 @@ def _described(design: Design, found: SequenceSearch) -> Iterable[SequencedStep]
 
 def _reason(design: Design, names: Names, name: str, chosen: Insertion) -> str:
     force = f"{chosen.bearing.needed:.1f} N"
-    if chosen.way is Way.UP:
+    if chosen.way is InsertionWay.UP:
         above = design.structures.above(names, name)[0]
         item = design.structures.bricks[above]
         place = f"{above!r} ({item.brick.name} at {item.cell.words})"
@@ -211,7 +212,7 @@ def _check_finished(design: Design, rules: SequencingRules) -> None:
     structures = design.structures
     names = frozenset(structures.bricks)
     if not structures.stands(names):
-        refusal = Refusal(design.insertion, rules, design.prospects, design.fixed)
+        refusal = Refusal(design.prospects)
         report = structures.weakness(names)
         what = refusal.place(report.body or "")
         why = f"{what} needs {report.score:.2f} times the friction its knobs have"

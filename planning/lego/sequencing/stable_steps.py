@@ -1,22 +1,31 @@
-"""Check of given steps: the structure must stand after each, and bear every press on the way.
+"""What a structure bears at the steps of a given sequence: whether it does, and what gives way first.
 
-A sequence that the planner finds is made so (``sequencing``); one that a person wrote is checked
-here, step by step, with the same equilibrium and the same insertion force.
+A sequence that the planner finds is made so that the structure stands after each step, and bears
+every press on the way (``sequencing``); one that a person wrote is checked here, step by step,
+with the same equilibrium and the same insertion force.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
 
-from planning.errors import InfeasibleStepError
-from planning.lego.bricks.assembly import LegoAssembly, LegoStep, Press, Support
+from planning.errors import InfeasibleStepError, ScenarioError
+from planning.lego.bricks.assembly import (
+    LegoAssembly,
+    LegoStep,
+    PlacedBrick,
+    Press,
+    Support,
+)
 from planning.lego.bricks.grips import presses
-from planning.lego.insertion.insertion import InsertionRules, InsertionSite, Way
-from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.insertion.insertion import Insertions, InsertionSite
+from planning.lego.insertion.rules import InsertionWay, SequencingRules
+from planning.lego.stability.contacts import ToolHold
 from planning.lego.stability.partial_structures import PartialStructures
-from planning.statics.equilibrium import StabilityReport
+from planning.statics.equilibrium import Load, StabilityReport
 
 _HINTS = 3
 """How many grips or supports that would do are named."""
@@ -44,10 +53,9 @@ def stable_steps(
             what would do.
     """
     rules = rules or SequencingRules()
-    bricks, fixed = assembly.structure, assembly.scaffold
-    structures = PartialStructures([*bricks, *fixed])
-    insertion = InsertionRules(structures, rules.force, rules.margin, rules.robot)
-    names = frozenset(item.name for item in fixed)
+    bricks = assembly.structure
+    insertions = Insertions.of(bricks, assembly.scaffold, rules)
+    structures, names = insertions.structures, insertions.fixed
     steps, faults = [], []
     for number, (step, brick) in enumerate(
         zip(assembly.steps, bricks, strict=True), start=1
@@ -58,8 +66,8 @@ def stable_steps(
             why = _weakness(structures.weakness(names), structures)
             faults.append(f"{at}: the structure does not stand after it: {why}")
             continue
-        site = insertion.at(names, brick.name, up=step.up)
-        choice = StepChoices(step, site, rules)
+        site = insertions.at(names, brick.name, up=step.up)
+        choice = StepChoices(step, site)
         stable = choice.stable()
         if stable is None:
             faults.append(f"{at}: {choice.why_not()}")
@@ -79,12 +87,10 @@ class StepChoices:
     Attributes:
         step: the step.
         site: judges its presses.
-        rules: force, and whether supports may be proposed.
     """
 
     step: LegoStep
     site: InsertionSite
-    rules: SequencingRules
 
     @property
     def grips(self) -> tuple[Press, ...]:
@@ -123,7 +129,7 @@ class StepChoices:
         text = (
             f"the structure gives way under the press of {bearing.needed:.1f} N from {side}"
             f"{held} (it bears {max(bearing.bears, 0.0):.1f} N): "
-            f"{_weakness(report, self.site.rules.structures)}"
+            f"{_weakness(report, self.site.design.structures)}"
         )
         other = self._better_grips()
         if other:
@@ -131,7 +137,7 @@ class StepChoices:
         better = self._better_supports()
         if better:
             return f"{text}; it would bear the press with support {' or '.join(better)}"
-        if not self.step.up and not self.rules.support:
+        if not self.step.up and not self.site.design.rules.support:
             return f"{text}; a support is not allowed"
         return text if other else f"{text}; no support that has room would help"
 
@@ -147,9 +153,9 @@ class StepChoices:
         return list(islice(found, _HINTS))
 
     def _better_supports(self) -> list[str]:
-        if not self.step.up and not self.rules.support:
+        if not self.step.up and not self.site.design.rules.support:
             return []
-        way = Way.UP if self.step.up else Way.DOWN_HELD_BELOW
+        way = InsertionWay.UP if self.step.up else InsertionWay.DOWN_HELD_BELOW
         found = (
             f"{{at: [{s.x}, {s.y}, {s.z}], {_raised(s)}orientation: {s.orientation}}}"
             for press in self.grips
@@ -170,3 +176,83 @@ def _weakness(report: StabilityReport, structures: PartialStructures) -> str:
     if math.isinf(report.score):
         return f"no forces of its knobs keep {what} in balance"
     return f"{what} needs {report.score:.2f} times the friction that its knobs have"
+
+
+MOST = 100.0
+"""The force that a structure bears is sought up to this one [N]."""
+
+
+@dataclass(frozen=True)
+class ExplainedStep:
+    """The equilibrium while a brick is pressed on.
+
+    Attributes:
+        number: of the step, from 1.
+        bricks: that are there, the pressed one last.
+        load: of the press that the step prefers.
+        holds: of the support that it prefers.
+        needed: force that it takes [N].
+        bears: largest force that the structure bears, up to ``MOST`` [N].
+        alone: the same without the support [N].
+        report: the joints that are pulled by the force that it takes.
+    """
+
+    number: int
+    bricks: tuple[PlacedBrick, ...]
+    load: Load
+    holds: tuple[ToolHold, ...]
+    needed: float
+    bears: float
+    alone: float
+    report: StabilityReport
+
+
+def explain_step(
+    assembly: LegoAssembly, number: int, rules: SequencingRules
+) -> ExplainedStep:
+    """Return the equilibrium of a step with the grip and the support that it prefers.
+
+    Args:
+        assembly: with its steps.
+        number: of the step, from 1.
+        rules: force and margin.
+
+    Raises:
+        ScenarioError: there is no such step, or it leaves the grip open.
+    """
+    total = len(assembly.steps)
+    if not 1 <= number <= total:
+        raise ScenarioError(f"there is no step {number}: steps are 1 to {total}")
+    step = assembly.steps[number - 1]
+    if step.press is None:
+        raise ScenarioError(f"step {number} does not say its grip")
+    there = [*assembly.scaffold, *assembly.structure[:number]]
+    structures = PartialStructures(there)
+    names, name = frozenset(structures.bricks), there[-1].name
+
+    def site(rules: SequencingRules) -> InsertionSite:
+        return Insertions(structures, rules).at(names, name, up=step.up)
+
+    real, strong = site(rules), site(replace(rules, force=MOST, margin=1e9))
+    return ExplainedStep(
+        number,
+        tuple(there),
+        real.load(step.press),
+        real.holds(step.support),
+        real.force,
+        max(0.0, strong.bears(step.press, step.support).bears),
+        max(0.0, strong.bears(step.press).bears),
+        real.weakness(step.press, step.support),
+    )
+
+
+def strain_of(
+    report: StabilityReport, bricks: Sequence[PlacedBrick]
+) -> dict[str, float]:
+    """Return the largest share of friction that any joint of each brick uses."""
+    strain = dict.fromkeys((item.name for item in bricks), 0.0)
+    for first, second, share in report.pulled:
+        for name in (first, second):
+            if name is not None:
+                strain[name] = max(strain[name], share)
+    return strain

@@ -14,13 +14,12 @@ from functools import partial
 
 from planning.kept_answers import KeptAnswers
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
-from planning.lego.insertion.insertion import InsertionRules
-from planning.lego.sequencing.removals import Removals
-from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.insertion.insertion import Insertions
+from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.stable_steps import StepChoices
 from planning.lego.skills.candidates import LegoCandidates, exchange_steps
 from planning.lego.skills.expansion import lego_work
-from planning.lego.stability.partial_structures import Names, PartialStructures
+from planning.lego.stability.partial_structures import Names
 from planning.tasks.work import AssemblyWork
 
 _MOST = 100
@@ -48,17 +47,13 @@ class StepExchange:
 
     Attributes:
         bricks: of the steps, in their first order.
-        fixed: names of the bricks that stand from the start.
-        insertion: judges how bricks go in.
-        rules: of the sequence.
+        insertions: judges how bricks go in.
         found: whether the sequence was found, so that ways to put bricks in may be as well.
         known: works by their orders.
     """
 
     bricks: tuple[PlacedBrick, ...]
-    fixed: Names
-    insertion: InsertionRules
-    rules: SequencingRules
+    insertions: Insertions
     found: bool
     known: KeptAnswers[AssemblyWork | str]
 
@@ -73,16 +68,8 @@ class StepExchange:
                 replace(item, name=name)
                 for item, name in zip(bricks, names, strict=True)
             )
-        fixed = assembly.scaffold
-        structures = PartialStructures([*bricks, *fixed])
-        return StepExchange(
-            bricks,
-            frozenset(item.name for item in fixed),
-            InsertionRules(structures, rules.force, rules.margin, rules.robot),
-            rules,
-            bool(names),
-            KeptAnswers(_MOST),
-        )
+        insertions = Insertions.of(bricks, assembly.scaffold, rules)
+        return StepExchange(bricks, insertions, bool(names), KeptAnswers(_MOST))
 
     def work(self, candidates: LegoCandidates, order: tuple[int, ...]) -> AssemblyWork:
         """Return the work of an order of the steps."""
@@ -126,23 +113,22 @@ class StepExchange:
 
     def _last_step(self, order: Sequence[int], step: LegoStep) -> LegoStep | None:
         """Return how the last of some steps is done, None where it cannot be the last."""
-        names = self.fixed | {self.bricks[k - 1].name for k in order}
+        names = self.insertions.fixed | {self.bricks[k - 1].name for k in order}
         brick = self.bricks[order[-1] - 1].name
-        if not self.insertion.structures.stands(names):
+        if not self.insertions.structures.stands(names):
             return None
         if self.found:
             return self._found_step(names, brick, step)
-        site = self.insertion.at(names, brick, up=step.up)
+        site = self.insertions.at(names, brick, up=step.up)
         if site.obstacle() is not None:
             return None
-        return StepChoices(step, site, self.rules).stable()
+        return StepChoices(step, site).stable()
 
     def _found_step(self, names: Names, brick: str, step: LegoStep) -> LegoStep | None:
-        removals = Removals(self.insertion, self.rules.ways_of, self.fixed)
-        for way in self.rules.ways_of(brick):
-            chosen = removals.insertion(names, brick, way)
+        for way in self.insertions.rules.ways_of(brick):
+            chosen = self.insertions.last(names, brick, way)
             if chosen is not None:
-                site = self.insertion.at(names, brick, up=way.up)
+                site = self.insertions.at(names, brick, up=way.up)
                 done = site.step(chosen)
                 return replace(done, stock=step.stock, temporary=step.temporary)
         return None

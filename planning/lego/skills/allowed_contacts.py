@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from planning.cell.workcell import Fixture
 from planning.geometry.robot_bodies import entity
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Press, Support
-from planning.lego.bricks.grid import Span, brick_height, occupied_span
+from planning.lego.bricks.grid import GridSpan, brick_height, occupied_span
 from planning.lego.bricks.grips import lever_cell
 from planning.lego.skills.targets import lever_reaches_below, supported_span
 from planning.steps.skill import Pairs, gripped, touching
@@ -88,7 +88,7 @@ def leaned_on(cell: Cell, kind: BrickType, others: Bricks) -> frozenset[str]:
     return frozenset(_bordering(span.widened(1), others, levels=0)) - frozenset(near)
 
 
-def room_at_rest(cell: Cell, brick: BrickType) -> Span:
+def room_at_rest(cell: Cell, brick: BrickType) -> GridSpan:
     """Return the room of a brick at its pick or place, the tool's wall beside a plate included.
 
     Whatever contacts_at_rest names is near to it.
@@ -109,7 +109,7 @@ def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
     return touching(entity(robot, "tool"), _bordering(tip, bricks, levels=1))
 
 
-def _bordering(span: Span, bricks: Bricks, *, levels: int) -> list[str]:
+def _bordering(span: GridSpan, bricks: Bricks, *, levels: int) -> list[str]:
     """Return the bricks with a face, an edge or a corner on some room of the grid.
 
     Edges and corners count because bricks are a fifth of a millimetre apart, less than the

@@ -11,7 +11,7 @@ from planning.geometry.robot_bodies import entity
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.bricks.grid import Span
+from planning.lego.bricks.grid import GridSpan
 from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import (
     Bricks,
@@ -221,7 +221,7 @@ class _ChosenBrickStep:
                 out[name] = brick
         return out
 
-    def _standing_near(self, span: Span) -> dict[str, tuple[Cell, BrickType]]:
+    def _standing_near(self, span: GridSpan) -> dict[str, tuple[Cell, BrickType]]:
         """Return the bricks near some room above the plate when the brick has been picked."""
         return self._standing(self.world.cells_near(span, self.choice.step))
 

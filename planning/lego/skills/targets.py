@@ -24,7 +24,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import (
-    Span,
+    GridSpan,
     box_from_top,
     brick_height,
     occupied_span,
@@ -345,7 +345,7 @@ def lever_reaches_below(brick: BrickType) -> bool:
     return brick_height(brick) < LEVER_WALL + STUD_HEIGHT
 
 
-def supported_span(support: Support) -> Span:
+def supported_span(support: Support) -> GridSpan:
     """Return the room on the grid that the supporting tip takes up, two studs and a brick high."""
     return occupied_span(
         replace(support.cell, turned=_index(support) in (1, 2)), BRICKS["1x2"]

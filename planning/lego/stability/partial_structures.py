@@ -1,45 +1,118 @@
 """Stability of the partial structures of one design: which stand, and what pressing they bear.
 
 A sequence search asks thousands of times about structures that differ by a brick. Where bricks
-rest by pushing alone (``compression``) no program is needed; the others are judged by one linear
-program that is changed from one structure to the next (``planning.statics.equilibrium``).
+rest by pushing alone no program is needed: a push on top of a brick goes through when its point
+lies in the convex hull of contacts below that go through themselves, down to the plate. Such loads
+add up without any friction (pushing is unlimited), so a structure whose bricks all rest like this
+has score 0, and neither pressing where it goes through nor a further brick that rests like this
+can raise the score of another. The others are judged by one linear program that is changed from
+one structure to the next (``planning.statics.equilibrium``).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 
+from scipy.spatial import ConvexHull, QhullError
+
 from planning.lego.bricks.assembly import STUD_PITCH, PlacedBrick
-from planning.lego.bricks.contacts import (
-    Joint,
+from planning.lego.stability.contacts import (
+    JointStrength,
+    KnobJoint,
+    ToolHold,
     by_name,
     centre,
+    face_contacts,
     filled_places,
+    in_studs,
+    joint_contacts,
     joints,
     knob_points,
     side_contacts,
-)
-from planning.lego.stability.compression import Region, contains, resting_region
-from planning.lego.stability.stability import (
-    Hold,
-    JointStrength,
-    Load,
-    face_contacts,
-    joint_contacts,
-    spread_force,
     tool_push,
 )
 from planning.statics.equilibrium import (
     ENOUGH,
     STANDARD_GRAVITY,
     Equilibrium,
+    Load,
     LoadCase,
     StabilityReport,
 )
+
+Point = tuple[float, float]
+Region = tuple[Point, ...]
+"""Corners of a convex polygon, counter-clockwise; fewer than three where it has no area."""
+
+_EPS = 1e-9
+"""Points as near as this are the same [studs], areas as small are none."""
+
+
+def resting_region(
+    item: PlacedBrick, joints: Iterable[KnobJoint], regions: Mapping[str, Region]
+) -> Region:
+    """Return where a push on a brick goes through to the plate.
+
+    Args:
+        item: the brick.
+        joints: those with what it stands on.
+        regions: of the bricks that it stands on.
+
+    Returns:
+        A convex region in the plate's plane [studs], empty for a brick that rests on nothing.
+    """
+    points = [
+        (float(x), float(y))
+        for joint in joints
+        for stud in joint.studs
+        for x, y in knob_points(item, stud)
+        if joint.lower is None or contains(regions[joint.lower], (x, y))
+    ]
+    return convex_hull(points)
+
+
+def contains(region: Region, point: Point) -> bool:
+    """Return True when a point lies in a convex region or on its edge."""
+    if not region:
+        return False
+    if len(region) == 1:
+        return _near(region[0], point)
+    if len(region) == 2:
+        a, b = region
+        along = (b[0] - a[0]) * (point[0] - a[0]) + (b[1] - a[1]) * (point[1] - a[1])
+        length = (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
+        return abs(_cross(a, b, point)) <= _EPS and -_EPS <= along <= length + _EPS
+    previous = region[-1]
+    for corner in region:
+        if _cross(previous, corner, point) < -_EPS:
+            return False
+        previous = corner
+    return True
+
+
+def convex_hull(points: Collection[Point]) -> Region:
+    """Return the convex hull of points in the plane, counter-clockwise."""
+    ordered = sorted(set(points))
+    if len(ordered) < 3:
+        return tuple(ordered)
+    try:
+        corners = ConvexHull(ordered).vertices
+    except QhullError:  # all on one line
+        return ordered[0], ordered[-1]
+    return tuple(ordered[int(k)] for k in corners)
+
+
+def _cross(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _near(a: Point, b: Point) -> bool:
+    return abs(a[0] - b[0]) <= _EPS and abs(a[1] - b[1]) <= _EPS
+
 
 Names = frozenset[str]
 
@@ -47,7 +120,7 @@ _STRENGTH = JointStrength()
 
 
 @dataclass(frozen=True)
-class Bearing:
+class PressBearing:
     """Share of the force that presses a brick on which the structure bears.
 
     Attributes:
@@ -77,8 +150,8 @@ class PartialStructures:
         self.filled = filled_places(self.bricks)
         """The brick in each place of the grid."""
         between = joints(self.bricks, self.filled)
-        self._under: dict[str, list[Joint]] = defaultdict(list)
-        self._over: dict[str, list[Joint]] = defaultdict(list)
+        self._under: dict[str, list[KnobJoint]] = defaultdict(list)
+        self._over: dict[str, list[KnobJoint]] = defaultdict(list)
         for joint in between:
             self._under[joint.upper].append(joint)
             if joint.lower is not None:
@@ -149,7 +222,9 @@ class PartialStructures:
             self._standing[names] = known
         return known
 
-    def pressed(self, names: Names, load: Load, holds: Sequence[Hold] = ()) -> Bearing:
+    def pressed(
+        self, names: Names, load: Load, holds: Sequence[ToolHold] = ()
+    ) -> PressBearing:
         """Tell whether a partial structure bears a brick being pressed into place.
 
         The brick's own joints push but do not pull yet.
@@ -161,13 +236,13 @@ class PartialStructures:
         """
         needed = abs(load.force[2])
         if not holds and self._goes_through(names, load):
-            stands = self.stands(names - {load.brick})
-            return Bearing(needed, needed if stands else -1.0)
-        return Bearing(needed, self._program.bears(_case(names, load, holds)))
+            stands = self.stands(names - {load.body})
+            return PressBearing(needed, needed if stands else -1.0)
+        return PressBearing(needed, self._program.bears(_case(names, load, holds)))
 
     def could_bear(
-        self, names: Names, load: Load, holds: Sequence[Hold] = ()
-    ) -> Bearing:
+        self, names: Names, load: Load, holds: Sequence[ToolHold] = ()
+    ) -> PressBearing:
         """Tell whether a structure or any part of it, however heavy, might bear a press.
 
         The bricks are taken as weightless, so that those that a partial structure lacks do no
@@ -175,12 +250,12 @@ class PartialStructures:
         """
         needed = abs(load.force[2])
         if self._goes_through(names, load):
-            return Bearing(needed, needed)
+            return PressBearing(needed, needed)
         case = replace(_case(names, load, holds), weighing=())
-        return Bearing(needed, self._program.bears(case))
+        return PressBearing(needed, self._program.bears(case))
 
     def weakness(
-        self, names: Names, load: Load | None = None, holds: Sequence[Hold] = ()
+        self, names: Names, load: Load | None = None, holds: Sequence[ToolHold] = ()
     ) -> StabilityReport:
         """Return how much friction a partial structure needs, and where it gives way first."""
         return self._program.least_pull(_case(names, load, holds))
@@ -190,9 +265,9 @@ class PartialStructures:
         if load.force[2] > 0.0:
             return False
         push = -load.force[2]
-        weight = self.bricks[load.brick].brick.mass * STANDARD_GRAVITY
-        region = self._regions_of(names)[load.brick]
-        mx, my = self._middle[load.brick]
+        weight = self.bricks[load.body].brick.mass * STANDARD_GRAVITY
+        region = self._regions_of(names)[load.body]
+        mx, my = self._middle[load.body]
         for px, py, _ in load.points:
             x = (weight * mx + push * px / STUD_PITCH) / (weight + push)
             y = (weight * my + push * py / STUD_PITCH) / (weight + push)
@@ -223,10 +298,10 @@ class PartialStructures:
         return known
 
 
-def _case(names: Names, load: Load | None, holds: Sequence[Hold]) -> LoadCase:
+def _case(names: Names, load: Load | None, holds: Sequence[ToolHold]) -> LoadCase:
     """Return bricks under a press, whose own joints push but do not pull yet, as a load case."""
     pushes = tuple(map(tool_push, holds))
     if load is None:
         return LoadCase(names, pushes=pushes)
-    spread = spread_force(load)
-    return LoadCase(names, loose=load.brick, pushes=pushes, load=spread)
+    spread = in_studs(load)
+    return LoadCase(names, loose=load.body, pushes=pushes, load=spread)

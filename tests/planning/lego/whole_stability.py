@@ -12,27 +12,24 @@ from scipy.optimize import linprog
 
 from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import PlacedBrick
-from planning.lego.bricks.contacts import (
-    Joint,
+from planning.lego.stability.contacts import (
+    JointStrength,
+    KnobJoint,
+    ToolHold,
     by_name,
     centre,
+    face_contacts,
     filled_places,
+    in_studs,
+    joint_contacts,
     joints,
     side_contacts,
-)
-from planning.lego.stability.stability import (
-    Hold,
-    JointStrength,
-    Load,
-    face_contacts,
-    joint_contacts,
-    spread_force,
     tool_push,
 )
 from planning.statics.equilibrium import (
     STANDARD_GRAVITY,
     ContactForce,
-    SpreadForce,
+    Load,
     StabilityReport,
     Vector,
 )
@@ -43,7 +40,7 @@ def stability(
     structure: Iterable[PlacedBrick],
     *,
     loads: Sequence[Load] = (),
-    holds: Sequence[Hold] = (),
+    holds: Sequence[ToolHold] = (),
     loose: frozenset[str] = frozenset(),
     strength: JointStrength = JointStrength(),  # noqa: B008 - frozen
 ) -> StabilityReport:
@@ -62,7 +59,7 @@ def stability(
             that the structure does not have.
     """
     bricks = by_name(structure)
-    for name in chain((v.brick for v in loads), (v.brick for v in holds), loose):
+    for name in chain((v.body for v in loads), (v.brick for v in holds), loose):
         if name not in bricks:
             raise ScenarioError(
                 f"the structure has no brick {name!r}", choices=tuple(bricks)
@@ -80,13 +77,13 @@ def stability(
             contacts.append(replace(contact, pull=0.0) if free else contact)
     for side in side_contacts(bricks, filled):
         contacts += face_contacts(side)
-    return _least_pull(bricks, contacts, [spread_force(load) for load in loads])
+    return _least_pull(bricks, contacts, [in_studs(load) for load in loads])
 
 
 def _least_pull(
     bricks: Mapping[str, PlacedBrick],
     contacts: Sequence[ContactForce],
-    loads: Sequence[SpreadForce],
+    loads: Sequence[Load],
 ) -> StabilityReport:
     """Solve the plain program by scipy: the score, and the brick that it depends on most."""
     number = {name: k for k, name in enumerate(bricks)}
@@ -134,7 +131,9 @@ def _least_pull(
     return StabilityReport(score, worst if score else None)
 
 
-def _floating(bricks: Mapping[str, PlacedBrick], knobs: Sequence[Joint]) -> str | None:
+def _floating(
+    bricks: Mapping[str, PlacedBrick], knobs: Sequence[KnobJoint]
+) -> str | None:
     """Return the first brick that no chain of joints connects to the plate."""
     linked: dict[str | None, set[str | None]] = {name: set() for name in bricks}
     linked[None] = set()

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planning.errors import RobotModelError
-from planning.lego.insertion.tool_shape import tool_shape
+from planning.lego.insertion.tool_room import tool_shape
 from planning.robots.registry import ROBOTS, robot_model, with_tool
 from planning.transforms import Array, from_rpy, inverse
 

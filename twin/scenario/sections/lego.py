@@ -14,7 +14,8 @@ from planning.lego.bricks.assembly import (
     Cell,
     Support,
 )
-from planning.lego.bricks.grid import Place, occupied_places
+from planning.lego.bricks.grid import GridPlace, occupied_places
+from planning.lego.insertion.rules import SequencingRules
 from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.drawn_structure import (
     GridCell,
@@ -211,9 +212,11 @@ class RulesSection(Section):
     hold_down: bool = False
     scaffold: bool = False
     plinth: Annotated[int, Field(ge=0, le=30)] = 0
-    press_force_n: Annotated[float, Field(gt=0, le=1000)] = 15.0
-    press_margin: Annotated[float, Field(gt=0, le=1000)] = 1.5
-    search_limit: Annotated[int, Field(ge=0, le=1_000_000)] = 2000
+    press_force_n: Annotated[float, Field(gt=0, le=1000)] = SequencingRules.force
+    press_margin: Annotated[float, Field(gt=0, le=1000)] = SequencingRules.margin
+    search_limit: Annotated[int, Field(ge=0, le=1_000_000)] = (
+        SequencingRules.search_limit
+    )
     check_steps: bool = True
 
 
@@ -285,7 +288,7 @@ def cell_of(item: StockSection | StepSection | StructureBrickSection) -> Cell:
 
 def places_of(
     item: StockSection | StepSection, types: Mapping[str, BrickType]
-) -> frozenset[Place]:
+) -> frozenset[GridPlace]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
     return occupied_places(cell_of(item), types[item.brick])
 

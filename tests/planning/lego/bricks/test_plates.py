@@ -20,12 +20,6 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.contacts import (
-    by_name,
-    filled_places,
-    joints,
-    side_contacts,
-)
 from planning.lego.bricks.grid import (
     box_pose,
     box_size,
@@ -37,6 +31,12 @@ from planning.lego.bricks.grid import (
 )
 from planning.lego.bricks.grips import grip_pose, press_cell, side_contact_pose
 from planning.lego.skills.targets import support_bottom_targets, support_top_targets
+from planning.lego.stability.contacts import (
+    by_name,
+    filled_places,
+    joints,
+    side_contacts,
+)
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.transforms import inverse
 from tests.planning.lego.whole_stability import stability

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.lego.bricks.assembly import BRICKS, Cell
-from planning.lego.bricks.grid import occupied_span
-from planning.lego.bricks.tiles import BrickTiles
+from planning.lego.bricks.grid import BrickTiles, occupied_span
 
 bricks = st.tuples(
     st.integers(0, 3),

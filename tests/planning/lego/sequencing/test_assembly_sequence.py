@@ -7,7 +7,7 @@ from itertools import permutations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.lego.sequencing.disassembly import Removal, find_assembly_sequence
+from planning.lego.sequencing.search import Removal, find_assembly_sequence
 
 _PARTS = "abcde"
 

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
 from planning.lego.bricks.grid import occupied_places
-from planning.lego.sequencing.blocking_set import remaining, smallest_blocking_set
-from planning.lego.sequencing.remedies import on_plinth
-from planning.lego.sequencing.rules import SequencingRules
-from planning.lego.sequencing.scaffolding import columns_below
+from planning.lego.insertion.rules import SequencingRules
+from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
+from planning.lego.sequencing.remedies import columns_below, on_plinth
 from planning.lego.sequencing.sequencing import sequence_structure
 
 _PARTS = "abcde"

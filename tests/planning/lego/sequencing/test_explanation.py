@@ -17,10 +17,10 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
+from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import GRID
-from planning.lego.sequencing.explanation import explain_step, strain_of
-from planning.lego.sequencing.rules import SequencingRules
-from planning.lego.stability.stability import Load
+from planning.lego.sequencing.stable_steps import explain_step, strain_of
+from planning.statics.equilibrium import Load
 from tests.planning.lego.whole_stability import stability
 from twin.planning.step_picture import draw_step
 
@@ -43,9 +43,9 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
     sign = np.sign(found.load.force[2])
     for factor, stable in ((0.999, True), (1.001, False)):
         load = Load(
-            found.load.brick, (0.0, 0.0, sign * factor * found.bears), found.load.points
+            found.load.body, (0.0, 0.0, sign * factor * found.bears), found.load.points
         )
-        loose = frozenset((found.load.brick,))
+        loose = frozenset((found.load.body,))
         assert stability(found.bricks, loads=[load], loose=loose).stable == stable
     strain = strain_of(found.report, found.bricks)
     assert max(strain.values()) == pytest.approx(found.report.score)

@@ -27,16 +27,16 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.grid import covered_studs, occupied_places
 from planning.lego.bricks.grips import press_cell, presses
-from planning.lego.insertion.insertion import InsertionRules
+from planning.lego.insertion.insertion import Insertions
+from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import GRID, support_face
-from planning.lego.sequencing.rules import SequencingRules
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,
     sequence_structure,
     sequenced,
 )
-from planning.lego.stability.partial_structures import PartialStructures
-from planning.lego.stability.stability import Hold, Load
+from planning.lego.stability.contacts import ToolHold
+from planning.statics.equilibrium import Load
 from tests.planning.lego.whole_stability import stability
 
 _DATA = Path(
@@ -148,7 +148,7 @@ def _holds(there, step):
             y = y0 + (y1 - y0) * (0.001 + 0.998 * j / (n - 1))
             name = filled.get((int(x // STUD_PITCH), int(y // STUD_PITCH), level))
             if name is not None:
-                out.append(Hold(name, -1 if step.up else 1, (x, y, 0.0)))
+                out.append(ToolHold(name, -1 if step.up else 1, (x, y, 0.0)))
     return out
 
 
@@ -352,7 +352,7 @@ def test_published_structures_get_the_published_ways(task):
 def test_published_sequences_have_support_exactly_where_it_is_needed(task, force):
     """In the published order, with the published presses and supports."""
     steps, structure, scaffold = _published(task)
-    rules = InsertionRules(PartialStructures([*structure, *scaffold]), force=force)
+    rules = Insertions.of(structure, scaffold, SequencingRules(force=force))
     names = frozenset(item.name for item in scaffold)
     for item in structure:
         names |= {item.name}

@@ -12,7 +12,7 @@ import pytest
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.grid import covered_studs
-from planning.lego.sequencing.rules import SequencingRules
+from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.sequencing import sequenced
 from planning.lego.sequencing.stable_steps import stable_steps
 from planning.lego.sequencing.step_exchange import movable_work

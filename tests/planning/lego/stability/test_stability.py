@@ -17,15 +17,10 @@ from planning.lego.bricks.assembly import (
     Cell,
     PlacedBrick,
 )
-from planning.lego.bricks.contacts import knob_points
 from planning.lego.bricks.grid import covered_studs, footprint, occupied_places
+from planning.lego.stability.contacts import JointStrength, ToolHold, knob_points
 from planning.lego.stability.partial_structures import PartialStructures
-from planning.lego.stability.stability import (
-    Hold,
-    JointStrength,
-    Load,
-)
-from planning.statics.equilibrium import STANDARD_GRAVITY
+from planning.statics.equilibrium import STANDARD_GRAVITY, Load
 from tests.planning.lego.whole_stability import stability
 
 
@@ -129,8 +124,8 @@ def test_a_supporting_tool_takes_the_load_and_does_not_pull():
     bar = PlacedBrick("bar", _bar(8, 0.02), Cell(5, 5, 2))
     end = (5.5 * STUD_PITCH, 12.5 * STUD_PITCH, 0.0096)
     assert stability([post, bar]).score > 0.5
-    assert stability([post, bar], holds=[Hold("bar", 1, end)]).score == 0.0
-    from_above = stability([post, bar], holds=[Hold("bar", -1, end)])
+    assert stability([post, bar], holds=[ToolHold("bar", 1, end)]).score == 0.0
+    from_above = stability([post, bar], holds=[ToolHold("bar", -1, end)])
     assert from_above.score == pytest.approx(stability([post, bar]).score)
 
 
@@ -337,7 +332,7 @@ def test_pressing_agrees_with_the_plain_program(structure, data):
     if under != item and data.draw(st.booleans()):
         a, b, c = min(occupied_places(under.cell, under.brick))
         touch = ((a + 0.5) * STUD_PITCH, (b + 0.5) * STUD_PITCH, c * 0.0032)
-        holds = [Hold(under.name, 1, touch)]
+        holds = [ToolHold(under.name, 1, touch)]
     plain = stability(
         structure, loads=[load], holds=holds, loose=frozenset((item.name,))
     )

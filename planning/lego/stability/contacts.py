@@ -1,17 +1,24 @@
-"""Contacts between the bricks of a structure: knobs in cavities, sides on sides.
+"""Contacts between the bricks of a structure and the forces that they bear (StableLego, Liu et al. 2024).
 
 A knob is held by the upper brick's walls and tubes: at three places in a brick two studs wide or
-more, at four in a brick one stud wide, which has bars across it instead of tubes. As in
-StableLego (Liu et al. 2024) the bricks push each other at the same places. All lengths here are
-in studs, in the plate's frame with its corner as the origin.
+more, at four in a brick one stud wide, which has bars across it instead of tubes. There a knob in
+the cavity above pushes without limit and pulls with limited friction; it bears sideways with a
+limit, and neighbours in a layer push each other. In the program of equilibrium, the largest
+friction over its capacity T is the score of the structure:
+
+    minimise s  subject to  A f = -w,  f_knob >= -s T,  |f_sideways| <= S,  f_side >= 0
+
+A structure whose score is 0 stands without any friction, up to 1 it stands, above it collapses.
+All lengths here are in studs, in the plate's frame with its corner as the origin, but those of
+what tools do, which are in metres.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from itertools import product
 
 import numpy as np
@@ -24,12 +31,13 @@ from planning.lego.bricks.assembly import (
     PlacedBrick,
 )
 from planning.lego.bricks.grid import (
-    Place,
+    GridPlace,
     covered_studs,
     footprint,
     occupied_places,
     occupied_span,
 )
+from planning.statics.equilibrium import ContactForce, Load, Vector
 from planning.transforms import Array
 
 CONTACT_RADIUS = 0.25
@@ -40,7 +48,7 @@ LAYER = LAYER_HEIGHT / STUD_PITCH
 
 
 @dataclass(frozen=True)
-class Joint:
+class KnobJoint:
     """Two bricks, one on the other, or one on the plate.
 
     Attributes:
@@ -85,7 +93,7 @@ def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
             first layer.
     """
     out: dict[str, PlacedBrick] = {}
-    filled: dict[Place, str] = {}
+    filled: dict[GridPlace, str] = {}
     for item in structure:
         if item.name in out:
             raise ScenarioError(f"two bricks of the structure are called {item.name!r}")
@@ -111,7 +119,7 @@ def is_narrow(item: PlacedBrick) -> bool:
     return min(item.brick.studs) == 1
 
 
-def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[Place, str]:
+def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[GridPlace, str]:
     """Return which brick fills each place of the grid."""
     return {
         place: name
@@ -121,8 +129,8 @@ def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[Place, str]:
 
 
 def joints(
-    bricks: Mapping[str, PlacedBrick], filled: Mapping[Place, str]
-) -> tuple[Joint, ...]:
+    bricks: Mapping[str, PlacedBrick], filled: Mapping[GridPlace, str]
+) -> tuple[KnobJoint, ...]:
     """Return the joints of a structure, the plate's included, in the order of the bricks."""
     out = []
     for name, item in bricks.items():
@@ -133,12 +141,12 @@ def joints(
                 below[None].append((x, y))
             elif (lower := filled.get((x, y, level - 1))) is not None:
                 below[lower].append((x, y))
-        out += [Joint(k, name, level, tuple(v)) for k, v in below.items()]
+        out += [KnobJoint(k, name, level, tuple(v)) for k, v in below.items()]
     return tuple(out)
 
 
 def side_contacts(
-    bricks: Mapping[str, PlacedBrick], filled: Mapping[Place, str]
+    bricks: Mapping[str, PlacedBrick], filled: Mapping[GridPlace, str]
 ) -> tuple[SideContact, ...]:
     """Return the pairs of bricks that stand side by side, in the order of the bricks."""
     out = []
@@ -199,3 +207,92 @@ def _cavity(nx: int, ny: int, i: int, j: int) -> Array:
     out = np.array(points, dtype=np.float64)
     out.setflags(write=False)
     return out
+
+
+UP = (0.0, 0.0, 1.0)
+LEVEL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+@dataclass(frozen=True)
+class JointStrength:
+    """Forces that a joint between LEGO bricks bears; plates hold as bricks do, an assumption.
+
+    Attributes:
+        narrow_pull: friction T of one of the four contacts of a knob in a brick of one stud's
+            width [N]. The figure published with StableLego, 100 gram-force.
+        wide_pull: friction T of one of the three contacts in a wider brick [N]. Set so that
+            stairs of 19 2x4 bricks stand and stairs of 20 collapse, as published there; any
+            figure from 0.80 to 0.89 does. (StableLego has 0.98 N here too, but shifts all three
+            contacts to one side, which makes mirrored structures unequal.)
+        sideways: force S that a knob bears along each of x and y [N]; an assumption, far above
+            what gravity asks for.
+    """
+
+    narrow_pull: float = 0.98
+    wide_pull: float = 0.85
+    sideways: float = 20.0
+
+    def pull(self, upper: PlacedBrick) -> float:
+        """Return the friction T of a contact in a brick's cavity [N]."""
+        return self.narrow_pull if is_narrow(upper) else self.wide_pull
+
+
+@dataclass(frozen=True)
+class ToolHold:
+    """A place where a standing tool touches a brick: it pushes back, it does not pull.
+
+    Attributes:
+        brick: name of the brick.
+        direction: of the push on the brick, +1 up or -1 down.
+        point: where it acts, in the plate's frame with the plate's corner as origin [m].
+    """
+
+    brick: str
+    direction: int
+    point: tuple[float, float, float]
+
+
+def joint_contacts(
+    joint: KnobJoint, upper: PlacedBrick, strength: JointStrength
+) -> Iterator[ContactForce]:
+    """Yield the contacts of a joint in studs, knob by knob.
+
+    Args:
+        joint: the joint.
+        upper: its upper brick.
+        strength: what joints bear.
+    """
+    ends, height = (joint.lower, joint.upper), stud_height(joint.level)
+    pull, sideways = strength.pull(upper), strength.sideways
+    for stud in joint.studs:
+        for x, y in knob_points(upper, stud).tolist():
+            yield ContactForce(*ends, (x, y, height), UP, pull)
+        axis = (stud[0] + 0.5, stud[1] + 0.5, height)
+        for direction in LEVEL:
+            yield ContactForce(*ends, axis, direction, within=sideways)
+
+
+def face_contacts(side: SideContact) -> Iterator[ContactForce]:
+    """Yield the contacts of two bricks side by side, the corners of their common face, in studs."""
+    for along in map(float, side.span):
+        x, y = (side.at, along) if side.axis == 0 else (along, side.at)
+        for height in map(stud_height, side.levels):
+            at = (float(x), float(y), height)
+            yield ContactForce(side.first, side.second, at, LEVEL[side.axis])
+
+
+def in_studs(load: Load) -> Load:
+    """Return a load of a tool as the program of equilibrium takes it."""
+    return replace(load, points=tuple(map(_in_studs, load.points)))
+
+
+@cache
+def tool_push(hold: ToolHold) -> ContactForce:
+    """Return the push of a standing tool as the program of equilibrium takes it, in studs."""
+    up = (0.0, 0.0, float(hold.direction))
+    return ContactForce(None, hold.brick, _in_studs(hold.point), up)
+
+
+def _in_studs(point: Vector) -> Vector:
+    x, y, z = point
+    return x / STUD_PITCH, y / STUD_PITCH, z / STUD_PITCH

@@ -1,0 +1,102 @@
+"""Rules of an assembly sequence: which ways and remedies it may use, and what must be borne."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+from planning.lego.bricks.assembly import BrickType
+
+TOOLS_APART = 0.095
+"""Two upright tools whose axes are nearer than this meet at their force sensors [m]."""
+
+
+class InsertionWay(Enum):
+    """A way to press a brick on, the preferred ones first."""
+
+    DOWN = "from above"
+    DOWN_HELD_BELOW = "from above, the structure held from below"
+    UP = "from below, the structure held from above"
+    DOWN_HELD_ABOVE = "from above, the structure held down beside it"
+
+    @property
+    def up(self) -> bool:
+        """True when the brick goes in from below."""
+        return self is InsertionWay.UP
+
+    @property
+    def holds_from_above(self) -> bool:
+        """True when the other arm holds the structure from above."""
+        return self in (InsertionWay.UP, InsertionWay.DOWN_HELD_ABOVE)
+
+    @property
+    def apart(self) -> float:
+        """How far the other arm's tool keeps from the press [m]."""
+        return TOOLS_APART if self is InsertionWay.DOWN_HELD_ABOVE else 0.0
+
+    @property
+    def held(self) -> bool:
+        """True when the other arm holds the structure."""
+        return self is not InsertionWay.DOWN
+
+
+@dataclass(frozen=True)
+class SequencingRules:
+    """Rules of an assembly sequence: allowed insertions, and loads the structure must bear.
+
+    Attributes:
+        support: a second robot may hold the structure from below.
+        place_up: a brick may be handed over and pressed on from below, a second robot pressing
+            against it from above.
+        hold_down: a second robot may hold the structure down from above, beside the press.
+        scaffold: temporary bricks may carry what cannot go in otherwise.
+        plinth: layers by which the structure is raised on temporary bricks.
+        force: force at which the skill stops pressing, however many knobs engage [N]; the
+            published skills stop at 15 N (APEX-MR App. C).
+        margin: force that presses a knob in over the friction that then holds it: what pushing
+            in takes more than holding, and tolerances of worn bricks.
+        alone: names of bricks that must go in without the other arm, as it does not get there.
+        search_limit: how many partial structures to look at beyond one for each brick.
+        robot: the registered robot whose tool it is.
+        types: of bricks that scaffolding may be made of; the built-in ones where empty.
+    """
+
+    support: bool = True
+    place_up: bool = True
+    hold_down: bool = False
+    scaffold: bool = False
+    plinth: int = 0
+    force: float = 15.0
+    margin: float = 1.5
+    alone: frozenset[str] = frozenset()
+    search_limit: int = 2000
+    robot: str = "gp4"
+    types: tuple[BrickType, ...] = ()
+
+    @cached_property
+    def ways(self) -> tuple[InsertionWay, ...]:
+        """The ways to press a brick on that are allowed, the preferred ones first."""
+        allowed = {
+            InsertionWay.DOWN: True,
+            InsertionWay.DOWN_HELD_BELOW: self.support,
+            InsertionWay.UP: self.place_up,
+            InsertionWay.DOWN_HELD_ABOVE: self.hold_down,
+        }
+        return tuple(way for way in InsertionWay if allowed[way])
+
+    def ways_of(self, brick: str) -> tuple[InsertionWay, ...]:
+        """The ways that are allowed for one brick."""
+        if brick not in self.alone:
+            return self.ways
+        return tuple(way for way in self.ways if not way.held)
+
+    def press_force(self, engaged: float) -> float:
+        """Return the force that presses a brick on [N].
+
+        A knob that goes into a cavity rubs at the same contacts that hold it afterwards.
+
+        Args:
+            engaged: friction of all contacts that the brick makes with what it goes onto [N].
+        """
+        return min(self.force, self.margin * engaged)
