@@ -14,7 +14,7 @@ from pinocchio.rpy import matrixToRpy
 from scipy.spatial.transform import Rotation
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.robots.descriptions.mesh_files import find_mesh
+from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, from_quat_wxyz
 from twin.exports.recorded_run import RecordedRun

@@ -136,7 +136,9 @@ def _ordered(assembly: PartAssembly, known: StepPrecedence) -> PartAssembly:
     return replace(assembly, steps=tuple(assembly.steps[k] for k in order))
 
 
-def _propped(cell: Workcell, assembly: PartAssembly, known: StepPrecedence) -> StepPrecedence:
+def _propped(
+    cell: Workcell, assembly: PartAssembly, known: StepPrecedence
+) -> StepPrecedence:
     """Return what comes before what once all props that are found come before what they keep up.
 
     What falls all the same is left for the candidates to refuse.

@@ -21,11 +21,16 @@ from planning.cell.robot_model import (
     RobotModel,
 )
 from planning.errors import RobotModelError
-from planning.robots.descriptions.flange import flange_link, links_on, tip_link
-from planning.robots.descriptions.urdf_checks import number
-from planning.robots.descriptions.urdf_file import UrdfFile, UrdfOptions, serial_chain
-from planning.robots.descriptions.written_options import written_options
-from planning.robots.descriptions.xml_reading import read_xml
+from planning.robots.descriptions.fitting import written_options
+from planning.robots.descriptions.urdf_file import (
+    UrdfFile,
+    UrdfOptions,
+    flange_link,
+    links_on,
+    serial_chain,
+    tip_link,
+)
+from planning.robots.descriptions.xml_files import number, read_xml
 from planning.robots.self_collision import never_colliding_pairs
 from planning.transforms import Array, inverse, readonly
 

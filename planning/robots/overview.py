@@ -12,11 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from planning.cell.robot_model import RobotModel
-from planning.robots.descriptions.flange import tip_link
+from planning.robots.descriptions.fitting import written_options
 from planning.robots.descriptions.held_joints import pose_of
-from planning.robots.descriptions.urdf_checks import vector
-from planning.robots.descriptions.written_options import written_options
-from planning.robots.descriptions.xml_reading import read_xml
+from planning.robots.descriptions.urdf_file import tip_link
+from planning.robots.descriptions.xml_files import read_xml, vector
 from planning.transforms import Transform
 
 

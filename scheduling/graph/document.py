@@ -22,7 +22,7 @@ from planning.cell.workcell import (
     Workcell,
 )
 from planning.errors import RobotModelError
-from planning.robots.description_files import description_sha256
+from planning.robots.descriptions.description_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array

@@ -8,19 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.check.efforts import check_efforts
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.lying import (
     check_balance,
     check_centres,
     check_fixtures,
     check_goals,
+    check_meshes,
     check_starts,
 )
-from twin.check.meshes import check_meshes
 from twin.check.reach import check_reach
-from twin.check.robots import check_bases, check_homes, check_speeds
-from twin.check.times import check_skill_times
+from twin.check.robots import (
+    check_bases,
+    check_efforts,
+    check_homes,
+    check_skill_times,
+    check_speeds,
+)
 from twin.check.tools import (
     check_flanges,
     check_grips,
@@ -29,7 +33,7 @@ from twin.check.tools import (
     check_tool_frames,
 )
 from twin.check.units import check_units
-from twin.scenario.document.problems import InvalidScenarioError, Problem
+from twin.scenario.document.validation import InvalidScenarioError, Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
 

@@ -1,4 +1,4 @@
-"""What a check finds, and the cell that it looks at."""
+"""What a check finds, and the cell that it looks at, its parts in the order of their steps."""
 
 from __future__ import annotations
 
@@ -8,13 +8,57 @@ from functools import cached_property
 from pathlib import Path
 
 from planning.cell.workcell import Workcell
+from planning.errors import ConstructionError, InfeasibleStepError
+from planning.parts.assembly import PartAssembly
+from planning.parts.part_steps import KnownStep, part_steps
 from planning.steps.tool_changes import rack_tools, with_every_tool
-from twin.check.ordered_parts import OrderedParts
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import AssemblyKind, assembly_kind
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class OrderedParts:
+    """An assembly of parts, as listed and in order.
+
+    Attributes:
+        cell: its objects are the parts.
+        section: what the file says.
+    """
+
+    cell: Workcell
+    section: PartsSection
+
+    @cached_property
+    def listed(self) -> PartAssembly:
+        """The assembly with its steps as the file lists them."""
+        from twin.planning.part_assembly.built import build_assembly
+
+        return build_assembly(self.section)
+
+    @cached_property
+    def found(self) -> PartAssembly | str:
+        """The assembly in its order, the one that is found if the file asks for that; or why not."""
+        from planning.parts.order import in_found_order
+
+        if self.section.order != "find":
+            return self.listed
+        try:
+            return in_found_order(self.cell, self.listed)
+        except (ConstructionError, InfeasibleStepError) as error:
+            return error.message
+
+    @cached_property
+    def steps(self) -> tuple[KnownStep, ...] | None:
+        """Its steps in that order; None where one cannot be, or there is no order."""
+        if isinstance(self.found, str):
+            return None
+        try:
+            return part_steps(self.cell, self.found)
+        except InfeasibleStepError:
+            return None
 
 
 @dataclass(frozen=True)

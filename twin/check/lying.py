@@ -1,4 +1,4 @@
-"""Checks of what lies or stands somewhere: overlaps, what hangs in the air, and what would fall."""
+"""Checks of what lies or stands somewhere: overlaps, what hangs in the air or would fall, meshes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from planning.cell.forms import Mesh
 from planning.contacts.contact_graph import Lying, bounds, near_to, standing
 from planning.contacts.precedence import MOST_OVERLAP
 from planning.parts.assembly import Place
@@ -205,3 +206,22 @@ def _below(lying: Sequence[tuple[str, Lying]], name: str) -> str:
         if best is None or drop < best[0]:
             best = drop, other
     return "" if best is None else f"; {best[1]} is {millimetres(best[0])} below"
+
+
+_MISSED = 1e-4
+"""So much of a surface may be outside of all pieces before it is worth a word [m]."""
+
+
+def check_meshes(subject: Subject) -> Findings:
+    """Yield meshes of which some of the surface is outside of the pieces that stand for them."""
+    things = [(f.name, f.shape) for f in subject.cell.fixtures]
+    things += [(o.name, o.shape) for o in subject.cell.objects]
+    for name, shape in things:
+        for element in shape.elements:
+            if isinstance(element.form, Mesh) and element.form.missed > _MISSED:
+                yield Finding(
+                    subject.thing_at(name, "shape"),
+                    f"the surface of {name} is up to {millimetres(element.form.missed)} outside"
+                    " of the convex pieces that planning sees: close its holes, or give a smaller"
+                    " within_m",
+                )

@@ -23,8 +23,7 @@ from planning.parts.tool_grips import robot_grips
 from planning.steps.skill import SkillPath, SkillTargets, skill_postures
 from planning.steps.tool_changes import find_tool_changes, rack_tools
 from planning.transforms import Transform
-from twin.check.finding import Finding, Findings, Subject, position
-from twin.check.ordered_parts import OrderedParts
+from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.goals import GoalsSection
@@ -279,7 +278,7 @@ def _does(robot: PlacedRobot, targets: SkillTargets) -> bool:
 
 
 def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
-    from twin.scenario.sections.poses import build_transform
+    from twin.scenario.sections.shapes import build_transform
 
     for number, move in enumerate(section.moves):
         robot = subject.cell.robot(move.robot)

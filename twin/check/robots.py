@@ -1,4 +1,4 @@
-"""Checks of robots where they stand: HOME clear of everything, bases in nothing, speeds."""
+"""Checks of robots: HOME clear of everything, bases in nothing, speeds, efforts, times of skills."""
 
 from __future__ import annotations
 
@@ -9,13 +9,22 @@ from itertools import product
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot, Workcell, WorldState, start_state
+from planning.cell.workcell import (
+    CellObject,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+    start_state,
+)
 from planning.geometry.exact import distance_at, resting_solid
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
+from planning.timing.torque import ArmDynamics, Payload, too_weak, why_unchecked
 from planning.transforms import Array, from_rpy
 from twin.check.finding import Finding, Findings, Subject, millimetres
+from twin.durations import Packaged, PackagedSkill
+from twin.scenario.sections.parts import PartsSection
 
 _SUNK = 0.005
 """A base may be in what it stands on by this [m]."""
@@ -181,3 +190,82 @@ def check_speeds(subject: Subject) -> Findings:
 
 def _owner(entity: str) -> str:
     return entity.partition(":")[0].partition("/")[0]
+
+
+def check_efforts(subject: Subject) -> Findings:
+    """Yield robots whose efforts are too low to be those of the arm, or for the parts they place.
+
+    Only for plans within limits, in which efforts count.
+    """
+    if subject.scenario.speed_model != "limits":
+        return
+    parts = _placed(subject)
+    for robot in subject.cell.robots:
+        drives, at = robot.model.drives, subject.robot_at(robot.name, "limits", "model")
+        if weak := too_weak(robot):
+            yield Finding(
+                at,
+                f"efforts of {robot.name} ({robot.model.name}) are not kept to: {weak}; give"
+                " limits.effort, or a description with its masses",
+            )
+        if drives is None or why_unchecked(robot) is not None:
+            continue
+        light = [part for part in parts if part.mass <= drives.spare]
+        heaviest = max(light, key=lambda part: part.mass, default=None)
+        if heaviest is not None and (words := _too_heavy(robot, heaviest)):
+            yield Finding(at, words)
+
+
+def _placed(subject: Subject) -> list[CellObject]:
+    section = subject.scenario.assembly
+    if not isinstance(section, PartsSection):
+        return []
+    placed = {step.place for step in section.steps}
+    return [
+        part
+        for part in subject.cell.objects
+        if {part.name, part.name.rpartition(".")[0]} & placed
+    ]
+
+
+def _too_heavy(robot: PlacedRobot, part: CellObject) -> str | None:
+    """Return in words which joint does not hold a part at HOME; None where all do."""
+    model, drives = robot.model, robot.model.drives
+    assert drives is not None
+    tool = model.frames.get("tool", np.eye(4))
+    held = Payload(part.mass, part.shape, tool)
+    weight = np.abs(ArmDynamics(robot, model, [held]).gravity(robot.home))
+    over = weight > drives.effort
+    if not over.any():
+        return None
+    k = int(np.argmax(over))
+    return (
+        f"{robot.name} cannot hold {part.name} ({part.mass:g} kg) at HOME: {model.joint_names[k]} would"
+        f" have to exert {weight[k]:.3g} N m or N, and its effort is {drives.effort[k]:g}"
+    )
+
+
+_SKILLS: dict[str, tuple[PackagedSkill, ...]] = {
+    "assembly": ("pick", "place-down"),
+    "construction": ("pick", "place-down"),
+}
+"""Skills that every assembly of a kind uses."""
+
+
+def check_skill_times(subject: Subject) -> Findings:
+    """Yield skills of assemblies other than LEGO that take LEGO's packaged times."""
+    execution = subject.scenario.execution
+    kind = subject.scenario.assembly.kind
+    packaged = [
+        (skill, duration)
+        for skill in _SKILLS.get(kind, ())
+        if isinstance(duration := execution.skills[skill], Packaged)
+    ]
+    if packaged:
+        means = ", ".join(f"{skill} {item.mean:.2f} s" for skill, item in packaged)
+        yield Finding(
+            ("execution", "skills"),
+            f"these skills take the packaged times of a LEGO tool with force control ({means} in the"
+            f" mean), and this is no LEGO: give execution.skills your own (twin fit makes them from"
+            " measured times)",
+        )

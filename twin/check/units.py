@@ -12,7 +12,7 @@ from twin.check.finding import Finding, Findings, Subject
 from twin.check.reach import away_from, reach_bound
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.poses import PoseSection
+from twin.scenario.sections.shapes import PoseSection
 
 _AWAY = 20.0
 """Nothing that has to do with an arm is farther away from it than so many of its lengths."""

@@ -15,7 +15,7 @@ from twin.host.guard import guarded, print_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from twin.check.robot_picture import PicturedThing
+    from twin.check.robot_sheet import PicturedThing
 
 Which = Annotated[
     str | None,
@@ -98,7 +98,7 @@ def _values(texts: list[str]) -> dict[str, float]:
 def _draw(picture: PicturedThing, folder: Path | None) -> str | None:
     if folder is None:
         return None
-    from twin.check.robot_picture import save_picture
+    from twin.check.robot_sheet import save_picture
 
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{picture.title.split()[0]}.png"

@@ -213,9 +213,8 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     """Write the scenario with explicit steps, and read it again."""
     from planning.files import read_file
     from twin.host.atomic import write_text
-    from twin.planning.brick_colours import brick_colours
-    from twin.scenario.document.text import scenario_text
-    from twin.scenario.document.yaml_text import read_yaml
+    from twin.planning.lego import brick_colours
+    from twin.scenario.document.yaml_text import read_yaml, scenario_text
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 

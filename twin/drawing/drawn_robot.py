@@ -13,7 +13,7 @@ import pinocchio
 
 from planning.cell.forms import Box, Capsule, Cylinder
 from planning.cell.workcell import PlacedRobot
-from planning.robots.descriptions.written_options import written_options
+from planning.robots.descriptions.fitting import written_options
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
 from twin.drawing.painted_description import painted_description

@@ -6,7 +6,7 @@ import copy
 from xml.etree import ElementTree
 
 from planning.cell.workcell import PlacedRobot
-from planning.robots.descriptions.mesh_files import find_mesh
+from planning.robots.descriptions.xml_files import find_mesh
 from twin.drawing.paint import paint
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject
 from planning.errors import OutputError
-from planning.importers.ldraw.parts import STUD, number_of
+from planning.importers.brick_models.ldraw_files import STUD, number_of
 from planning.lego.bricks.assembly import (
     STUD_PITCH,
     BrickType,
@@ -87,8 +87,7 @@ def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:
     Raises:
         OutputError: LDraw has no part for a brick.
     """
-    from twin.planning.brick_colours import brick_colours
-    from twin.planning.lego import build_lego, build_structure
+    from twin.planning.lego import brick_colours, build_lego, build_structure
 
     assembly = build_lego(section)
     away = inverse(assembly.plate.pose)

@@ -12,9 +12,8 @@ from planning.errors import OutputError, RequestError
 from twin.fit.fitting import Fit, fitted_execution, write_sample
 from twin.fit.samples import Sample
 from twin.host.atomic import replacing
-from twin.scenario.document.problems import InvalidScenarioError
-from twin.scenario.document.text import scenario_text
-from twin.scenario.document.yaml_text import read_yaml
+from twin.scenario.document.validation import InvalidScenarioError
+from twin.scenario.document.yaml_text import read_yaml, scenario_text
 from twin.scenario.file import load_scenario
 from twin.scenario.manifest import file_hashes
 from twin.scenario.sections.scenario import Scenario

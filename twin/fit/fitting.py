@@ -13,7 +13,7 @@ from twin.durations.fittable import rounded
 from twin.fit.samples import Sample
 from twin.fit.selection import Candidate
 from twin.host.atomic import write_text
-from twin.scenario.document.text import scenario_text
+from twin.scenario.document.yaml_text import scenario_text
 
 
 @dataclass(frozen=True)

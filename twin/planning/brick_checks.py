@@ -12,7 +12,7 @@ from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import GridPlace, joined_to_plate, occupied_places
 from planning.lego.skills.targets import supported_span
-from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.validation import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import (
     ReadStructure,
@@ -198,7 +198,9 @@ def _free_stock(
 
 
 def _off_plate(
-    cells: Iterable[GridPlace], studs: Sequence[int], hint: str = ": the lowest layer is 1"
+    cells: Iterable[GridPlace],
+    studs: Sequence[int],
+    hint: str = ": the lowest layer is 1",
 ) -> str:
     for x, y, level in sorted(cells, key=lambda cell: (cell[2], cell)):
         if level < 0:

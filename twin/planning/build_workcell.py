@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
+from planning.cell.forms import Box, Capsule, Cylinder, Form
 from planning.cell.machine import machine
 from planning.cell.motion_limits import limits_of
+from planning.cell.shape import Element, Shape, box_shape, shape_of
 from planning.cell.workcell import (
     CellObject,
     Clearances,
@@ -18,13 +20,58 @@ from planning.cell.workcell import (
     RackTool,
     Workcell,
 )
+from planning.errors import ShapeError
 from planning.kinematics.kinematics import frame_pose
-from planning.transforms import readonly
-from twin.planning.build_shape import build_shape
+from planning.packages import file_named
+from planning.transforms import Transform, identity, readonly
 from twin.planning.kind import assembly_kind
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.cell import LimitsSection, ToolSection
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
-from twin.scenario.sections.tools import LimitsSection, ToolSection
+from twin.scenario.sections.shapes import ShapeSection, build_transform
+
+
+def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shape:
+    """Return the shape that a section describes.
+
+    Args:
+        name: of what has the shape, for messages.
+        section: what the file says.
+        folder: where relative paths of meshes start.
+
+    Raises:
+        ShapeError: a mesh cannot be used; says which, and what to do.
+    """
+    if section.box is not None:
+        return box_shape(name, section.box)
+    return shape_of(name, tuple(_elements(section, readonly(identity()), folder)))
+
+
+def _elements(
+    section: ShapeSection, pose: Transform, folder: Path
+) -> Iterator[Element]:
+    """Yield the forms of a shape whose frame is at a pose."""
+    if section.compound is not None:
+        for item in section.compound:
+            place = readonly(pose @ build_transform(item.pose))
+            yield from _elements(item, place, folder)
+        return
+    yield Element(_form(section, folder), pose)
+
+
+def _form(section: ShapeSection, folder: Path) -> Form:
+    if section.box is not None:
+        x, y, z = section.box
+        return Box((x, y, z))
+    if section.cylinder is not None:
+        return Cylinder(section.cylinder.radius_m, section.cylinder.length_m)
+    if section.capsule is not None:
+        return Capsule(section.capsule.radius_m, section.capsule.length_m)
+    from planning.meshes.mesh_form import mesh_form
+
+    assert section.mesh is not None
+    file = file_named(section.mesh, folder, ShapeError)
+    return mesh_form(file, section.scale, section.within_m)
+
 
 _TOOL_COLOUR = (88, 92, 98)
 """Colour of tools that are objects."""

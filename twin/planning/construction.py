@@ -25,7 +25,7 @@ from twin.scenario.sections.construction import (
     ModelSection,
     SupplySection,
 )
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart

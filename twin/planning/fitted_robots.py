@@ -11,11 +11,9 @@ from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.packages import file_named
 from planning.robots.descriptions.fitting import Fitting, Limits, Tool
 from planning.robots.registry import robot_model, with_tool
-from twin.planning.build_shape import build_shape
-from twin.scenario.sections.cell import RobotSection
-from twin.scenario.sections.poses import build_transform
-from twin.scenario.sections.shapes import ShapeSection
-from twin.scenario.sections.tools import LimitsSection, ToolSection
+from twin.planning.build_workcell import build_shape
+from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
+from twin.scenario.sections.shapes import ShapeSection, build_transform
 
 
 def fitted_model(

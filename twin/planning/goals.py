@@ -15,11 +15,11 @@ from planning.goals.robot_goals import RobotGoal
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.scenario.document.validation import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.goals import GoalsSection, MoveSection
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings

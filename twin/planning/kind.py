@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from twin.audit.wanted import Wanted
 from twin.host.progress import StageWatch
-from twin.scenario.document.problems import Problem
+from twin.scenario.document.validation import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import AssemblySection

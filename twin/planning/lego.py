@@ -13,6 +13,7 @@ from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError, TwinError
 from planning.lego.bricks.assembly import (
     BrickType,
+    Cell,
     LegoAssembly,
     LegoStep,
     PlacedBrick,
@@ -24,7 +25,7 @@ from planning.progress import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.problems import Problem
+from twin.scenario.document.validation import Problem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.drawn_structure import read_structure
@@ -37,7 +38,7 @@ from twin.scenario.sections.lego import (
     cell_of,
     support_of,
 )
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
@@ -172,8 +173,6 @@ class LegoKind(AssemblyKind):
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions whose bricks have the colours of the places that they go to."""
-        from twin.planning.brick_colours import brick_colours, coloured
-
         return coloured(motions, motions.assembly, brick_colours(self.section))
 
     def _sequenced(
@@ -351,3 +350,46 @@ def _step(section: StepSection, types: Mapping[str, BrickType]) -> LegoStep:
         supports=tuple(support_of(item, up=section.place == "up") for item in supports),
         temporary=section.temporary,
     )
+
+
+Colour = tuple[int, int, int]
+
+
+def brick_colours(section: LegoSection) -> dict[Cell, Colour]:
+    """Return the colours that steps or bricks of the structure are given, by their cells."""
+    structure = () if section.structure is None else section.structure.bricks
+    given = {cell_of(item): item.colour for item in section.steps}
+    given |= {cell_of(item): item.colour for item in structure}
+    return {
+        cell: (colour[0], colour[1], colour[2])
+        for cell, colour in given.items()
+        if colour is not None
+    }
+
+
+def coloured(
+    motions: PlannedMotions, assembly: LegoAssembly, colours: Mapping[Cell, Colour]
+) -> PlannedMotions:
+    """Return motions whose bricks have the colours of the places that they go to.
+
+    Args:
+        motions: of the assembly.
+        assembly: whose steps the motions do.
+        colours: by cell; bricks that go elsewhere keep their own.
+    """
+    if not colours:
+        return motions
+    plan = motions.motion_plan
+    wanted = {
+        task.object: colours.get(assembly.steps[task.step - 1].cell)
+        for task in plan.tasks
+        if task.kind in ("place-down", "place-up")
+    }
+    objects = (
+        item
+        if (colour := wanted.get(item.name)) is None
+        else replace(item, colour=colour)
+        for item in plan.cell.objects
+    )
+    cell = replace(plan.cell, objects=tuple(objects))
+    return replace(motions, motion_plan=replace(plan, cell=cell))

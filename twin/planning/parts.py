@@ -14,18 +14,17 @@ from planning.transforms import readonly
 from twin.audit.wanted import Wanted
 from twin.durations import SkillOverride
 from twin.host.progress import StageWatch
-from twin.planning.build_shape import build_shape
+from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.planning.line.problems import check_line, machine_names
-from twin.planning.line.written_out import Line, machine_durations, written_out
 from twin.planning.part_assembly.built import assembly_of
+from twin.planning.part_assembly.line import Line, machine_durations, written_out
+from twin.planning.part_assembly.problems import check_line, check_steps, machine_names
 from twin.planning.part_assembly.wanted import wanted_of
-from twin.planning.part_problems import check_steps
-from twin.scenario.document.problems import Problem, mark_problems
+from twin.scenario.document.validation import Problem, mark_problems
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartSection, PartsSection
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -123,7 +122,7 @@ class PartKind(AssemblyKind):
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with the way in which they go on, and which tasks are for which product."""
-        from twin.planning.line.pattern import line_pattern
+        from twin.planning.part_assembly.pattern import line_pattern
 
         line = written_out(self.section)
         if line.products == 1:

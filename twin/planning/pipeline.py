@@ -31,7 +31,7 @@ from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions, assembly_kind
-from twin.planning.line.repeated import repeated_plans
+from twin.planning.part_assembly.pattern import repeated_plans
 from twin.planning.timed import timed
 from twin.run.policies import (
     AT_ONCE,

@@ -20,9 +20,8 @@ from planning.tasks.task import (
 )
 from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
-from twin.planning.line.problems import disturbed_machines
-from twin.planning.part_problems import unknown_frame
-from twin.scenario.document.problems import Problem, mark_problems, unknown_name
+from twin.planning.part_assembly.problems import disturbed_machines, unknown_frame
+from twin.scenario.document.validation import Problem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection

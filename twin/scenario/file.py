@@ -9,8 +9,12 @@ from typing import Any
 
 from planning.files import read_file
 from twin.scenario.checks import find_problems
-from twin.scenario.document.problems import InvalidScenarioError, Problem
-from twin.scenario.document.validation import parsed, validated
+from twin.scenario.document.validation import (
+    InvalidScenarioError,
+    Problem,
+    parsed,
+    validated,
+)
 from twin.scenario.document.yaml_text import Mark, YamlDocument
 from twin.scenario.sections.drawn_structure import StructureSection
 from twin.scenario.sections.lego import LegoSection

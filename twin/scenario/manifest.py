@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError, RequestError, ScenarioError, listed
 from planning.files import read_file
-from planning.robots.description_files import description_sha256
+from planning.robots.descriptions.description_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
 from twin.durations import Empirical
 from twin.host.atomic import write_json

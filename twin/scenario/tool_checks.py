@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from twin.scenario.document.problems import unknown_name
+from twin.scenario.document.validation import unknown_name
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.cell import CellSection, LimitsSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.sections.tools import LimitsSection
 
 Found = Iterator[tuple[KeyPath, str]]
 

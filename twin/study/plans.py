@@ -12,7 +12,7 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch
 from twin.host.versions import versions
-from twin.planning.line.repeated import repeated_plans
+from twin.planning.part_assembly.pattern import repeated_plans
 from twin.planning.pipeline import (
     order_motions,
     plan_best,

@@ -18,12 +18,13 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.importers.apex_mr.brick_steps import (
+    PressFrom,
+    PressReader,
     brick_names,
     published_bricks,
     published_steps,
     published_stock,
 )
-from planning.importers.apex_mr.press_contacts import PressFrom, PressReader
 from planning.importers.apex_mr.task_files import (
     TOOLS,
     Notes,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from planning.errors import RobotModelError
-from planning.robots.descriptions.urdf_checks import number, vector
+from planning.robots.descriptions.xml_files import number, vector
 from planning.transforms import Array, Transform, from_rpy
 
 _TURNING = ("revolute", "continuous")

@@ -14,9 +14,9 @@ import pinocchio
 
 from planning.errors import RobotModelError
 from planning.files import is_file
-from planning.robots.descriptions import urdf_checks
+from planning.robots.descriptions import xml_files
 from planning.robots.descriptions.held_joints import write_pose
-from planning.robots.descriptions.xml_reading import read_xml
+from planning.robots.descriptions.xml_files import read_xml
 from planning.transforms import Array, Transform, inverse, translation
 
 _MOST_INCLUDES = 100
@@ -102,7 +102,7 @@ def _check_values(root: Element, path: Path) -> None:
             name = element.get("name") or element.get("class") or ""
             where = f"{path}: {key} of <{element.tag}> {name!r}"
             text = element.get(key, "")
-            values = [urdf_checks.number(part, where) for part in text.split()]
+            values = [xml_files.number(part, where) for part in text.split()]
             if not values or any(abs(value) > _LARGEST for value in values):
                 raise RobotModelError(
                     f"{where} must be numbers of at most {_LARGEST:g}, is {text[:60]!r}"

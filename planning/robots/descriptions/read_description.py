@@ -10,9 +10,12 @@ from xml.etree.ElementTree import Element, SubElement
 from planning.errors import RobotModelError
 from planning.files import read_file
 from planning.robots.descriptions.held_joints import pose_of, write_pose
-from planning.robots.descriptions.mesh_files import find_mesh, search_folders
-from planning.robots.descriptions.urdf_checks import number
-from planning.robots.descriptions.xml_reading import read_xml
+from planning.robots.descriptions.xml_files import (
+    find_mesh,
+    number,
+    read_xml,
+    search_folders,
+)
 from planning.transforms import translation
 
 

@@ -13,7 +13,7 @@ from planning.cell.shape import Element, box_shape, shape_of
 from planning.geometry.exact import hull_shape
 from planning.transforms import from_rpy
 from tests.planning.cell.round_forms import stands_out
-from twin.planning.build_shape import build_shape
+from twin.planning.build_workcell import build_shape
 from twin.scenario.sections.shapes import ShapeSection
 
 lengths = st.floats(1e-3, 1.0)

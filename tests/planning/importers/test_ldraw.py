@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.importers.ldraw.parts import PARTS
-from planning.importers.ldraw.reader import read_ldraw
+from planning.importers.brick_models.ldraw import read_ldraw
+from planning.importers.brick_models.ldraw_files import PARTS
 from planning.lego.bricks.assembly import Cell
 from planning.lego.bricks.grid import footprint
 

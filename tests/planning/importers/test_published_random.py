@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from benchmarks.fuzz.task_files import write_robots
 from planning.importers.apex_mr.importer import import_apex_mr
-from twin.scenario.document.text import scenario_text
+from twin.scenario.document.yaml_text import scenario_text
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 

@@ -10,7 +10,7 @@ import pytest
 
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
-from planning.robots.descriptions.mesh_files import find_mesh
+from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
 from tests.planning.robots.drawn_meshes import MESHES, own_meshes

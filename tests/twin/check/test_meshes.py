@@ -7,7 +7,7 @@ import numpy as np
 
 from planning.cell.shape import Element, shape_of
 from twin.check.finding import Subject
-from twin.check.meshes import check_meshes
+from twin.check.lying import check_meshes
 from twin.scenario.file import load_scenario
 
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "shapes.yaml"

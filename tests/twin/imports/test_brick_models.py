@@ -12,8 +12,8 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from planning.importers.apex_mr.importer import HOME_DEG
-from planning.importers.brick_models.stations import APART
-from planning.importers.ldraw.reader import read_ldraw
+from planning.importers.brick_models.cell import APART
+from planning.importers.brick_models.ldraw import read_ldraw
 from planning.lego.bricks.grid import occupied_span
 from planning.robots.registry import robot_model
 from twin.cli import app

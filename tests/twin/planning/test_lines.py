@@ -16,10 +16,10 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.invariant import check_invariant
 from twin.comparison.comparison import measure_policies
 from twin.planning.kind import assembly_kind
-from twin.planning.line.written_out import slots, written_out
+from twin.planning.part_assembly.line import slots, written_out
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.throughput import line_summary, product_nodes
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.trial import execute

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from twin.scenario.document.descriptions import attributes, summary
-from twin.scenario.document.section import Section
+from twin.scenario.document.section import Section, attributes, summary
 from twin.scenario.file import scenario_schema
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.twin.turning_arms import SCENARIO
 from twin.durations import Fixed, Lognormal, Uniform
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.disturbances import (

@@ -34,7 +34,7 @@ from twin.durations import (
     Weibull,
     packaged_timings,
 )
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.simulation import skill_durations

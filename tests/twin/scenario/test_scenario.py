@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario, scenario_schema
 from twin.scenario.sections.scenario import resolved, restored
 

@@ -10,8 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.scenario.document.text import scenario_text
-from twin.scenario.document.yaml_text import read_yaml
+from twin.scenario.document.yaml_text import read_yaml, scenario_text
 
 SHIPPED = sorted((Path(__file__).parents[3] / "scenarios").rglob("*.yaml"))
 

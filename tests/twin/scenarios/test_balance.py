@@ -10,7 +10,7 @@ from planning.errors import InfeasibleStepError
 from twin.check.finding import Subject
 from twin.check.lying import check_balance
 from twin.planning.pipeline import plan_scenario
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.trial import try_plan

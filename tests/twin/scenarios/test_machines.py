@@ -33,7 +33,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import plan_scenario
 from twin.run.summary import summarise
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 from scheduling.verification.verify import verify_plan
 from twin.cli import app
 from twin.planning.pipeline import Planned
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.scenario.sections.poses import build_transform
 from twin.scenario.sections.scenario import Scenario
+from twin.scenario.sections.shapes import build_transform
 from twin.trial.trial import Trial
 
 SCENARIO = """\

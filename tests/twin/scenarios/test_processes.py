@@ -23,7 +23,7 @@ from twin.check.reach import check_reach
 from twin.cli import app
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import Planned, plan_scenario
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.variations import varied

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from planning.lego.sequencing.sequencing import sequenced
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 

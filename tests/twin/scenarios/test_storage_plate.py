@@ -9,7 +9,7 @@ import pytest
 
 from scheduling.verification.verify import verify_plan
 from twin.planning.pipeline import Planned
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.trial.trial import try_plan
 

@@ -11,7 +11,7 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.verify import verify_plan
 from twin.durations import NANOSECONDS
 from twin.planning.pipeline import Planned, plan_scenario
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.trial import Origin, try_plan

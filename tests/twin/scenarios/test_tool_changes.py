@@ -18,7 +18,7 @@ from scheduling.build_nodes import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
 from twin.planning.pipeline import Planned, plan_scenario
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.trial.trial import try_plan

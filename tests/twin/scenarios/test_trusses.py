@@ -16,7 +16,7 @@ from scheduling.verification.verify import verify_plan
 from twin.audit.audit import AuditReport, audit_run
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import Planned, plan_scenario
-from twin.scenario.document.problems import InvalidScenarioError
+from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.trial.trial import Trial, try_plan
 

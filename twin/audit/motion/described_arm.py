@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio
 
 from planning.cell.robot_model import RobotModel
-from planning.robots.descriptions.written_options import written_options
-from planning.robots.descriptions.xml_reading import read_xml
+from planning.robots.descriptions.fitting import written_options
+from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array
 

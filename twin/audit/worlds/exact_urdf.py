@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from planning.errors import RobotModelError
-from planning.robots.descriptions.mesh_files import find_mesh
+from planning.robots.descriptions.xml_files import find_mesh
 
 
 @dataclass(frozen=True)

@@ -48,15 +48,15 @@ def apex_mr(
     press_from: PressSource = "side",
 ) -> None:
     """Read a task as the authors of APEX-MR publish them."""
+    from planning.importers.apex_mr.brick_steps import READINGS
     from planning.importers.apex_mr.importer import import_apex_mr
-    from planning.importers.apex_mr.press_contacts import READINGS
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
     from twin.commands.imports.tool_choice import choose_tool
     from twin.host.atomic import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
-    from twin.scenario.document.text import scenario_text
+    from twin.scenario.document.yaml_text import scenario_text
     from twin.scenario.file import load_scenario
     from twin.scenario.sections.lego import LegoSection
 

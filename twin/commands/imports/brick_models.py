@@ -46,7 +46,7 @@ Model = Annotated[
 @guarded
 def bricks(file: List, output: Output, cell: Cell = None) -> None:
     """Make a scenario of a brick list."""
-    from planning.importers.brick_list.reader import read_brick_list
+    from planning.importers.brick_models.brick_list import read_brick_list
 
     _write(file, read_brick_list(file), output, cell)
 
@@ -54,7 +54,7 @@ def bricks(file: List, output: Output, cell: Cell = None) -> None:
 @guarded
 def ldraw(file: Model, output: Output, cell: Cell = None) -> None:
     """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them."""
-    from planning.importers.ldraw.reader import read_ldraw
+    from planning.importers.brick_models.ldraw import read_ldraw
 
     _write(file, read_ldraw(file), output, cell)
 
@@ -63,7 +63,7 @@ def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> No
     """Write the scenario of a model, if its cell reaches all of it."""
     from planning.importers.brick_models.cell import fitted, model_cell
     from twin.host.atomic import write_text
-    from twin.scenario.document.text import scenario_text
+    from twin.scenario.document.yaml_text import scenario_text
     from twin.scenario.file import scenario_of
 
     model = fitted(model) if cell is None else model

@@ -1,4 +1,4 @@
 """Assemblies of parts: what their section becomes for planning, and for the audit.
 
-Imports scenario.sections and the line; twin.planning imports it.
+Imports scenario.sections; twin.planning imports it.
 """

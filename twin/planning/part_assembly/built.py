@@ -22,8 +22,7 @@ from planning.parts.assembly import (
 from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Transform, readonly
-from twin.planning.line.machine_jobs import MachineJob
-from twin.planning.line.written_out import Line, written_out
+from twin.planning.part_assembly.line import Line, MachineJob, written_out
 from twin.scenario.document.section import plain_values
 from twin.scenario.sections.parts import (
     GripSection,
@@ -32,7 +31,7 @@ from twin.scenario.sections.parts import (
     PlaceOfWork,
     StepSection,
 )
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import build_transform
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:

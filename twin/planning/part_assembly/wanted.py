@@ -10,11 +10,11 @@ from planning.parts.assembly import MachineWork, PartAssembly, Place, Work
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
 from twin.audit.wanted import Place as WantedPlace
-from twin.planning.line.written_out import Line, written_out
 from twin.planning.part_assembly.built import assembly_of, joined_pairs
+from twin.planning.part_assembly.line import Line, written_out
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection
-from twin.scenario.sections.poses import build_transform
+from twin.scenario.sections.shapes import build_transform
 
 
 def wanted_of(section: PartsSection, cell: CellSection) -> Wanted:

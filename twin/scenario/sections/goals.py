@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from twin.scenario.document.section import Name, Section, Several
-from twin.scenario.sections.poses import Configuration, PoseSection
+from twin.scenario.sections.shapes import Configuration, PoseSection
 
 
 class MoveSection(Section):

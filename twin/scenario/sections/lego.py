@@ -23,7 +23,7 @@ from twin.scenario.sections.drawn_structure import (
     StructureBrickSection,
     StructureSection,
 )
-from twin.scenario.sections.poses import Colour, PoseSection
+from twin.scenario.sections.shapes import Colour, PoseSection
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
 

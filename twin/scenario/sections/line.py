@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from twin.durations import AnyDuration, Fixed
 from twin.durations.model import PositiveSeconds, Seconds
 from twin.scenario.document.section import Section, Several, Two
-from twin.scenario.sections.poses import PoseSection
+from twin.scenario.sections.shapes import PoseSection
 
 Count = Annotated[int, Field(ge=1, le=100)]
 Pitch = Annotated[float, Field(ge=-100, le=100)]

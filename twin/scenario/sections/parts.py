@@ -7,12 +7,79 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twin.durations import AnyDuration
-from twin.scenario.document.section import Name, Section, Several, with_tuples
-from twin.scenario.sections.balance import BalanceSection, JoinedParts
+from twin.scenario.document.section import Name, Section, Several, Two, with_tuples
 from twin.scenario.sections.line import ProductsSection, SourceSection
-from twin.scenario.sections.machines import MachineSection
-from twin.scenario.sections.poses import Colour, Mass, PoseSection, Vector3
-from twin.scenario.sections.shapes import ShapedSection
+from twin.scenario.sections.shapes import (
+    Colour,
+    Mass,
+    PoseSection,
+    ShapedSection,
+    Vector3,
+)
+
+
+class BalanceSection(Section):
+    """Assumptions under which an assembly must stand after every step.
+
+    Attributes:
+        check: whether it is looked at.
+        friction: least coefficient of friction of all contacts.
+        tilt_deg: by which gravity may be tilted, so that nothing stands on an edge.
+    """
+
+    check: bool = True
+    friction: Annotated[float, Field(gt=0, le=10)] = 0.4
+    tilt_deg: Annotated[float, Field(ge=0, le=45)] = 1.0
+
+
+class JoinedSection(Section):
+    """Two parts that are joined, or a part and a fixture.
+
+    Attributes:
+        parts: names of the two.
+        by: name of the step that joins them, such as a process that welds; the step that places
+            the later of them when not given.
+        force_n: most that the joint bears along each axis; whatever comes when not given.
+        torque_nm: most that it bears about each axis; whatever comes when not given.
+    """
+
+    parts: Two[Name]
+    by: Name | None = None
+    force_n: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    torque_nm: Annotated[float, Field(gt=0, le=1e9)] | None = None
+
+
+def _joint_spelt_out(joined: Any) -> Any:
+    """Return a joint in full: a pair of names alone bears whatever comes."""
+    own = with_tuples(joined)
+    return {"parts": own} if isinstance(own, tuple) else own
+
+
+JoinedParts = Annotated[
+    JoinedSection,
+    BeforeValidator(_joint_spelt_out, json_schema_input_type=JoinedSection | Two[Name]),
+]
+"""Two names, or a section in full."""
+
+
+class DoorSection(ShapedSection):
+    """Room that no robot may be in while its machine works: the leaf of a door, or a zone.
+
+    Attributes:
+        pose: of the frame of its shape in the world; of a box, its centre.
+    """
+
+    pose: PoseSection
+
+
+class MachineSection(Section):
+    """A machine that works at one part at a time where that lies; its frame is fixtures.
+
+    Attributes:
+        door: what is shut for as long as it works; nothing when not given.
+    """
+
+    door: DoorSection | None = None
 
 
 def _real_direction(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -275,13 +342,14 @@ class StepSection(Section):
         return self.name or (self.place if self.at is None else None)
 
 
-def _spelt_out(step: Any) -> Any:
+def _step_spelt_out(step: Any) -> Any:
     """Return a step in full: a name alone is that of a part to be placed."""
     return {"place": step} if isinstance(step, str) else with_tuples(step)
 
 
 Step = Annotated[
-    StepSection, BeforeValidator(_spelt_out, json_schema_input_type=StepSection | Name)
+    StepSection,
+    BeforeValidator(_step_spelt_out, json_schema_input_type=StepSection | Name),
 ]
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from twin.check.finding import Subject
-from twin.check.robots import check_speeds
-from twin.check.times import check_skill_times
+from twin.check.robots import check_skill_times, check_speeds
 from twin.durations import DurationModel, Packaged
 from twin.host.versions import versions
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration

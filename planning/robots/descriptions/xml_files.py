@@ -1,14 +1,98 @@
-"""Checks of what a URDF says: numbers of a magnitude that bodies have, meshes that are there."""
+"""Robot descriptions as XML files: read leniently, their meshes found, their numbers checked."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 from planning.errors import RobotModelError
-from planning.robots.descriptions.mesh_files import find_mesh_of_package
+from planning.files import is_file, read_file
+from planning.packages import ros_folders
+
+# Some files begin with comments, and say only then that they are XML.
+_DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)
+
+
+def read_xml(path: Path) -> Element:
+    """Return the root of an XML file, prefixes of names left as they are written.
+
+    Files of vendors name elements such as ``drake:member`` and attributes such as
+    ``drake:acceleration`` without saying what the prefix stands for.
+
+    Raises:
+        RobotModelError: the file is missing, cannot be read, or is not XML.
+    """
+    if not is_file(path):
+        raise RobotModelError(f"robot description {path} does not exist")
+    try:
+        content = read_file(path)
+    except OSError as error:
+        raise RobotModelError(f"{path} cannot be read: {error.strerror}") from None
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        # Some files end with a byte that is nought.
+        content = content.rstrip(b"\0 \t\r\n")
+        parser.Parse(_DECLARATION.sub(rb"\1", content, count=1), True)
+        return builder.close()
+    except (expat.ExpatError, ValueError, LookupError, AssertionError) as error:
+        raise RobotModelError(f"{path} is not XML: {error}") from None
+
+
+def without_prefixes(root: Element) -> None:
+    """Take elements and attributes with a prefix out: they are notes to other programs."""
+    for element in list(root.iter()):
+        for child in list(element):
+            if ":" in child.tag:
+                element.remove(child)
+        for key in [key for key in element.attrib if ":" in key]:
+            del element.attrib[key]
+
+
+_ABOVE = 3
+"""So many folders above that of a description are searched."""
+
+
+def search_folders(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[Path, ...]:
+    """Return where the meshes of a description are looked up, its own folder first.
+
+    Where ROS is set up, its packages are searched too.
+    """
+    above = list(path.resolve().parents)[1 : _ABOVE + 1]
+    return tuple(dict.fromkeys((path.parent, *package_dirs, *above, *ros_folders())))
+
+
+def find_mesh(name: str, dirs: Sequence[Path]) -> Path | None:
+    """Return the first file that a mesh's name may mean, None where there is none."""
+    bare = bare_name(name)
+    places = (folder / bare for folder in dirs)  # an absolute path stays as it is
+    return next((place for place in places if is_file(place)), None)
+
+
+def find_mesh_of_package(name: str, dirs: Sequence[Path]) -> Path | None:
+    """Return the file that a mesh's name may mean where its package's folder is called otherwise.
+
+    A package that was downloaded is often in a folder such as ``arm_description-main``.
+    """
+    found = find_mesh(name, dirs)
+    if found is None and name.startswith(("package://", "model://")):
+        found = find_mesh(bare_name(name).partition("/")[2], dirs)
+    return found
+
+
+def bare_name(name: str) -> str:
+    """Return the name of a mesh without the scheme in front of it."""
+    for scheme in ("file://", "package://", "model://"):
+        name = name.removeprefix(scheme)
+    return name
+
 
 # What a link may measure and how far from its joint it may be [m], [rad]: libraries crash,
 # or never end, on bodies of 1e300 m and of no size at all.

@@ -15,6 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from planning.errors import ScenarioError, listed
+from planning.importers.brick_models.ldraw_files import (
+    INHERITED,
+    LEVEL,
+    STUD,
+    Document,
+    Reference,
+    colour_of,
+    is_baseplate,
+    part_of,
+    read_document,
+    table,
+)
 from planning.importers.brick_models.model import (
     MOST_BRICKS,
     BrickModel,
@@ -23,9 +35,6 @@ from planning.importers.brick_models.model import (
     finished_model,
     read_lines,
 )
-from planning.importers.ldraw.colours import INHERITED, colour_of
-from planning.importers.ldraw.documents import Document, Reference, read_document
-from planning.importers.ldraw.parts import LEVEL, STUD, is_baseplate, part_of, table
 from planning.lego.bricks.assembly import BrickType, Cell
 from planning.transforms import Array
 

@@ -1,8 +1,9 @@
-"""Sources and products of an assembly, written out: the parts, steps and supplies of its pattern."""
+"""Lines, written out: parts, steps, machines' jobs and supplies of the products of a pattern."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -13,8 +14,6 @@ from planning.tasks.supplies import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, quat_wxyz, readonly, translation
 from scheduling.repetition.pattern import numbered
 from twin.durations import AnyDuration, SkillOverride
-from twin.planning.line.machine_jobs import MachineJob, machine_jobs
-from twin.scenario.sections.balance import JoinedSection
 from twin.scenario.sections.line import (
     ConveyorSection,
     GridSection,
@@ -22,8 +21,68 @@ from twin.scenario.sections.line import (
     StackSection,
     TraySection,
 )
-from twin.scenario.sections.parts import PartSection, PartsSection, StepSection
-from twin.scenario.sections.poses import PoseSection, build_transform
+from twin.scenario.sections.parts import (
+    JoinedSection,
+    PartSection,
+    PartsSection,
+    StepSection,
+)
+from twin.scenario.sections.shapes import PoseSection, build_transform
+
+
+@dataclass(frozen=True)
+class MachineJob:
+    """A step that is done without a robot.
+
+    Attributes:
+        machine: whose task it is; what nobody does has a chain of its own for every step.
+        door: name of the object that is its door for as long as it works, None for none.
+        part: what this door is called in every product, None for none.
+        product: for which product it works, from 1.
+    """
+
+    machine: str
+    door: str | None = None
+    part: str | None = None
+    product: int = 1
+
+
+def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]:
+    """Return what does the steps that no robot does, by their numbers from 1.
+
+    Args:
+        section: with the steps of all products that are written out.
+        period: how many these are.
+    """
+    uses = Counter(step.process for step in section.steps if step.process)
+    length = len(section.steps) // period
+    found: dict[int, MachineJob] = {}
+    counted: Counter[str] = Counter()
+    turns: Counter[tuple[str, int]] = Counter()
+    for number, step in enumerate(section.steps, start=1):
+        name = step.process or ""
+        process = section.processes.get(name)
+        if process is None or not process.without_robot:
+            continue
+        product = (number - 1) // length + 1
+        if process.machine is None:
+            counted[name] += 1
+            own = name if uses[name] == 1 else numbered(name, counted[name])
+            found[number] = MachineJob(own, product=product)
+            continue
+        machine = process.machine
+        declared = section.machines.get(machine)
+        if declared is None or declared.door is None:
+            found[number] = MachineJob(machine, product=product)
+            continue
+        turns[machine, product] += 1
+        part = f"{machine}.door"
+        if turns[machine, product] > 1:
+            part += str(turns[machine, product])
+        door = numbered(part, product) if section.products is not None else part
+        found[number] = MachineJob(machine, door, part, product)
+    return found
+
 
 OUTFEED = "outfeed"
 """Name of the machine that takes products away."""

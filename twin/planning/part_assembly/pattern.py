@@ -1,15 +1,20 @@
-"""The pattern of a line, from the tasks of the products that were planned."""
+"""The pattern of a line, from the tasks of the products that were planned, and plans for all of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from planning.errors import PlanInvariantError
 from planning.tasks.supplies import buffers_of, is_done_to_a_product
 from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repetition.pattern import Pattern, numbered
-from twin.planning.line.written_out import Line
+from scheduling.repetition.repeat import repeat_graph
+from twin.host.progress import StageWatch
+from twin.planning.part_assembly.line import Line
+from twin.run.policies import IN_TURNS, SHORTENED
 
 
 def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
@@ -72,3 +77,35 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             if earlier < 0:
                 lag = -(earlier // len(before))
                 yield before[earlier % len(before)], task_index, lag
+
+
+PRODUCTS = "all products"
+"""Name of the stage for progress displays."""
+
+
+def repeated_plans(
+    plans: Mapping[str, TemporalPlanGraph], pattern: Pattern | None, watch: StageWatch
+) -> dict[str, TemporalPlanGraph]:
+    """Return plans for all products, the given ones where these are that already.
+
+    Args:
+        plans: by their names in twin.run.policies, that in turns before the shortened one.
+        pattern: how they go on, None where they do not.
+        watch: measures the stage, which is products.
+
+    Raises:
+        PlanInvariantError: what one product is made by is in the way of the next.
+    """
+    if pattern is None:
+        return dict(plans)
+    found: dict[str, TemporalPlanGraph] = {}
+    with watch.stage("products", PRODUCTS):
+        for name, tpg in plans.items():
+            try:
+                found[name] = repeat_graph(tpg, pattern)
+            except PlanInvariantError:
+                # A shorter way of one product is in the way of the next; HOME never is.
+                if name != SHORTENED or IN_TURNS not in found:
+                    raise
+                found[name] = found[IN_TURNS]
+    return found
