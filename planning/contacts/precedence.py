@@ -1,4 +1,9 @@
-"""The part graph: contacts in place, and which part may be placed when (V-A1, eq. 6)."""
+"""What comes before what: contacts of parts where they lie, ways in, and the order that keeps it.
+
+The part graph says what touches what in place and which part may be placed when (V-A1, eq. 6).
+``StepPrecedence`` is filled with edges by who knows why one step comes before another, and gives
+the order nearest to a list that keeps all of them, or the steps that wait for each other.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +11,76 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
+from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 
-from planning.contacts.contact_graph import Lying, lowest, near_to
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ConstructionError
-from planning.transforms import Array, translation
+from planning.geometry.exact import Solid, distance, place, resting_solid
+from planning.transforms import Array, Transform, translation
+
+Lying = tuple[CellObject | Fixture, Transform]
+"""A thing and the pose of its frame in the world."""
+
+_NOWHERE = np.zeros(0)
+"""Configuration of what no robot carries."""
+
+
+def near_to(
+    part: Lying, others: Mapping[str, Lying], within: float
+) -> dict[str, float]:
+    """Return the entities near a part, with their distances.
+
+    Args:
+        part: where it lies.
+        others: everything else, by name.
+        within: what is further away than this is left out [m].
+
+    Returns:
+        Signed distances by name, negative for overlap [m].
+    """
+    low, high = bounds(part)
+    out = {}
+    for name, other in others.items():
+        other_low, other_high = bounds(other)
+        if np.any(low > other_high + within) or np.any(other_low > high + within):
+            continue
+        gap = _gap(part, other)
+        if gap <= within:
+            out[name] = gap
+    return out
+
+
+def _gap(one: Lying, other: Lying) -> float:
+    """Return the signed distance of the nearest two pieces, the deepest overlap if any [m]."""
+    pairs = product(_solids(one), _solids(other))
+    return min(distance(a, pose_a, b, pose_b) for (a, pose_a), (b, pose_b) in pairs)
+
+
+def _solids(lying: Lying) -> list[tuple[Solid, Any]]:
+    """Return the pieces of what lies somewhere, each with its pose for coal."""
+    item, pose = lying
+    found = [resting_solid(item.name, body, pose) for body in item.shape.pieces]
+    return [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
+
+
+def standing(cell: Workcell) -> dict[str, Lying]:
+    """Return the fixtures of a cell where they stand, by name."""
+    return {item.name: (item, item.pose) for item in cell.fixtures}
+
+
+def lowest(lying: Lying) -> float:
+    """Return the height of the lowest corner of what lies somewhere [m]."""
+    return float(bounds(lying)[0][2])
+
+
+def bounds(lying: Lying) -> tuple[Array, Array]:
+    """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
+    item, pose = lying
+    return item.shape.bounds(pose)
+
 
 TOUCH = 0.03
 """Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
@@ -235,3 +304,95 @@ def _below(
     close = {key: others[key] for key in near if key in others}
     gaps = near_to(sunk, close, touch)
     return frozenset(k for k, gap in gaps.items() if near[k] - gap > _RESTS * _SINK)
+
+
+@dataclass(frozen=True)
+class StepPrecedence:
+    """What comes before what among steps.
+
+    Attributes:
+        words: what the steps are, for people.
+        before: for each step, the steps that come before it, and why; numbers are places in the
+            list.
+        any_of: for each step, steps of which one at least comes before it; none where it needs
+            none.
+        closing: by step whose part is kept hold of, the steps one of which lets go of it: it
+            comes as soon as it can.
+    """
+
+    words: tuple[str, ...]
+    before: tuple[dict[int, str], ...]
+    any_of: tuple[frozenset[int], ...]
+    closing: Mapping[int, frozenset[int]] = field(default_factory=dict)
+
+    def require(self, first: int, then: int, why: str) -> None:
+        """Let one step come before another."""
+        if first != then:
+            self.before[then].setdefault(first, why)
+
+    def with_required(self, first: int, then: int, why: str) -> StepPrecedence:
+        """Return the same and that one step comes before another."""
+        out = replace(self, before=tuple(dict(own) for own in self.before))
+        out.require(first, then, why)
+        return out
+
+    def order(self) -> tuple[int, ...] | None:
+        """Return the order nearest to the list, None where steps wait for each other.
+
+        The first step that can be done is done first, so no other order that keeps everything
+        comes before it in the order of numbers; but while a part is kept hold of, what leads to
+        letting go of it.
+        """
+        done = self._doable()
+        return done if len(done) == len(self.before) else None
+
+    def explained(self) -> str:
+        """Return in words why there is no order."""
+        done = set(self._doable())
+        stuck = [k for k in range(len(self.before)) if k not in done]
+        way = [stuck[0]]
+        while way[-1] not in way[:-1]:
+            waits = [k for k in self.before[way[-1]] if k not in done]
+            if not waits:
+                others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
+                return f"  {self.words[way[-1]]} needs one of these before it: {others}"
+            way.append(min(waits))
+        circle = way[way.index(way[-1]) :]
+        return "\n".join(
+            f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
+            for then, first in pairwise(circle)
+        )
+
+    def _doable(self) -> tuple[int, ...]:
+        """Return the steps that can be done one after another, as far as that goes."""
+        out: list[int] = []
+        done: set[int] = set()
+        while True:
+            ready = [
+                k
+                for k, own in enumerate(self.before)
+                if k not in done
+                and own.keys() <= done
+                and (not self.any_of[k] or self.any_of[k] & done)
+            ]
+            if not ready:
+                return tuple(out)
+            urgent = (k for way in self._to_let_go(done) for k in ready if k in way)
+            step = next(urgent, ready[0])
+            out.append(step)
+            done.add(step)
+
+    def _to_let_go(self, done: set[int]) -> list[set[int]]:
+        """Return what leads to letting go of each part that is kept hold of, the least first."""
+        ways = []
+        for placed, ends in self.closing.items():
+            if placed not in done or not ends.isdisjoint(done):
+                continue
+            for end in ends:
+                way, front = {end}, [end]
+                while front:
+                    new = self.before[front.pop()].keys() - way - done
+                    way |= new
+                    front += new
+                ways.append(way)
+        return sorted(ways, key=lambda way: (len(way), min(way)))

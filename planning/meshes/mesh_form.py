@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from planning.cell import cover
-from planning.cell.forms import Mesh
+from planning.cell.shape import Mesh
 from planning.disk_cache import Arrays, remembered
 from planning.errors import ShapeError
-from planning.meshes import convex_pieces, mesh_file, polygons, prisms
+from planning.meshes import convex_pieces, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
@@ -25,7 +25,6 @@ _SOURCES = (
     mesh_file.__file__,
     convex_pieces.__file__,
     prisms.__file__,
-    polygons.__file__,
     cover.__file__,
 )
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.cell.robot_model import ToolGrip
 from planning.contacts.precedence import Overlaps
-from planning.statics.joined import BalanceRules
+from planning.statics.standing import BalanceRules
 from planning.tasks.supplies import Supply
 from planning.transforms import Array, Transform, readonly
 

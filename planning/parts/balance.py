@@ -22,8 +22,9 @@ from planning.statics.build_order import (
     Waits,
     waits_for_balance,
 )
-from planning.statics.joined import BalanceRules, Joined
 from planning.statics.standing import (
+    BalanceRules,
+    Joined,
     Joint,
     PlacedBody,
     Standing,

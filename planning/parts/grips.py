@@ -15,8 +15,7 @@ from itertools import product
 import numpy as np
 
 from planning.cell.cover import directions
-from planning.cell.forms import Box, Mesh
-from planning.cell.shape import Element, Shape
+from planning.cell.shape import Box, Element, Mesh, Shape
 from planning.cell.solid_lines import SolidLines, Stretch
 from planning.kept_answers import KeptAnswers
 from planning.parts.assembly import Grip, GripRules, box_grips, points_well

@@ -19,15 +19,16 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
-from planning.contacts.contact_graph import Lying, near_to
 from planning.contacts.precedence import (
     MOST_OVERLAP,
+    Lying,
     PartGraph,
+    StepPrecedence,
     build_part_graph,
     leads_through,
+    near_to,
     stacked,
 )
-from planning.contacts.step_order import StepPrecedence
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, Place, Work
 from planning.parts.balance import PartBalance, standing_of

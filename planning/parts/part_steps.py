@@ -10,8 +10,13 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
-from planning.contacts.contact_graph import near_to, standing
-from planning.contacts.precedence import MOST_OVERLAP, Overlaps, leads_through
+from planning.contacts.precedence import (
+    MOST_OVERLAP,
+    Overlaps,
+    leads_through,
+    near_to,
+    standing,
+)
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import (
     Grip,

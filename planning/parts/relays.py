@@ -15,7 +15,7 @@ from itertools import islice, permutations, product
 import numpy as np
 
 from planning.cell.workcell import Attachment, Fixture, PlacedRobot, Workcell
-from planning.contacts.contact_graph import near_to, standing
+from planning.contacts.precedence import near_to, standing
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.assembly import Grip, PartAssembly
 from planning.parts.part_skills import PartSkills, handover_targets, held_pose

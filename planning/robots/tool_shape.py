@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.cell.forms import Mesh
 from planning.cell.robot_model import RobotModel
-from planning.cell.shape import Element, Shape, shape_of
+from planning.cell.shape import Element, Mesh, Shape, shape_of
 from planning.transforms import Array, Transform, inverse, readonly
 
 

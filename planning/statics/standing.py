@@ -271,3 +271,29 @@ def _boxes(body: PlacedBody) -> tuple[Array, Array]:
         np.array([own.min(axis=0) for own in corners]),
         np.array([own.max(axis=0) for own in corners]),
     )
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Two parts, or a part and a fixture, that are joined.
+
+    Attributes:
+        joint: whom, and what the joint bears.
+        by: name of the step that joins them; None for the step that places the later of them.
+    """
+
+    joint: Joint
+    by: str | None = None
+
+
+@dataclass(frozen=True)
+class BalanceRules:
+    """Rules for the balance of what is built.
+
+    Attributes:
+        standing: friction, tilt, and what touches.
+        joined: what is joined, and when.
+    """
+
+    standing: StandingRules
+    joined: tuple[Joined, ...] = ()

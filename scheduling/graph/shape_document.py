@@ -7,8 +7,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.forms import Box, Capsule, Cylinder, Form, Mesh
-from planning.cell.shape import Element, Shape, shape_of
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    Form,
+    Mesh,
+    Shape,
+    shape_of,
+)
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -8,8 +8,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from planning.cell.forms import Box, Capsule, Cylinder, Form, Mesh
-from planning.cell.shape import Shape
+from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.transforms import Array, Transform
 
 _Posed = tuple[Any, Transform]

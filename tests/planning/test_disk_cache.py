@@ -12,7 +12,7 @@ import pytest
 from trimesh.creation import extrude_triangulation
 
 from planning import disk_cache, errors, files, packed, transforms
-from planning.cell import body, cover, forms
+from planning.cell import body, cover, shape
 from planning.cell.cover import capsule_cover, capsule_covers
 from planning.disk_cache import Arrays, cache_folder, remembered
 from planning.meshes import mesh_form
@@ -159,7 +159,7 @@ def test_pairs_of_a_robot_are_those_that_were_found(
 
 PLUMBING = {
     Path(m.__file__)
-    for m in (disk_cache, errors, files, transforms, packed, body, forms)
+    for m in (disk_cache, errors, files, transforms, packed, body, shape)
 }
 """Code that hands answers on, and decides none."""
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from planning.cell.forms import Mesh
-from planning.contacts.contact_graph import Lying, bounds, near_to, standing
-from planning.contacts.precedence import MOST_OVERLAP
+from planning.cell.shape import Mesh
+from planning.contacts.precedence import MOST_OVERLAP, Lying, bounds, near_to, standing
 from planning.parts.assembly import Place
 from planning.parts.part_steps import node_remedy, stop_pose
 from planning.tasks.task import DOOR

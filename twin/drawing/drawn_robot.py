@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio
 
-from planning.cell.forms import Box, Capsule, Cylinder
+from planning.cell.shape import Box, Capsule, Cylinder
 from planning.cell.workcell import PlacedRobot
 from planning.robots.descriptions.fitting import written_options
 from planning.robots.registry import ROBOTS

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from planning.cell.cover import box_body
-from planning.cell.forms import Box, Capsule, Cylinder, Form, Mesh
-from planning.cell.shape import Shape
+from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.transforms import Array, Indices
 
 _SIDES = 48

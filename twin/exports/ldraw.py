@@ -22,8 +22,8 @@ from planning.lego.bricks.assembly import (
     LegoAssembly,
     PlacedBrick,
 )
+from planning.lego.bricks.brick_world import brick_colour, stock_objects
 from planning.lego.bricks.grid import box_pose, box_size, occupied_span
-from planning.lego.bricks.objects import brick_colour, stock_objects
 from planning.transforms import Transform, inverse
 from twin.exports.recorded_run import RecordedRun
 from twin.scenario.sections.lego import LegoSection, brick_types

@@ -8,10 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.cell.forms import Box, Capsule, Cylinder, Form
 from planning.cell.machine import machine
 from planning.cell.motion_limits import limits_of
-from planning.cell.shape import Element, Shape, box_shape, shape_of
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    Form,
+    Shape,
+    box_shape,
+    shape_of,
+)
 from planning.cell.workcell import (
     CellObject,
     Clearances,

@@ -81,7 +81,7 @@ class LegoKind(AssemblyKind):
 
     def reserved(self, name: str) -> str | None:
         """Return whether a name is that of a plate, or of a brick that comes up later."""
-        from planning.lego.bricks.objects import STORAGE, source_of
+        from planning.lego.bricks.brick_world import STORAGE, source_of
 
         stations = {item.name for item in self.section.stock if item.station}
         if name in {"plate", STORAGE}:
@@ -100,7 +100,7 @@ class LegoKind(AssemblyKind):
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the plates."""
-        from planning.lego.bricks.objects import STORAGE, plate_fixture
+        from planning.lego.bricks.brick_world import STORAGE, plate_fixture
 
         assembly = build_lego(self.section)
         plates = [plate_fixture(assembly.plate)]
@@ -110,7 +110,7 @@ class LegoKind(AssemblyKind):
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the stock."""
-        from planning.lego.bricks.objects import stock_objects
+        from planning.lego.bricks.brick_world import stock_objects
 
         return stock_objects(build_lego(self.section))
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.immovable import immovable
+from planning.cell.machine import immovable
 from planning.cell.shape import Shape
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.construction.checks.checker import SpaceTimeChecker

@@ -9,8 +9,7 @@ from planning.construction.problem.reach_bounds import (
     reach_bounds,
     require_reach,
 )
-from planning.contacts.contact_graph import Lying, near_to, standing
-from planning.contacts.precedence import MOST_OVERLAP, NEAR
+from planning.contacts.precedence import MOST_OVERLAP, NEAR, Lying, near_to, standing
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker
 from planning.transforms import translation

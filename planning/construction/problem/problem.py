@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.contacts.contact_graph import Lying, near_to, standing
-from planning.contacts.precedence import NEAR, PartGraph
+from planning.contacts.precedence import NEAR, Lying, PartGraph, near_to, standing
 from planning.kinematics.kinematics import frame_in_flange
 from planning.steps.skill import Pairs, touching
 from planning.tasks.task import ExceptionKey, strongest_exception

@@ -13,11 +13,11 @@ from planning.construction.problem.problem import (
     face_grips,
 )
 from planning.construction.problem.supply import SupplyLayout, lay_out
-from planning.contacts.contact_graph import standing
 from planning.contacts.precedence import (
     TOUCH,
     build_part_graph,
     stacked,
+    standing,
     with_insertions,
 )
 from planning.errors import ConstructionError

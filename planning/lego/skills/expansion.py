@@ -10,9 +10,15 @@ from planning.cell.workcell import CellObject
 from planning.geometry.robot_bodies import entity
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BrickType, Cell
-from planning.lego.bricks.brick_world import BrickWorld, press_of
+from planning.lego.bricks.brick_world import (
+    BrickWorld,
+    copy_name,
+    next_copy,
+    object_names,
+    press_of,
+    source_of,
+)
 from planning.lego.bricks.grid import GridSpan
-from planning.lego.bricks.objects import copy_name, next_copy, object_names, source_of
 from planning.lego.skills.allowed_contacts import (
     Bricks,
     contacts_at_rest,

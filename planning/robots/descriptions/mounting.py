@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.cell.forms import Box, Capsule, Cylinder, Form, Mesh
+from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh
 from planning.cell.shape import Element as PlacedForm
 from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.description_files import kept_folder

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.cell.forms import Capsule, Cylinder
-from planning.cell.polyhedra import round_body
+from planning.cell.shape import Capsule, Cylinder, round_body
 
 
 def stands_out(form: Cylinder | Capsule) -> float:

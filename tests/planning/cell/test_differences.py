@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from planning.cell.differences import cell_differences
-from planning.cell.forms import Mesh
 from planning.cell.robot_model import ToolGrip
-from planning.cell.shape import Element, Shape, box_shape, shape_of
+from planning.cell.shape import Element, Mesh, Shape, box_shape, shape_of
 from planning.cell.workcell import Clearances, Workcell
 from planning.transforms import from_rpy, translation
 from tests.scheduling.mini_world import random_plan

@@ -7,9 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.cover import box_body
-from planning.cell.forms import Box, Capsule, Cylinder
-from planning.cell.polyhedra import round_body
-from planning.cell.shape import Element, box_shape, shape_of
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    box_shape,
+    round_body,
+    shape_of,
+)
 from planning.geometry.exact import hull_shape
 from planning.transforms import from_rpy
 from tests.planning.cell.round_forms import stands_out

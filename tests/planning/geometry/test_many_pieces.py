@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.forms import Box, Capsule, Cylinder
-from planning.cell.shape import Element, shape_of
+from planning.cell.shape import Box, Capsule, Cylinder, Element, shape_of
 from planning.cell.workcell import (
     Attachment,
     CellObject,

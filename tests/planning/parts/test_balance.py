@@ -15,8 +15,7 @@ from planning.parts.assembly import PartAssembly, Place
 from planning.parts.balance import PartBalance
 from planning.parts.order import in_found_order
 from planning.parts.part_steps import part_steps
-from planning.statics.joined import BalanceRules, Joined
-from planning.statics.standing import Joint, StandingRules
+from planning.statics.standing import BalanceRules, Joined, Joint, StandingRules
 from planning.transforms import Transform, translation
 
 RULES = BalanceRules(StandingRules())

@@ -8,8 +8,15 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.forms import Box, Capsule, Cylinder, Mesh
-from planning.cell.shape import Element, box_shape, shape_of
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    Mesh,
+    box_shape,
+    shape_of,
+)
 from planning.meshes.convex_pieces import cut_convex
 from planning.meshes.mesh_file import Triangles
 from planning.parts.assembly import GripRules, box_grips

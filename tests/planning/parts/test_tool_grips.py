@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planning.cell.forms import Box, Cylinder
 from planning.cell.robot_model import ToolGrip
-from planning.cell.shape import Element, Shape, box_shape, shape_of
+from planning.cell.shape import Box, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
 from planning.parts.assembly import GripRules
 from planning.parts.grips import part_grips

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planning.cell.forms import Box, Capsule, Cylinder
 from planning.cell.robot_model import RobotModel, ToolGrip
-from planning.cell.shape import Element, box_shape
+from planning.cell.shape import Box, Capsule, Cylinder, Element, box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool

@@ -11,8 +11,7 @@ import pytest
 from matplotlib.text import Annotation
 from rerun.chunk import RrdReader
 
-from planning.cell.forms import Cylinder
-from planning.cell.shape import Element, box_shape, shape_of
+from planning.cell.shape import Cylinder, Element, box_shape, shape_of
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool

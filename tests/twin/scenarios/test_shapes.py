@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.cell.differences import cell_differences
-from planning.cell.forms import Capsule, Cylinder, Mesh
+from planning.cell.shape import Capsule, Cylinder, Mesh
 from planning.errors import OutputError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.verification.verify import verify_plan

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from planning.cell.forms import Box, Capsule, Cylinder
+from planning.cell.shape import Box, Capsule, Cylinder
 from planning.cell.shape import Shape as Made
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError

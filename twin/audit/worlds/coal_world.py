@@ -15,7 +15,7 @@ import coal
 import numpy as np
 import pinocchio
 
-from planning.cell.forms import Box, Capsule, Cylinder
+from planning.cell.shape import Box, Capsule, Cylinder
 from planning.cell.shape import Shape as Made
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.forms import Box, Capsule, Cylinder, Mesh
+from planning.cell.shape import Box, Capsule, Cylinder, Mesh
 from planning.cell.shape import Shape as Made
 from planning.transforms import Array, Transform, translation
 from twin.audit.worlds.world import BASE, Shape

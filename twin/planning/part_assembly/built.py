@@ -19,8 +19,7 @@ from planning.parts.assembly import (
     Stop,
     Work,
 )
-from planning.statics.joined import BalanceRules, Joined
-from planning.statics.standing import Joint, StandingRules
+from planning.statics.standing import BalanceRules, Joined, Joint, StandingRules
 from planning.transforms import Transform, readonly
 from twin.planning.part_assembly.line import Line, MachineJob, written_out
 from twin.scenario.document.section import plain_values

@@ -13,7 +13,7 @@ from planning.lego.bricks.assembly import (
     Plate,
     StockBrick,
 )
-from planning.lego.bricks.objects import plate_fixture, stock_objects
+from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.transforms import from_rpy
 
 ASSEMBLY = LegoAssembly(

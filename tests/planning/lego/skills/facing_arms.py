@@ -6,7 +6,7 @@ import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.lego.bricks.assembly import LegoAssembly
-from planning.lego.bricks.objects import plate_fixture, stock_objects
+from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
 
