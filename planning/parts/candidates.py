@@ -13,14 +13,6 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import Grip, PartAssembly, moves_on
 from planning.parts.balance import kept_as_said, stand_of_all
-from planning.parts.beside import (
-    NOBODY,
-    Holding,
-    WaysBeside,
-    hold_way,
-    pair_kept,
-    way_of,
-)
 from planning.parts.part_skills import PartSkills, process_targets
 from planning.parts.part_steps import (
     KnownStep,
@@ -33,10 +25,16 @@ from planning.parts.part_steps import (
     touched_in_racks,
 )
 from planning.parts.relays import find_relays
+from planning.parts.step_paths import (
+    NOBODY,
+    Holders,
+    StepPaths,
+    pair_kept,
+)
 from planning.parts.tool_grips import beyond_part, overload, own_grips, why_no_grip
 from planning.statics.build_order import Stand, Waits
 from planning.steps.candidates import CandidateCollector
-from planning.steps.skill import Obstruction, joint_distance
+from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.steps.tool_changes import (
     ToolChanges,
     find_tool_changes,
@@ -69,8 +67,8 @@ class PartCandidates:
         frame: name of the tool frame that grips.
         steps: what is done, with the surroundings.
         problem: what the solver needs.
-        ways: to do each step and to hold what is to be held; the numbers of those in which the
-            part changes hands in between follow those of the grips.
+        paths: of all candidates; the numbers of those in which the part changes hands in between
+            follow those of the grips.
         blockers: what was in the way of tries of a step, most often first.
         balance: pairs of steps from 0: what the second does to the structure waits for the first,
             so that it always stands.
@@ -81,7 +79,7 @@ class PartCandidates:
     frame: str
     steps: tuple[KnownStep, ...]
     problem: AssignmentProblem
-    ways: WaysBeside = field(repr=False)
+    paths: StepPaths = field(repr=False)
     blockers: Mapping[int, tuple[str, ...]] = field(repr=False)
     balance: Waits = frozenset()
 
@@ -133,25 +131,14 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
     collector = PartCollector(cell, assembly, steps, keeps)
     for k, step in enumerate(steps, start=1):
         collector.add(k, step)
-    ways = collector.ways
-    pairing = pair_kept(ways, collector.primaries, collector.supports, collector.reject)
-    number = pairing.numbers()
+    pair_kept(collector.paths, collector)
     problem = collector.problem(
         [step.words for step in assembly.steps],
         [step.hold is not None for step in assembly.steps],
-        primaries=tuple(collector.primaries[p] for p in number),
-        incompatible=frozenset(
-            (number[p], s)
-            for p, s in collector.incompatible | pairing.incompatible
-            if p in number
-        ),
         unlimited=frozenset(moves_on(assembly.steps)),
         mounted=changes.mounted,
         changes=changes.costs,
         kept=keeps,
-        clashing=frozenset(
-            (number[p], number[q]) for p, q in pairing.clashing if q in number
-        ),
     )
     return PartCandidates(
         cell,
@@ -159,7 +146,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         assembly.grips.frame,
         steps,
         problem,
-        ways,
+        collector.paths,
         {step: names_by_count(own) for step, own in collector.blockers.items()},
         stand.waits,
     )
@@ -177,7 +164,7 @@ class PartCollector(CandidateCollector):
     ) -> None:
         super().__init__(cell.robots)
         self._cell, self._assembly = cell, assembly
-        self.ways = WaysBeside(self._skills, steps, keeps=keeps)
+        self.paths = StepPaths(self._skills, steps, keeps=keeps)
         self._robots = tuple(with_each_tool(cell.robots))
         self._known: dict[Tools, PartSkills] = {}
 
@@ -236,10 +223,13 @@ class PartCollector(CandidateCollector):
             elif wrong := skills.carried_home(robot, step, grip.pose):
                 self.reject(number, f"{name} at HOME, {words}", wrong)
             else:
-                self.ways.paths[number, name, k, tools] = pick, place
                 cost = self.cost(pick, place)
-                way = PrimaryCandidate(number, name, part, k, cost, tools=tools)
-                self.primaries.append(way)
+                item = PrimaryCandidate(number, name, part, k, cost, tools=tools)
+                self._add(item, pick, place)
+
+    def _add(self, item: PrimaryCandidate, *paths: SkillPath) -> None:
+        self.paths.alone[item] = paths
+        self.primaries.append(item)
 
     def _too_deep(
         self, found: Obstruction, step: PartStep, robot: PlacedRobot, grip: Grip
@@ -259,9 +249,8 @@ class PartCollector(CandidateCollector):
             other = None if relay.giver == relay.receiver else relay.giver
             about = number, relay.receiver, step.part.name, k, relay.cost, other
             item = PrimaryCandidate(*about, tools=tools)
-            self.ways.relays[way_of(item)] = relay
-            self.ways.paths[way_of(item)] = relay.paths
-            self.primaries.append(item)
+            self.paths.relays[item] = relay
+            self._add(item, *relay.paths)
         if not found:
             reason = "robots reach no place in common, to lie or to be handed over"
             self.reject(number, f"{step.part.name} changes hands", reason)
@@ -296,14 +285,12 @@ class PartCollector(CandidateCollector):
             found = self.accept(number, what, tried)
             if found is None:
                 continue
-            self.ways.paths[number, name, k, tools] = (found,)
             # What is worked at can be worked at again: each process is a thing of its own.
             thing = f"{step.step.words}, step {number}"
             at = process_targets(process, step.place, turn).first
             cost = joint_distance(robot.home, [*found.lead, *found.path][at])
-            self.primaries.append(
-                PrimaryCandidate(number, name, thing, k, cost, tools=tools)
-            )
+            item = PrimaryCandidate(number, name, thing, k, cost, tools=tools)
+            self._add(item, found)
 
     def _add_holds(
         self, number: int, step: PartStep | WorkStep, robot: PlacedRobot
@@ -331,9 +318,10 @@ class PartCollector(CandidateCollector):
             if path is None:
                 continue
             count += 1
-            self.ways.holds[number, robot.name, k, tools] = path
             cost = joint_distance(robot.home, path.path[-1])
-            self.supports.append(SupportCandidate(number, robot.name, k, cost, tools))
+            item = SupportCandidate(number, robot.name, k, cost, tools)
+            self.paths.holds[item] = path
+            self.supports.append(item)
 
     def _pair(self, primaries: range, supports: range) -> None:
         """Find ways to do a step beside ways to hold; what is not found cannot go together."""
@@ -348,10 +336,10 @@ class PartCollector(CandidateCollector):
             if found.get(robots, 0) >= _ENOUGH:
                 self.incompatible.add((p, s))
                 continue
-            at = {second.robot: self.ways.holds[hold_way(second)].path[-1]}
-            supporting = Holding(at, second.tools)
+            at = {second.robot: self.paths.holds[second].path[-1]}
+            supporting = Holders(at, second.tools)
             what = f"{first.robot} beside {second.robot} that holds"
-            paths = self.ways.done(way_of(first), NOBODY, supporting)
+            paths = self.paths.among(first, NOBODY, supporting)
             if self.accept(first.step, what, paths) is None:
                 self.incompatible.add((p, s))
             else:

@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 
 from planning.parts.assembly import Grip
-from planning.parts.beside import way_of
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
@@ -67,7 +66,7 @@ def _expand_step(
         done = write_placement(build, chosen.placement(known))
     else:
         done = _write_process(build, chosen, known)
-    for earlier, last in candidates.ways.keeps.items():
+    for earlier, last in candidates.paths.keeps.items():
         if last == step:
             _write_let_go(build, candidates, plan, earlier, done)
     changes.allow_mounted(build, before)
@@ -80,18 +79,18 @@ class _ChosenPartStep:
     def __init__(self, candidates: PartCandidates, plan: TaskPlan, step: int) -> None:
         self.choice, self._candidates = plan[step], candidates
         self.cell = with_tools(candidates.cell, self.choice.tools)
-        self.paths = candidates.ways.paths_of(plan, step)
-        self._hold = candidates.ways.hold_of(plan, step)
+        self.paths = candidates.paths.planned(plan, step)
+        self._hold = candidates.paths.planned_hold(plan, step)
 
     def placement(self, step: PartStep) -> PlannedPlacement:
         """Return how the part is picked, changes hands, is held and placed."""
         choice, part = self.choice, self.choice.object
-        ways = self._candidates.ways
+        ways = self._candidates.paths
         *_, pick, place = self.paths
         kept = choice.step in ways.keeps
         if kept:
             place = replace(place, path=place.path[: place.change_at])
-        relay = ways.relays.get(way_of(choice.primary))
+        relay = ways.relays.get(choice.primary)
         between: tuple[PlannedSkill, PlannedSkill] | PlannedHandover | None = None
         if relay is None:
             first = self._pick(part, pick, step.grips[choice.grasp], step.at_start)
@@ -182,9 +181,11 @@ def _write_let_go(
     build: StepWriter, candidates: PartCandidates, plan: TaskPlan, step: int, done: int
 ) -> None:
     """Write the way back of who kept hold of what it placed in an earlier step, after a task."""
-    choice, ways = plan[step], candidates.ways
-    *_, place = ways.paths_of(plan, step)
-    back = build.skill(ways.let_go(place), f"let go of {choice.object}", choice.object)
+    choice, paths = plan[step], candidates.paths
+    *_, place = paths.planned(plan, step)
+    back = build.skill(
+        paths.release(place), f"let go of {choice.object}", choice.object
+    )
     build.home(choice.robot)
     build.depend(done, back)
     robot = with_tools(candidates.cell, choice.tools).robot(choice.robot)

@@ -25,6 +25,8 @@ class CandidateCollector:
         home: HOME of each robot, shape (n,).
         primaries, supports: the candidates, in the order in which they were found.
         incompatible: pairs of their numbers that cannot go together.
+        clashing: pairs of numbers of primaries of different steps that cannot go together.
+        dropped: numbers of primaries that are not to be taken after all.
         rejections: what is not a candidate, and why.
         blockers: by step, how often things were in the way.
     """
@@ -34,6 +36,8 @@ class CandidateCollector:
         self.primaries: list[PrimaryCandidate] = []
         self.supports: list[SupportCandidate] = []
         self.incompatible: set[tuple[int, int]] = set()
+        self.clashing: set[tuple[int, int]] = set()
+        self.dropped: set[int] = set()
         self.rejections: list[Rejection] = []
         self.blockers: dict[int, Counter[str]] = defaultdict(Counter)
 
@@ -70,17 +74,24 @@ class CandidateCollector:
         Args:
             steps: what they are, in words.
             needs_support: whether each is done by two robots.
-            more: further attributes of ``AssignmentProblem``, and those that are others by now.
+            more: further attributes of ``AssignmentProblem``.
         """
-        gathered = {
-            "primaries": tuple(self.primaries),
-            "supports": tuple(self.supports),
-            "incompatible": frozenset(self.incompatible),
-            "rejections": tuple(self.rejections),
-        }
+        left = [p for p in range(len(self.primaries)) if p not in self.dropped]
+        number = {p: k for k, p in enumerate(left)}
         return AssignmentProblem(
             robots=tuple(self.home),
             steps=tuple(steps),
             needs_support=tuple(needs_support),
-            **{**gathered, **more},
+            primaries=tuple(self.primaries[p] for p in left),
+            supports=tuple(self.supports),
+            incompatible=frozenset(
+                (number[p], s) for p, s in self.incompatible if p in number
+            ),
+            rejections=tuple(self.rejections),
+            clashing=frozenset(
+                (number[p], number[q])
+                for p, q in self.clashing
+                if {p, q} <= number.keys()
+            ),
+            **more,
         )

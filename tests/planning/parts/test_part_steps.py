@@ -89,13 +89,10 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
 ) -> None:
     assert plan_violations(found.problem, plan) == []
     assert {c.robot for c in plan.choices} == {"west", "east"}
-    for (step, name, grasp, _), (pick, place) in found.ways.paths.items():
-        robot = found.cell.robot(name)
-        grip = found.steps[step - 1].grips[grasp].pose
-        for path, part in (
-            (pick, found.steps[step - 1].part.start),
-            (place, found.steps[step - 1].goal),
-        ):
+    for item, (pick, place) in found.paths.alone.items():
+        robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
+        grip = step.grips[item.grasp].pose
+        for path, part in ((pick, step.part.start), (place, step.goal)):
             tool = frame_pose(robot, path.contact, "tool")
             np.testing.assert_allclose(tool, part @ grip, atol=2e-4)
 
