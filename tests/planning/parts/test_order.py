@@ -12,23 +12,24 @@ from hypothesis import strategies as st
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Workcell
+from planning.contacts.precedence import StepPrecedence
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import GripRules, PartAssembly, Place, Process, Work
-from planning.parts.order import Precedence, find_ordered_candidates, in_found_order
+from planning.parts.order import find_ordered_candidates, in_found_order
 from planning.transforms import Transform, translation
 from tests.planning.parts.test_part_steps import crossing, two_arms
 
 
 @st.composite
-def precedences(draw: st.DrawFn) -> Precedence:
+def precedences(draw: st.DrawFn) -> StepPrecedence:
     count = draw(st.integers(1, 6))
     others = st.sets(st.integers(0, count - 1), max_size=3)
     before = tuple(dict.fromkeys(draw(others) - {k}, "so") for k in range(count))
     any_of = tuple(frozenset(draw(others) - {k}) for k in range(count))
-    return Precedence(tuple(map(str, range(count))), before, any_of)
+    return StepPrecedence(tuple(map(str, range(count))), before, any_of)
 
 
-def keeps(known: Precedence, order: tuple[int, ...]) -> bool:
+def keeps(known: StepPrecedence, order: tuple[int, ...]) -> bool:
     for k, step in enumerate(order):
         done = set(order[:k])
         if not known.before[step].keys() <= done:
@@ -41,7 +42,7 @@ def keeps(known: Precedence, order: tuple[int, ...]) -> bool:
 @given(precedences())
 @settings(max_examples=300)
 def test_the_order_is_the_first_of_all_that_keep_what_is_known(
-    known: Precedence,
+    known: StepPrecedence,
 ) -> None:
     every = permutations(range(len(known.before)))
     expected = min((order for order in every if keeps(known, order)), default=None)
