@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
+from itertools import count
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any, TypeVar, cast
@@ -15,6 +17,8 @@ import numpy as np
 from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -93,20 +97,95 @@ class _Cache(FunctionCache):
             return None
 
 
+class _NoEngine:
+    """The engine of code that is never executed by itself: there is nothing to tell it."""
+
+    def set_env(self, name: str, environment: object) -> None:
+        """Do nothing."""
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """Code of a function that only kernels call.
+
+    It is linked into these, optimised there, and becomes machine code there only.
+    """
+
+    @property
+    def codegen(self) -> _NoEngine:
+        return _NoEngine()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code of its own."""
+        return 0
+
+    def serialize_using_object_code(self) -> Any:
+        """Return what is kept of it on disk."""
+        return self.serialize_using_bitcode()  # type: ignore[no-untyped-call]
+
+    def _optimize_final_module(self) -> None:
+        """Do nothing: the kernels that it is linked into are optimised."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+        self._verify_declare_only_symbols()  # type: ignore[no-untyped-call]
+        self._finalized = True
+
+
+class _InnerCompiler(Compiler):
+    """Compiles functions that only kernels call."""
+
+    def define_pipelines(self) -> Any:
+        """Return the passes, after saying where the code goes."""
+        codegen = self.state.targetctx.codegen()
+        name = f"inner {next(_numbers)}"
+        self.state.library = _InnerLibrary(codegen, name)  # type: ignore[no-untyped-call]
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
+_numbers = count()
+
+
 def kernel(function: Function) -> Function:
     """Compile a function that is called from Python."""
-    return _compiled(function)
+    return _compiled(function, no_cfunc_wrapper=True)
 
 
 def inner_kernel(function: Function) -> Function:
-    """Compile a function that only kernels call: a quarter less to compile."""
-    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    """Compile a function that only kernels call, into those: that is half as much to compile."""
+    return _compiled(
+        function,
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+        pipeline_class=_InnerCompiler,
+    )
 
 
 def _compiled(function: Function, **options: Any) -> Function:
     dispatcher: Any = njit(nogil=True, **options)(function)
     dispatcher._cache = _Cache(function)
     return cast(Function, dispatcher)
+
+
+class _NoCollection(event.Listener):
+    """Stops the search for garbage while anything is compiled, which makes a lot and leaves little."""
+
+    def __init__(self) -> None:
+        self._under_way = 0
+        self._was_on = False
+
+    def on_start(self, event: event.Event) -> None:
+        if self._under_way == 0:
+            self._was_on = gc.isenabled()
+            gc.disable()
+        self._under_way += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self._under_way -= 1
+        if self._under_way == 0 and self._was_on:
+            gc.enable()
+
+
+event.register("numba:compile", _NoCollection())
 
 
 class _CompilationListener(event.Listener):

@@ -190,7 +190,8 @@ def next_proposal(
 @kernel
 def stay_apart(a: SweptSequence, b: SweptSequence, gap: float) -> bool:
     """Tell whether even the volumes that hold all of two occupancies are apart."""
-    return close_blocks(a, 0, b, 0, gap, False, np.empty((1, 2), dtype=np.int64)) == 0
+    pairs = np.empty((1, 2), dtype=np.int64)
+    return close_blocks(a, ZERO, b, ZERO, gap, ZERO > 0, pairs) == 0
 
 
 @kernel

@@ -23,10 +23,13 @@ from planning.construction.paths.query import (
     sample_between,
 )
 from planning.construction.problem.settings import RrtSettings
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import ZERO, inner_kernel, kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 _TINY = 1e-9
+_NONE = ZERO - 1
+"""In place of a parent or a goal: there is none."""
 
 
 class _Forest(NamedTuple):
@@ -51,7 +54,6 @@ class _Forest(NamedTuple):
     goal: Indices
 
 
-@kernel
 def grow(
     scene: Scene,
     query: Query,
@@ -76,9 +78,28 @@ def grow(
         Times and configurations of the best path found, shapes (w,) and (w, n), empty where
         there is none; and its goal.
     """
-    n = len(query.start)
-    most = 3 * iterations + 16
+    n, most = len(query.start), 3 * iterations + 16
     ahead, back = _new_forest(True, most, n), _new_forest(False, most, n)
+    times, path, goal = _grow(
+        scene, query, settings, ahead, back, iterations, latest, bound, seed
+    )
+    return times, path, goal
+
+
+@kernel
+def _grow(
+    scene: Scene,
+    query: Query,
+    settings: RrtSettings,
+    ahead: _Forest,
+    back: _Forest,
+    iterations: int,
+    latest: float,
+    bound: float,
+    seed: int,
+) -> tuple[Array, Array, int]:
+    """Grow two forests that are empty, see ``grow``."""
+    n, most = len(query.start), len(ahead.t)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed)
     start, gain = np.min(query.begin), settings.good_enough_s
@@ -91,7 +112,7 @@ def grow(
     if soonest == np.inf or soonest > latest or soonest > bound - gain:
         return times, path, found
     bound = min(bound - gain, latest)
-    _add_node(ahead, query.start, start, -1, -1)
+    _add_node(ahead, query.start, start, _NONE, _NONE)
     roots = 0
     horizon = soonest + max(0.25 * (soonest - start), 1.0)
     q, new, point = np.empty(n), np.empty(n), np.empty(n)
@@ -111,7 +132,7 @@ def grow(
             at = first + (max(top, first) - first) * share * share
             at = next_arrival(query, goal, at)
             if at <= bound and at - first < 1e9:
-                _add_node(back, query.goals[goal], at, -1, goal)
+                _add_node(back, query.goals[goal], at, _NONE, goal)
                 roots += 1
             if roots >= 4 or drawn > 40:
                 horizon = start + (horizon - start) * settings.growth
@@ -172,17 +193,18 @@ def _hurry(
     return new_times, new_path
 
 
-@inner_kernel
 def _new_forest(forward: bool, most: int, n: int) -> _Forest:
-    """Return a forest with room for so many nodes of ``n`` joints."""
-    return _Forest(
-        forward,
-        np.zeros(1, dtype=np.int64),
-        np.empty((most, n)),
-        np.empty(most),
-        np.empty(most, dtype=np.int64),
-        np.empty(most, dtype=np.int64),
-        np.empty(most, dtype=np.int64),
+    """Return a forest with room for so many nodes of ``n`` joints, as kernels take it."""
+    return packed(
+        _Forest(
+            forward,
+            np.zeros(1, dtype=np.int64),
+            np.empty((most, n)),
+            np.empty(most),
+            np.empty(most, dtype=np.int64),
+            np.empty(most, dtype=np.int64),
+            np.empty(most, dtype=np.int64),
+        )
     )
 
 

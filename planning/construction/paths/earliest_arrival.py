@@ -23,14 +23,15 @@ from planning.construction.paths.roadmap import (
     SPANS,
     Motions,
     Roadmap,
-    draw_roadmap,
+    draw_vertices,
     find_stands,
+    new_roadmap,
     no_motions,
     pop,
     push,
 )
 from planning.construction.problem.settings import RrtSettings
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array
 
 _TINY = 1e-9
@@ -40,7 +41,7 @@ _TRIES = 5
 _LATER = 0.4
 """A second departure is so much later at least, a third one twice as much... [s]."""
 
-_UNKNOWN = -1
+_UNKNOWN = ZERO - 1
 """In place of tries: the spans of the vertex where it ends are not known yet."""
 
 _LEEWAY = 4.0
@@ -53,7 +54,6 @@ _GREED = 1.0
 """Weight of the time that is left against the time that has passed."""
 
 
-@kernel
 def search_roadmap(
     scene: Scene,
     query: Query,
@@ -80,29 +80,58 @@ def search_roadmap(
         Times and configurations, shapes (w,) and (w, n), empty where there is no path; and its
         goal.
     """
-    n, goals = len(query.start), len(query.goals)
-    start, step = np.min(query.begin), scene.step
-    vertices = max(settings.vertices, 1 + goals + len(extra))
-    first = int(np.floor(start / step + 1e-6))
-    cells = max(int(np.ceil(bound / step)) - first, 1)
-    road = draw_roadmap(scene, query, extra, vertices, cells, wide, seed)
+    known = len(query.goals) + len(extra)
+    vertices = max(settings.vertices, 1 + known)
+    q, rest = draw_vertices(scene, query, extra, vertices, wide, seed)
+    first = int(np.floor(np.min(query.begin) / scene.step + 1e-6))
+    cells = max(int(np.ceil(bound / scene.step)) - first, 1)
+    road, heap = new_roadmap(q, rest, cells), no_motions()
+    times, path, goal = _search(
+        scene, query, settings, road, heap, known, first, depart, bound
+    )
+    return times, path, goal
+
+
+@kernel
+def _search(
+    scene: Scene,
+    query: Query,
+    settings: RrtSettings,
+    road: Roadmap,
+    heap: Motions,
+    known: int,
+    first: int,
+    depart: float,
+    bound: float,
+) -> tuple[Array, Array, int]:
+    """Search a roadmap on which nothing is known yet, see ``search_roadmap``.
+
+    Args:
+        scene: what must be kept clear of.
+        query: what is asked for.
+        settings: effort.
+        road: the roadmap: the start, goals, vertices given, and random ones.
+        heap: an empty one.
+        known: how many goals and vertices given there are.
+        first: step of the scene in which the movers start.
+        depart: the movers stand until then, or as long as they may [s].
+        bound: only an arrival before this is of use [s].
+    """
+    n, goals, start = len(query.start), len(query.goals), np.min(query.begin)
     # It begins where it stands, even where it has to leave at once.
-    find_stands(scene, road, 0, first)
+    find_stands(scene, road, ZERO, first)
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
         road.spans[0, 0] = start
         road.number[0] = 1
-    heap = no_motions()
     road.come[0, 0] = max(start, min(depart, road.spans[0, 0, 1]))
     best, last = bound, -1
-    checked = 0
-    state = 0
+    checked = state = ZERO
     while state >= 0:
         v, i = state // SPANS, state % SPANS
         if 1 <= v <= goals:
             at = next_arrival(query, v - 1, road.come[v, i])
             if at <= road.spans[v, i, 1] + _TINY and at < best - _TINY:
                 best, last = at, state
-        known = goals + len(extra)
         _offer_neighbours(query, road, heap, state, known, settings.neighbours, best)
         state, checked = _next_state(
             scene, query, road, heap, checked, settings.checks, best
@@ -156,7 +185,7 @@ def _offer_neighbours(
         if road.number[u] < 0:
             _offer(query, road, heap, state, u * SPANS, depart, _UNKNOWN, bound)
         for j in range(road.number[u]):
-            _offer(query, road, heap, state, u * SPANS + j, depart, 0, bound)
+            _offer(query, road, heap, state, u * SPANS + j, depart, ZERO, bound)
 
 
 @inner_kernel
@@ -188,7 +217,7 @@ def _next_state(
             if road.number[u] < 0:
                 find_stands(scene, road, u, first)
             for k in range(road.number[u]):
-                _offer(query, road, heap, source, u * SPANS + k, depart, 0, bound)
+                _offer(query, road, heap, source, u * SPANS + k, depart, ZERO, bound)
             continue
         if road.come[u, j] < np.inf:
             continue

@@ -20,7 +20,8 @@ from planning.construction.paths.query import (
     random_share,
     sample_between,
 )
-from planning.kernels import inner_kernel
+from planning.kernels import inner_kernel, kernel
+from planning.packed import packed
 from planning.transforms import Array, Indices
 
 SPANS = 12
@@ -100,17 +101,15 @@ def _draw_along(
         out[j] = min(max(at, query.lower[j]), query.upper[j])
 
 
-@inner_kernel
-def draw_roadmap(
-    scene: Scene,
-    query: Query,
-    extra: Array,
-    vertices: int,
-    cells: int,
-    wide: float,
-    seed: int,
-) -> Roadmap:
-    """Draw the vertices: start, goals, extra ones, and random ones."""
+@kernel
+def draw_vertices(
+    scene: Scene, query: Query, extra: Array, vertices: int, wide: float, seed: int
+) -> tuple[Array, Array]:
+    """Draw so many vertices at most: start, goals, extra ones, and random ones.
+
+    Returns:
+        Configurations, shape (v, n), and the least time from each to a goal, shape (v,) [s].
+    """
     n, goals = len(query.start), len(query.goals)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
@@ -137,24 +136,32 @@ def draw_roadmap(
         clear, _ = still_clear_until(scene, q[number], start, q[number], start, 0.0)
         if clear:
             number += 1
-    q, vertices = q[:number], number
-    rest = np.full(vertices, np.inf)
-    for k in range(vertices):
+    q = q[:number]
+    rest = np.full(number, np.inf)
+    for k in range(number):
         for g in range(goals):
             rest[k] = min(rest[k], arrive(query, q[k], start, query.goals[g]) - start)
-    spans = np.empty((vertices, SPANS, 2))
-    spans[:, :, 0], spans[:, :, 1] = -np.inf, np.inf
-    return Roadmap(
-        q,
-        np.full(vertices, -1, dtype=np.int64),
-        spans,
-        np.full((vertices, SPANS), np.inf),
-        np.full((vertices, SPANS), np.inf),
-        np.full((vertices, SPANS), -1, dtype=np.int64),
-        rest,
-        np.zeros((vertices, vertices), dtype=np.bool_),
-        np.full((vertices, vertices), np.inf),
-        np.empty(cells, dtype=np.bool_),
+    return q, rest
+
+
+def new_roadmap(q: Array, rest: Array, cells: int) -> Roadmap:
+    """Return a roadmap of vertices of which nothing is known yet, as kernels take it."""
+    count = len(q)
+    spans = np.full((count, SPANS, 2), np.inf)
+    spans[:, :, 0] = -np.inf
+    return packed(
+        Roadmap(
+            q,
+            np.full(count, -1, dtype=np.int64),
+            spans,
+            np.full((count, SPANS), np.inf),
+            np.full((count, SPANS), np.inf),
+            np.full((count, SPANS), -1, dtype=np.int64),
+            rest,
+            np.zeros((count, count), dtype=np.bool_),
+            np.full((count, count), np.inf),
+            np.empty(cells, dtype=np.bool_),
+        )
     )
 
 
@@ -183,14 +190,15 @@ class Motions(NamedTuple):
     edge: Indices
 
 
-@inner_kernel
 def no_motions() -> Motions:
-    """Return an empty heap."""
-    return Motions(
-        np.zeros(1, dtype=np.int64),
-        np.empty(MOST),
-        np.empty(MOST),
-        np.empty((MOST, 3), dtype=np.int64),
+    """Return an empty heap, as kernels take it."""
+    return packed(
+        Motions(
+            np.zeros(1, dtype=np.int64),
+            np.empty(MOST),
+            np.empty(MOST),
+            np.empty((MOST, 3), dtype=np.int64),
+        )
     )
 
 

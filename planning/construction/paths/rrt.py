@@ -24,6 +24,7 @@ from planning.construction.paths.query import (
     next_arrival,
 )
 from planning.construction.problem.settings import RrtSettings
+from planning.packed import packed
 from planning.transforms import Array
 
 _DETOUR = 4.0
@@ -68,17 +69,19 @@ def space_time_rrt(
         _cut(span, float(earliest), latest)
         for span, earliest in zip(windows, soon, strict=True)
     ]
-    query = Query(
-        start,
-        begin,
-        np.minimum(checker.lower, np.minimum(start, goals.min(axis=0))),
-        np.maximum(checker.upper, np.maximum(start, goals.max(axis=0))),
-        np.array(checker.velocity),
-        goals,
-        np.cumsum([0, *(len(s) for s in spans)]).astype(np.int64),
-        np.ascontiguousarray(np.concatenate([np.empty((0, 2)), *spans])),
-        checker.rest,
-        checker.leans,
+    query = packed(
+        Query(
+            start,
+            begin,
+            np.minimum(checker.lower, np.minimum(start, goals.min(axis=0))),
+            np.maximum(checker.upper, np.maximum(start, goals.max(axis=0))),
+            np.array(checker.velocity),
+            goals,
+            np.cumsum([0, *(len(s) for s in spans)]).astype(np.int64),
+            np.ascontiguousarray(np.concatenate([np.empty((0, 2)), *spans])),
+            checker.rest,
+            checker.leans,
+        )
     )
     first = float(begin.min())
     reached = [arrive(query, start, first, goal) for goal in goals]

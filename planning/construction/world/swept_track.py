@@ -105,7 +105,9 @@ def sweep_track(
     capsules = np.array([len(c.hulls.radius) for c in carriers])[hand]
     sweeps = no_sweeps(bodies, capsules)
     hand = hand.astype(np.int64)
-    _sweep_pieces(make_fleet(carriers), pieces.q_a, pieces.q_b, hand, packed(sweeps))
+    q_a, q_b = pieces.q_a, pieces.q_b
+    room = packed(Room(np.empty((q_a.shape[1] + 1, 4, 4)), np.empty(q_a.shape[1])))
+    _sweep_pieces(make_fleet(carriers), q_a, q_b, hand, packed(sweeps), room)
     return SweptTrack(pieces, tuple(carriers), hand, sweeps)
 
 
@@ -140,14 +142,12 @@ class Room(NamedTuple):
 
 @kernel
 def _sweep_pieces(
-    fleet: Fleet, q_a: Array, q_b: Array, hand: Indices, sweeps: Sweeps
+    fleet: Fleet, q_a: Array, q_b: Array, hand: Indices, sweeps: Sweeps, room: Room
 ) -> None:
-    n = q_a.shape[1]
-    room = Room(np.empty((n + 1, 4, 4)), np.empty(n))
     most = 0
     for p in range(len(hand)):
         most = max(most, sweeps.capsule_first[p + 1] - sweeps.capsule_first[p])
-    moved = np.empty((most, n + 1))
+    moved = np.empty((most, q_a.shape[1] + 1))
     box, body_box = sweeps.box, sweeps.body_box
     for p in range(len(hand)):
         first = sweeps.body_first[p], sweeps.capsule_first[p]

@@ -11,7 +11,7 @@ from planning.construction.paths import roadmap
 from planning.construction.paths.roadmap import MOST
 from tests.kernels import outer
 
-no_motions = outer(roadmap.no_motions)
+no_motions = roadmap.no_motions
 pop = outer(roadmap.pop)
 push = outer(roadmap.push)
 
