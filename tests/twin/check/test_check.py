@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.errors import TwinError
+from tests.planted import planted
 from twin.check.check import CheckReport, check_scenario
 from twin.cli import app
 from twin.planning.pipeline import plan_scenario
@@ -52,151 +53,29 @@ execution:
     place-down: {kind: fixed, value_s: 2}
 """
 
-MISTAKES = {
-    "parts in each other": (
-        "[-0.2, -0.3, 0.0155]",
-        "[-0.2, -0.21, 0.0155]",
-        "error",
-        "a and b overlap by 20.0 mm at the start",
-        "start: {xyz_m: [-0.2, -0.2,",
-    ),
-    "part in a fixture": (
-        "[-0.2, -0.3, 0.0155]",
-        "[-0.2, -0.3, 0.005]",
-        "error",
-        "b and table overlap by 10.0 mm at the start",
-        None,
-    ),
-    "goals in each other": (
-        "[0, 0.4, 0.1155]",
-        "[0, 0.31, 0.1155]",
-        "error",
-        "b goes where a is by then: they would overlap by 20.0 mm",
-        None,
-    ),
-    "goal in the air": (
-        "[0, 0.4, 0.1155]",
-        "[0, 0.4, 0.15]",
-        "error",
-        "b would be left in the air",
-        None,
-    ),
-    "start in the air": (
-        "[-0.2, -0.3, 0.0155]",
-        "[-0.2, -0.3, 0.1]",
-        "warning",
-        "b hangs in the air at the start",
-        None,
-    ),
-    "start out of reach": (
-        "[-0.2, -0.3, 0.0155]",
-        "[0, -0.95, 0.0155]",
-        "error",
-        "no robot reaches b: where it lies",
-        None,
-    ),
-    "goal out of reach": (
-        "[0, 0.4, 0.1155]",
-        "[0, 0.95, 0.0155]",
-        "error",
-        "no robot reaches b: its place",
-        None,
-    ),
-    "out of reach of who may": (
-        "  steps: [a, b]",
-        "  steps: [a, {place: b, robots: [right]}]",
-        "error",
-        "no robot that may do it (right) reaches b: where it lies",
-        "start: {xyz_m: [-0.2, -0.3,",
-    ),
-    "centre of mass outside the part": (
-        "goal: {xyz_m: [0, 0.4, 0.1155]}",
-        "goal: {xyz_m: [0, 0.4, 0.1155]}\n      centre_of_mass_m: [0, 0, 0.2]",
-        "warning",
-        "the centre of mass of b is 185.0 mm outside it",
-        "centre_of_mass_m",
-    ),
-    "fingers too narrow": (
-        "  steps: [a, b]",
-        "  grips: {opening_m: 0.005}\n  steps: [a, b]",
-        "error",
-        "no fingers span a: its shortest edge is 30.0 mm, and they open to 5.0 mm",
-        "size_m: [0.1, 0.03, 0.03]",
-    ),
-    "HOME in a fixture": (
-        "size_m: [0.3, 0.3, 0.1], pose: {xyz_m: [0, 0.3, 0.05]}",
-        "size_m: [0.3, 0.3, 0.9], pose: {xyz_m: [-0.3, 0.0, 0.45]}",
-        "error",
-        "left cannot stand at HOME: left/",
-        "base: {xyz_m: [-0.6, 0, 0]}",
-    ),
-    "HOME in itself": (
-        "base: {xyz_m: [-0.6, 0, 0]}",
-        "base: {xyz_m: [-0.6, 0, 0]}\n      home_deg: [0, 90, 0, -170, 0, 20, 45]",
-        "error",
-        "left cannot stand at HOME: left/",
-        "home_deg",
-    ),
-    "bases in each other": (
-        "[0.6, 0, 0]",
-        "[-0.5, 0, 0]",
-        "error",
-        "cannot stand at HOME",
-        "base: {xyz_m: [-0.6, 0, 0]}",
-    ),
-    "base in a fixture": (
-        "[0.6, 0, 0]",
-        "[0.6, 0, -0.03]",
-        "warning",
-        "the base of right is 30.0 mm deep in table",
-        None,
-    ),
-    "fixtures in each other": (
-        "    - {name: rack",
-        "    - {name: post, size_m: [0.1, 0.1, 0.3], pose: {xyz_m: [0.7, 0.7, 0.13]}}\n"
-        "    - {name: rack",
-        "warning",
-        "fixtures table and post overlap by 20.0 mm",
-        "{name: post",
-    ),
-    "tool frame beside the tool": (
-        "base: {xyz_m: [-0.6, 0, 0]}",
-        "base: {xyz_m: [-0.6, 0, 0]}\n      "
-        "frames: {tool: {xyz_m: [0.15, 0, 0.1], rpy_deg: [0, 0, -45]}}",
-        "warning",
-        "away from the tool",
-        "frames: {tool",
-    ),
-    "tool frame across the tool": (
-        "base: {xyz_m: [-0.6, 0, 0]}",
-        "base: {xyz_m: [-0.6, 0, 0]}\n      "
-        "frames: {tool: {xyz_m: [0, 0, 0.03], rpy_deg: [45, 90, 0]}}",
-        "warning",
-        "does not point out of the tool",
-        "frames: {tool",
-    ),
-    "no such tool frame": (
-        "  steps: [a, b]",
-        "  grips: {frame: hand}\n  steps: [a, b]",
-        "error",
-        "has no frame 'hand'",
-        "model: panda",
-    ),
-    "LEGO's timings": (
-        "    pick: {kind: fixed, value_s: 2}\n",
-        "",
-        "warning",
-        "packaged times of a LEGO tool with force control (pick",
-        "place-down: {kind",
-    ),
-    "speeds beyond the limits": (
-        "{speed_model: joint}",
-        "{speed_model: l1, speed_rad_s: 5.0}",
-        "warning",
-        "speed_rad_s 5 is 2.30 times what a joint can do",
-        None,
-    ),
-}
+MISTAKES = planted(r"""
+mistake                         | old                                          | new                                          | level   | says                                         | at line
+parts in each other             | [-0.2, -0.3, 0.0155]                         | [-0.2, -0.21, 0.0155]                        | error   | a and b overlap by 20.0 mm at the start      | start: {xyz_m: [-0.2, -0.2,
+part in a fixture               | [-0.2, -0.3, 0.0155]                         | [-0.2, -0.3, 0.005]                          | error   | b and table overlap by 10.0 mm at the start  | ""
+goals in each other             | [0, 0.4, 0.1155]                             | [0, 0.31, 0.1155]                            | error   | b goes where a is by then: they would overlap by 20.0 mm | ""
+goal in the air                 | [0, 0.4, 0.1155]                             | [0, 0.4, 0.15]                               | error   | b would be left in the air                   | ""
+start in the air                | [-0.2, -0.3, 0.0155]                         | [-0.2, -0.3, 0.1]                            | warning | b hangs in the air at the start              | ""
+start out of reach              | [-0.2, -0.3, 0.0155]                         | [0, -0.95, 0.0155]                           | error   | no robot reaches b: where it lies            | ""
+goal out of reach               | [0, 0.4, 0.1155]                             | [0, 0.95, 0.0155]                            | error   | no robot reaches b: its place                | ""
+out of reach of who may         | "  steps: [a, b]"                            | "  steps: [a, {place: b, robots: [right]}]"  | error   | no robot that may do it (right) reaches b: where it lies | start: {xyz_m: [-0.2, -0.3,
+centre of mass outside the part | goal: {xyz_m: [0, 0.4, 0.1155]}              | "goal: {xyz_m: [0, 0.4, 0.1155]}\n      centre_of_mass_m: [0, 0, 0.2]" | warning | the centre of mass of b is 185.0 mm outside it | centre_of_mass_m
+fingers too narrow              | "  steps: [a, b]"                            | "  grips: {opening_m: 0.005}\n  steps: [a, b]" | error   | no fingers span a: its shortest edge is 30.0 mm, and they open to 5.0 mm | size_m: [0.1, 0.03, 0.03]
+HOME in a fixture               | size_m: [0.3, 0.3, 0.1], pose: {xyz_m: [0, 0.3, 0.05]} | size_m: [0.3, 0.3, 0.9], pose: {xyz_m: [-0.3, 0.0, 0.45]} | error   | left cannot stand at HOME: left/             | base: {xyz_m: [-0.6, 0, 0]}
+HOME in itself                  | base: {xyz_m: [-0.6, 0, 0]}                  | "base: {xyz_m: [-0.6, 0, 0]}\n      home_deg: [0, 90, 0, -170, 0, 20, 45]" | error   | left cannot stand at HOME: left/             | home_deg
+bases in each other             | [0.6, 0, 0]                                  | [-0.5, 0, 0]                                 | error   | cannot stand at HOME                         | base: {xyz_m: [-0.6, 0, 0]}
+base in a fixture               | [0.6, 0, 0]                                  | [0.6, 0, -0.03]                              | warning | the base of right is 30.0 mm deep in table   | ""
+fixtures in each other          | "    - {name: rack"                          | "    - {name: post, size_m: [0.1, 0.1, 0.3], pose: {xyz_m: [0.7, 0.7, 0.13]}}\n    - {name: rack" | warning | fixtures table and post overlap by 20.0 mm   | {name: post
+tool frame beside the tool      | base: {xyz_m: [-0.6, 0, 0]}                  | "base: {xyz_m: [-0.6, 0, 0]}\n      frames: {tool: {xyz_m: [0.15, 0, 0.1], rpy_deg: [0, 0, -45]}}" | warning | away from the tool                           | frames: {tool
+tool frame across the tool      | base: {xyz_m: [-0.6, 0, 0]}                  | "base: {xyz_m: [-0.6, 0, 0]}\n      frames: {tool: {xyz_m: [0, 0, 0.03], rpy_deg: [45, 90, 0]}}" | warning | does not point out of the tool               | frames: {tool
+no such tool frame              | "  steps: [a, b]"                            | "  grips: {frame: hand}\n  steps: [a, b]"    | error   | has no frame 'hand'                          | model: panda
+LEGO's timings                  | "    pick: {kind: fixed, value_s: 2}\n"      | ""                                           | warning | packaged times of a LEGO tool with force control (pick | place-down: {kind
+speeds beyond the limits        | {speed_model: joint}                         | {speed_model: l1, speed_rad_s: 5.0}          | warning | speed_rad_s 5 is 2.30 times what a joint can do | ""
+""")
 
 
 def checked(file: Path) -> CheckReport:
@@ -218,8 +97,7 @@ def test_a_sound_cell_passes(tmp_path: Path) -> None:
 def test_a_mistake_is_found_at_its_line(mistake: str, tmp_path: Path) -> None:
     old, new, level, words, line = MISTAKES[mistake]
     assert old in CELL
-    if line is None:
-        line = new
+    line = line or new
     text = CELL.replace(old, new, 1)
     report = checked(written(tmp_path, text))
     found = [item for item in report.findings if words in item.message]

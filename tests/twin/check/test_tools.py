@@ -14,6 +14,7 @@ from planning.robots.descriptions.fitting import Fitting
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import from_rpy
 from tests.planning.robots.descriptions.vendors import GRIPPER, ur5e
+from tests.planted import rows
 from twin.check.check import check_scenario
 from twin.check.tools import misplaced
 from twin.scenario.file import read_scenario
@@ -127,55 +128,27 @@ def test_a_sound_hand_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words", "line", "error"),
-    [
-        (
-            "opening_m: 0.08}",
-            "opening_m: 0.05}",
-            "hand are held 60.0 mm apart",
-            7,
-            False,
-        ),
-        (
-            "opening_m: 0.08}",
-            "opening_m: 0.08, closing: x}",
-            "nothing of hand on both sides",
-            7,
-            False,
-        ),
-        (
-            "size_m: [0.06, 0.04, 0.04]",
-            "size_m: [0.1, 0.1, 0.1]",
-            "and hand opens to 80.0 mm",
-            14,
-            True,
-        ),
-        ("opening_m: 0.08}", "opening_m: 0}", "and hand holds nothing", 14, True),
-        (
-            "mass_kg: 1}",
-            "mass_kg: 3.5}",
-            "a weighs 3.5 kg, which no robot carries",
-            14,
-            True,
-        ),
-        (
-            "squeeze: 0.03}, ",
-            "squeeze: 0.03}, mount: {xyz_m: [0, 0, 0], rpy_deg: [0, 90, 0]}, ",
-            "",
-            0,
-            False,
-        ),
-    ],
+    ("old", "new", "words", "line", "level"),
+    rows(r"""
+old                        | new                                          | says                                    | line | level
+opening_m: 0.08}           | opening_m: 0.05}                             | hand are held 60.0 mm apart             | 7    | warning
+opening_m: 0.08}           | opening_m: 0.08, closing: x}                 | nothing of hand on both sides           | 7    | warning
+size_m: [0.06, 0.04, 0.04] | size_m: [0.1, 0.1, 0.1]                      | and hand opens to 80.0 mm               | 14   | error
+opening_m: 0.08}           | opening_m: 0}                                | and hand holds nothing                  | 14   | error
+mass_kg: 1}                | mass_kg: 3.5}                                | a weighs 3.5 kg, which no robot carries | 14   | error
+"squeeze: 0.03}, "         | "squeeze: 0.03}, mount: {xyz_m: [0, 0, 0], rpy_deg: [0, 90, 0]}, " | ""                                      | 0    | warning
+"""),
 )
 def test_a_hand_that_does_not_fit_is_found(
-    tmp_path: Path, old: str, new: str, words: str, line: int, error: bool
+    tmp_path: Path, old: str, new: str, words: str, line: str, level: str
 ) -> None:
     found = findings(tmp_path, old, new)
     if not words:  # a tool across the flange is a tool like others
         assert not any("flange of arm" in message for message, _, _ in found)
         return
     assert any(
-        words in message and (at, bad) == (line, error) for message, at, bad in found
+        words in message and (at, bad) == (int(line), level == "error")
+        for message, at, bad in found
     ), found
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.planted import rows
 from tests.twin.turning_arms import SCENARIO
 from twin.durations import Fixed, Lognormal, Uniform
 from twin.scenario.document.validation import InvalidScenarioError
@@ -121,33 +122,22 @@ def test_what_only_the_event_engine_can_do(
 
 @pytest.mark.parametrize(
     ("text", "place", "words"),
-    [
-        (
-            "  breakdowns: {mtbf_s: 9, mttr_s: 1, robots: [rigth]}\n",
-            "18:47",
-            "unknown robot 'rigth'; did you mean 'right'? (valid: left, right)",
-        ),
-        (
-            "  emergency_stops: [{robot: north, at_s: 1, duration_s: 1}]\n",
-            "18:29",
-            "unknown robot 'north'",
-        ),
-        (
-            "  speed: {robots: {lefty: {kind: fixed, value: 1}}}\n",
-            "18:27",
-            "unknown robot 'lefty'; did you mean 'left'?",
-        ),
-        ("  speed: {factor: {kind: fixed, value: 0}}\n", "18:40", "0.001"),
-        ("  speed: {factor: {kind: uniform, low: 2, high: 1}}\n", "18:19", "low"),
-        ("  failures: {pick: {probability: 1.5}}\n", "18:34", "1"),
-        ("  failures: {pikc: {probability: 0.5}}\n", "18:14", "did you mean 'pick'"),
-        ("  breakdowns: {mtbf_s: 0, mttr_s: 1}\n", "18:24", "0"),
-        ("  breakdowns: {mtbf_s: 5}\n", "18:15", "mttr_s"),
-        ("  emergency_stops: [{at_s: 1, duration_s: 0}]\n", "18:43", "0"),
-        ("  stalls: {rate_per_hour: 3}\n", "18:12", "rate_per_h"),
-        ("  policy: openloop\n", "18:11", "open-loop"),
-        ("  report_latency_s: -1\n", "18:21", "0"),
-    ],
+    rows(r"""
+entry                                        | at    | says
+"  breakdowns: {mtbf_s: 9, mttr_s: 1, robots: [rigth]}\n" | 18:47 | unknown robot 'rigth'; did you mean 'right'? (valid: left, right)
+"  emergency_stops: [{robot: north, at_s: 1, duration_s: 1}]\n" | 18:29 | unknown robot 'north'
+"  speed: {robots: {lefty: {kind: fixed, value: 1}}}\n" | 18:27 | unknown robot 'lefty'; did you mean 'left'?
+"  speed: {factor: {kind: fixed, value: 0}}\n" | 18:40 | 0.001
+"  speed: {factor: {kind: uniform, low: 2, high: 1}}\n" | 18:19 | low
+"  failures: {pick: {probability: 1.5}}\n"   | 18:34 | 1
+"  failures: {pikc: {probability: 0.5}}\n"   | 18:14 | did you mean 'pick'
+"  breakdowns: {mtbf_s: 0, mttr_s: 1}\n"     | 18:24 | 0
+"  breakdowns: {mtbf_s: 5}\n"                | 18:15 | mttr_s
+"  emergency_stops: [{at_s: 1, duration_s: 0}]\n" | 18:43 | 0
+"  stalls: {rate_per_hour: 3}\n"             | 18:12 | rate_per_h
+"  policy: openloop\n"                       | 18:11 | open-loop
+"  report_latency_s: -1\n"                   | 18:21 | 0
+"""),
 )
 def test_what_cannot_be_is_named_with_its_place(
     tmp_path: Path, text: str, place: str, words: str

@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
+from tests.planted import planted
 from tests.twin.twin_toys import random_tpg
 from twin.durations import (
     AnyDuration,
@@ -164,83 +165,26 @@ def test_measured_and_packaged_times(tmp_path: Path) -> None:
     assert packaged == packaged_timings()["pick"]
 
 
-WRONG = {
-    "negative": ("{kind: fixed, value_s: -2}", "-2}", "must be at least 0"),
-    "mode outside": (
-        "{kind: pert, low_s: 2, mode_s: 7, high_s: 5}",
-        "{kind: pert",
-        "low_s <= mode_s <= high_s expected",
-    ),
-    "no width": (
-        "{kind: triangular, low_s: 2, mode_s: 2, high_s: 2}",
-        "{kind: tri",
-        "low_s below high_s",
-    ),
-    "half a pair": (
-        "{kind: lognormal, median_s: 2}",
-        "{kind: log",
-        "give median_s and p95_s, or mean_s and cv",
-    ),
-    "two pairs": (
-        "{kind: gamma, shape: 2, scale_s: 2, mean_s: 2, cv: 1}",
-        "{kind: gamma",
-        "give shape and scale_s, or mean_s and cv",
-    ),
-    "no scale": (
-        "{kind: fixed, value_s: 2, scale: 0}",
-        "0}",
-        "must be at least 0.001, not 0",
-    ),
-    "unit": (
-        "{kind: weibull, shape: 2, scale_ms: 2}",
-        "scale_ms",
-        "this quantity is in seconds, as 'scale_s'",
-    ),
-    "kind": ("{kind: erlang}", "erlang", "unknown kind 'erlang'"),
-    "cut off": (
-        "{kind: normal, mean_s: 2, sd_s: 1, low_s: 9}",
-        "{kind: normal",
-        "less than 1 % of mean 2.0",
-    ),
-    "shifted below 0": (
-        "{kind: shifted, offset_s: -3, model: {kind: uniform, low_s: 2, high_s: 4}}",
-        "{kind: shifted",
-        "makes durations negative: the shortest of the model is 2 s",
-    ),
-    "inner kind": (
-        "{kind: shifted, offset_s: 3, model: {kind: unifrom, low_s: 2, high_s: 4}}",
-        "unifrom, low_s",
-        "did you mean 'uniform'?",
-    ),
-    "inner value": (
-        "{kind: retries, probability: 0.1, attempt: {kind: fixed, value_s: -4}}",
-        "-4}}",
-        "must be at least 0, not -4",
-    ),
-    "inner file": (
-        "{kind: retries, probability: 0.1, attempt: {kind: empirical, csv: no.csv}}",
-        "no.csv}}",
-        "no such file",
-    ),
-    "inner sum": (
-        "{kind: retries, probability: 0.1, attempt: "
-        "{kind: shifted, offset_s: -3, model: {kind: fixed, value_s: 1}}}",
-        "{kind: shifted",
-        "makes durations negative",
-    ),
-    "certain failure": (
-        "{kind: retries, probability: 1, attempt: {kind: fixed, value_s: 4}}",
-        "1, attempt",
-        "must be less than 1, not 1",
-    ),
-    "unknown key beside one called as the kind": (
-        "{kind: retries, retries: 2, retre: {kind: fixed, value_s: 4}, probability: 0.1,"
-        " attempt: {kind: fixed, value_s: 4}}",
-        "retre",
-        "unknown key 'retre'; did you mean 'retry'?",
-    ),
-    "unknown skill": ("{kind: packaged, skill: pik}", "pik}", "did you mean 'pick'?"),
-}
+WRONG = planted(r"""
+mistake                                   | entry                                        | at             | says
+negative                                  | {kind: fixed, value_s: -2}                   | -2}            | must be at least 0
+mode outside                              | {kind: pert, low_s: 2, mode_s: 7, high_s: 5} | {kind: pert    | low_s <= mode_s <= high_s expected
+no width                                  | {kind: triangular, low_s: 2, mode_s: 2, high_s: 2} | {kind: tri     | low_s below high_s
+half a pair                               | {kind: lognormal, median_s: 2}               | {kind: log     | give median_s and p95_s, or mean_s and cv
+two pairs                                 | {kind: gamma, shape: 2, scale_s: 2, mean_s: 2, cv: 1} | {kind: gamma   | give shape and scale_s, or mean_s and cv
+no scale                                  | {kind: fixed, value_s: 2, scale: 0}          | 0}             | must be at least 0.001, not 0
+unit                                      | {kind: weibull, shape: 2, scale_ms: 2}       | scale_ms       | this quantity is in seconds, as 'scale_s'
+kind                                      | {kind: erlang}                               | erlang         | unknown kind 'erlang'
+cut off                                   | {kind: normal, mean_s: 2, sd_s: 1, low_s: 9} | {kind: normal  | less than 1 % of mean 2.0
+shifted below 0                           | {kind: shifted, offset_s: -3, model: {kind: uniform, low_s: 2, high_s: 4}} | {kind: shifted | makes durations negative: the shortest of the model is 2 s
+inner kind                                | {kind: shifted, offset_s: 3, model: {kind: unifrom, low_s: 2, high_s: 4}} | unifrom, low_s | did you mean 'uniform'?
+inner value                               | {kind: retries, probability: 0.1, attempt: {kind: fixed, value_s: -4}} | -4}}           | must be at least 0, not -4
+inner file                                | {kind: retries, probability: 0.1, attempt: {kind: empirical, csv: no.csv}} | no.csv}}       | no such file
+inner sum                                 | {kind: retries, probability: 0.1, attempt: {kind: shifted, offset_s: -3, model: {kind: fixed, value_s: 1}}} | {kind: shifted | makes durations negative
+certain failure                           | {kind: retries, probability: 1, attempt: {kind: fixed, value_s: 4}} | 1, attempt     | must be less than 1, not 1
+unknown key beside one called as the kind | {kind: retries, retries: 2, retre: {kind: fixed, value_s: 4}, probability: 0.1, attempt: {kind: fixed, value_s: 4}} | retre          | unknown key 'retre'; did you mean 'retry'?
+unknown skill                             | {kind: packaged, skill: pik}                 | pik}           | did you mean 'pick'?
+""")
 
 
 @pytest.mark.parametrize(("entry", "at", "says"), WRONG.values(), ids=WRONG.keys())
@@ -268,23 +212,14 @@ OVERRIDES = """\
     - {skill: pick, robot: right, object: 1x2, duration: {kind: fixed, value_s: 5}}
 """
 
-WRONG_OVERRIDES = {
-    "robot": ("robot: left", "robot: lefd", "lefd", "did you mean 'left'?"),
-    "object": ("object: 1x2, d", "object: 2x2, d", "2x2", "unknown type of object"),
-    "nobody": (
-        "robot: left, ",
-        "",
-        "{skill: pick, duration",
-        "name a robot, an object or both",
-    ),
-    "twice": (
-        "robot: left",
-        "object: 1x2",
-        "{skill: pick, object: 1x2, duration: {kind: fixed, value_s: 4",
-        "the same exception as entry 1",
-    ),
-    "skill": ("skill: pick, robot: left", "skill: pik, robot: left", "pik", "'pick'"),
-}
+WRONG_OVERRIDES = planted(r"""
+mistake | old                      | new                     | at                                           | says
+robot   | robot: left              | robot: lefd             | lefd                                         | did you mean 'left'?
+object  | object: 1x2, d           | object: 2x2, d          | 2x2                                          | unknown type of object
+nobody  | "robot: left, "          | ""                      | {skill: pick, duration                       | name a robot, an object or both
+twice   | robot: left              | object: 1x2             | {skill: pick, object: 1x2, duration: {kind: fixed, value_s: 4 | the same exception as entry 1
+skill   | skill: pick, robot: left | skill: pik, robot: left | pik                                          | 'pick'
+""")
 
 
 @pytest.mark.parametrize(

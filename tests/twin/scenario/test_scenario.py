@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.planted import planted
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario, scenario_schema
 from twin.scenario.sections.scenario import resolved, restored
@@ -79,210 +80,56 @@ def test_the_resolved_scenario_reads_back_and_names_itself(tmp_path: Path) -> No
 
 
 # What is changed in the good file, the text at the place of the one problem, and its words.
-ONE_PROBLEM = {
-    "misspelt key": (
-        "      model:",
-        "      modle:",
-        "modle: gp4",
-        "did you mean 'model'?",
-    ),
-    "wrong unit": (
-        "base: {xyz_m:",
-        "base: {xyz_mm:",
-        "xyz_mm: [0, 0,",
-        "in metres, as 'xyz_m'",
-    ),
-    "unknown key": (
-        "median_s: 1e1",
-        "median_s: 1e1, wobble: 2",
-        "wobble: 2, p95",
-        "'wobble'",
-    ),
-    "missing key": ("      model: gp4\n", "", "name: left", "key 'model' is missing"),
-    "version": ("version: 1", "version: 2", "2", "1 expected, not 2"),
-    "kind": ("kind: lego", "kind: lgo", "lgo", "lego"),
-    "unknown model": ("model: gp4", "model: gp5", "gp5", "did you mean 'gp4'?"),
-    "missing urdf": ("model: gp4", "model: no.urdf", "no.urdf", "no.urdf"),
-    "home length": (
-        "base: {xyz_m: [0, 0, 0.9246]}",
-        "base: {xyz_m: [0, 0, 0.9246]}\n      home_deg: [1, 2]",
-        "[1, 2]",
-        "2 values for the 6 joints",
-    ),
-    "two rotations": (
-        "{xyz_m: [0, 0, 0]}",
-        "{xyz_m: [0, 0, 0], rpy_deg: [0, 0, 0], quat_wxyz: [1, 0, 0, 0]}",
-        "{xyz_m: [0, 0,",
-        "not both",
-    ),
-    "zero quaternion": (
-        "{xyz_m: [0, 0, 0]}",
-        "{xyz_m: [0, 0, 0], quat_wxyz: [0, 0, 0, 0]}",
-        "{xyz_m: [0, 0,",
-        "must not be zero",
-    ),
-    "text for a number": (
-        "[1, 1, 0.1]",
-        "[1, on, 0.1]",
-        "on, 0.1], pose",
-        "a number expected",
-    ),
-    "neither a number nor a list": (
-        "      model: gp4\n",
-        "      model: gp4\n      limits: {velocity: fast}\n",
-        "fast}",
-        "velocity: a list [..] or a number expected, not 'fast'",
-    ),
-    "a number out of bounds where a list may stand": (
-        "      model: gp4\n",
-        "      model: gp4\n      limits: {velocity: 0}\n",
-        "0}",
-        "velocity: must be greater than 0, not 0",
-    ),
-    "an entry where a number may stand": (
-        "      model: gp4\n",
-        "      model: gp4\n      limits: {velocity: [1, fast]}\n",
-        "fast]",
-        "velocity[1]: a number expected, not 'fast'",
-    ),
-    "not finite": (
-        "[1, 1, 0.1]",
-        "[1, .nan, 0.1]",
-        ".nan, 0.1], po",
-        "finite number expected",
-    ),
-    "flat box": (
-        "[1, 1, 0.1]",
-        "[1, 1, 0]",
-        "0], pose: {xyz",
-        "must be at least 0.0001, not 0",
-    ),
-    "two numbers": (
-        "[1, 1, 0.1]",
-        "[1, 1]",
-        "[1, 1], pose: ",
-        "3 entries expected, not 2",
-    ),
-    "number for text": (
-        "b1, brick: 2x4",
-        "b1, brick: 24",
-        "24, at: [0, 0,",
-        'quotes, "24"',
-    ),
-    "half a stud": (
-        "[0, 0, 1]}",
-        "[0, 0.5, 1]}",
-        "0.5, 1]}",
-        "a whole number expected",
-    ),
-    "name": ("name: b1", "name: b/1", "b/1, brick: 2x", "is no name"),
-    "name taken": ("name: b2", "name: b1", "name: b1, bric", "'b1' is already taken"),
-    "name of fixture": (
-        "name: b2",
-        "name: table",
-        "name: table, b",
-        "is already taken",
-    ),
-    "name of robot": ("name: b2", "name: left", "name: left, br", "is that of a robot"),
-    "brick type": (
-        "b1, brick: 2x4",
-        "b1, brick: 2x5",
-        "2x5, at: [0, 0",
-        "unknown brick type",
-    ),
-    "same place": (
-        "[4, 0, 1]",
-        "[1, 3, 1]",
-        "[1, 3, 1]}",
-        "b2 stands where b1 already",
-    ),
-    "off the plate": (
-        "[4, 0, 1]",
-        "[47, 0, 1]",
-        "[47, 0, 1]}",
-        "beyond the plate of 48 x 48",
-    ),
-    "under the plate": (
-        "[4, 0, 1]",
-        "[4, 0, 0]",
-        "[4, 0, 0]}",
-        "the lowest layer is 1",
-    ),
-    "stock floats": ("[8, 0, 1]", "[8, 0, 2]", "[8, 0, 2], fix", "b3 floats"),
-    "fixed station": (
-        "fixed: true",
-        "fixed: true, station: true",
-        "{name: b3, bri",
-        "not both",
-    ),
-    "goal taken": (
-        "[24, 26, 2]",
-        "[24, 27, 1]",
-        "[24, 27, 1]}",
-        "where step 1 already is",
-    ),
-    "goal on stock": ("[24, 26, 2]", "[8, 1, 1]", "[8, 1, 1]}", "where b3 already is"),
-    "goal floats": ("[24, 26, 2]", "[24, 28, 2]", "[24, 28, 2]}", "step 2 would float"),
-    "nothing above": (
-        "at: [24, 26, 2]",
-        "at: [24, 26, 2], place: up, press_cell: {at: [24, 26, 1]}, support: {at: [24, 30, 3], orientation: 0}",
-        "[24, 26, 2], p",
-        "no brick placed before is above it",
-    ),
-    "support taken": (
-        "[24, 26, 2]}",
-        "[24, 26, 2], support: {at: [24, 27, 1], orientation: 0}}",
-        "[24, 27, 1], o",
-        "the support goes where step 1 is",
-    ),
-    "press offset": ("offset: 1", "offset: 3", "3}}", "an offset of at most 2 fits"),
-    "stock of a step": (
-        "at: [24, 26, 2]",
-        "at: [24, 26, 2], stock: b9",
-        "b9}",
-        "unknown stock brick 'b9'",
-    ),
-    "fixed stock": (
-        "{brick: 2x4, at: [24, 26, 2]",
-        "{brick: 1x2, at: [24, 26, 2], stock: b3",
-        "b3}",
-        "b3 is fixed",
-    ),
-    "wrong stock": (
-        "{brick: 2x4, at: [24, 26, 2]",
-        "{brick: 2x4, at: [24, 26, 2], stock: b3",
-        "b3}",
-        "b3 is a 1x2, step 2 needs a 2x4",
-    ),
-    "supply": (
-        "{brick: 2x4, at: [24, 26, 2]}",
-        "{brick: 2x4, at: [24, 26, 2]}\n    - {brick: 2x4, at: [30, 26, 1]}",
-        "2x4, at: [30, ",
-        "step 3 is the 3rd to need a 2x4, but the stock has 2",
-    ),
-    "negative duration": (
-        "median_s: 1e1",
-        "median_s: -1",
-        "-1, p95_s: 12}",
-        "greater than 0",
-    ),
-    "percentile": ("p95_s: 12", "p95_s: 9", "{kind: lognorm", "p95_s must not be less"),
-    "distribution": ("kind: lognormal", "kind: logn", "logn, m", "mean 'lognormal'?"),
-    "no distribution": (
-        "kind: lognormal, ",
-        "",
-        "{median_s: 1e1",
-        "key 'kind' is missing",
-    ),
-    "skill": ("    pick:", "    pikc:", "pikc: {kind: l", "did you mean 'pick'?"),
-    "missing csv": ("csv: handover.csv", "csv: no.csv", "no.csv}", "no such file"),
-    "csv column": (
-        "csv: handover.csv",
-        "csv: handover.csv, column: time",
-        "handover.csv, ",
-        "no column 'time' (valid: duration_s)",
-    ),
-}
+ONE_PROBLEM = planted(r"""
+mistake                                      | old                           | new                                          | at               | says
+misspelt key                                 | "      model:"                | "      modle:"                               | modle: gp4       | did you mean 'model'?
+wrong unit                                   | base: {xyz_m:                 | base: {xyz_mm:                               | xyz_mm: [0, 0,   | in metres, as 'xyz_m'
+unknown key                                  | median_s: 1e1                 | median_s: 1e1, wobble: 2                     | wobble: 2, p95   | 'wobble'
+missing key                                  | "      model: gp4\n"          | ""                                           | name: left       | key 'model' is missing
+version                                      | version: 1                    | version: 2                                   | 2                | 1 expected, not 2
+kind                                         | kind: lego                    | kind: lgo                                    | lgo              | lego
+unknown model                                | model: gp4                    | model: gp5                                   | gp5              | did you mean 'gp4'?
+missing urdf                                 | model: gp4                    | model: no.urdf                               | no.urdf          | no.urdf
+home length                                  | base: {xyz_m: [0, 0, 0.9246]} | "base: {xyz_m: [0, 0, 0.9246]}\n      home_deg: [1, 2]" | [1, 2]           | 2 values for the 6 joints
+two rotations                                | {xyz_m: [0, 0, 0]}            | {xyz_m: [0, 0, 0], rpy_deg: [0, 0, 0], quat_wxyz: [1, 0, 0, 0]} | {xyz_m: [0, 0,   | not both
+zero quaternion                              | {xyz_m: [0, 0, 0]}            | {xyz_m: [0, 0, 0], quat_wxyz: [0, 0, 0, 0]}  | {xyz_m: [0, 0,   | must not be zero
+text for a number                            | [1, 1, 0.1]                   | [1, on, 0.1]                                 | on, 0.1], pose   | a number expected
+neither a number nor a list                  | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: fast}\n" | fast}            | velocity: a list [..] or a number expected, not 'fast'
+a number out of bounds where a list may stand | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: 0}\n" | 0}               | velocity: must be greater than 0, not 0
+an entry where a number may stand            | "      model: gp4\n"          | "      model: gp4\n      limits: {velocity: [1, fast]}\n" | fast]            | velocity[1]: a number expected, not 'fast'
+not finite                                   | [1, 1, 0.1]                   | [1, .nan, 0.1]                               | .nan, 0.1], po   | finite number expected
+flat box                                     | [1, 1, 0.1]                   | [1, 1, 0]                                    | 0], pose: {xyz   | must be at least 0.0001, not 0
+two numbers                                  | [1, 1, 0.1]                   | [1, 1]                                       | "[1, 1], pose: " | 3 entries expected, not 2
+number for text                              | b1, brick: 2x4                | b1, brick: 24                                | 24, at: [0, 0,   | quotes, "24"
+half a stud                                  | [0, 0, 1]}                    | [0, 0.5, 1]}                                 | 0.5, 1]}         | a whole number expected
+name                                         | name: b1                      | name: b/1                                    | b/1, brick: 2x   | is no name
+name taken                                   | name: b2                      | name: b1                                     | name: b1, bric   | 'b1' is already taken
+name of fixture                              | name: b2                      | name: table                                  | name: table, b   | is already taken
+name of robot                                | name: b2                      | name: left                                   | name: left, br   | is that of a robot
+brick type                                   | b1, brick: 2x4                | b1, brick: 2x5                               | 2x5, at: [0, 0   | unknown brick type
+same place                                   | [4, 0, 1]                     | [1, 3, 1]                                    | [1, 3, 1]}       | b2 stands where b1 already
+off the plate                                | [4, 0, 1]                     | [47, 0, 1]                                   | [47, 0, 1]}      | beyond the plate of 48 x 48
+under the plate                              | [4, 0, 1]                     | [4, 0, 0]                                    | [4, 0, 0]}       | the lowest layer is 1
+stock floats                                 | [8, 0, 1]                     | [8, 0, 2]                                    | [8, 0, 2], fix   | b3 floats
+fixed station                                | fixed: true                   | fixed: true, station: true                   | {name: b3, bri   | not both
+goal taken                                   | [24, 26, 2]                   | [24, 27, 1]                                  | [24, 27, 1]}     | where step 1 already is
+goal on stock                                | [24, 26, 2]                   | [8, 1, 1]                                    | [8, 1, 1]}       | where b3 already is
+goal floats                                  | [24, 26, 2]                   | [24, 28, 2]                                  | [24, 28, 2]}     | step 2 would float
+nothing above                                | at: [24, 26, 2]               | at: [24, 26, 2], place: up, press_cell: {at: [24, 26, 1]}, support: {at: [24, 30, 3], orientation: 0} | [24, 26, 2], p   | no brick placed before is above it
+support taken                                | [24, 26, 2]}                  | [24, 26, 2], support: {at: [24, 27, 1], orientation: 0}} | [24, 27, 1], o   | the support goes where step 1 is
+press offset                                 | offset: 1                     | offset: 3                                    | 3}}              | an offset of at most 2 fits
+stock of a step                              | at: [24, 26, 2]               | at: [24, 26, 2], stock: b9                   | b9}              | unknown stock brick 'b9'
+fixed stock                                  | {brick: 2x4, at: [24, 26, 2]  | {brick: 1x2, at: [24, 26, 2], stock: b3      | b3}              | b3 is fixed
+wrong stock                                  | {brick: 2x4, at: [24, 26, 2]  | {brick: 2x4, at: [24, 26, 2], stock: b3      | b3}              | b3 is a 1x2, step 2 needs a 2x4
+supply                                       | {brick: 2x4, at: [24, 26, 2]} | "{brick: 2x4, at: [24, 26, 2]}\n    - {brick: 2x4, at: [30, 26, 1]}" | "2x4, at: [30, " | step 3 is the 3rd to need a 2x4, but the stock has 2
+negative duration                            | median_s: 1e1                 | median_s: -1                                 | -1, p95_s: 12}   | greater than 0
+percentile                                   | p95_s: 12                     | p95_s: 9                                     | {kind: lognorm   | p95_s must not be less
+distribution                                 | kind: lognormal               | kind: logn                                   | logn, m          | mean 'lognormal'?
+no distribution                              | "kind: lognormal, "           | ""                                           | {median_s: 1e1   | key 'kind' is missing
+skill                                        | "    pick:"                   | "    pikc:"                                  | pikc: {kind: l   | did you mean 'pick'?
+missing csv                                  | csv: handover.csv             | csv: no.csv                                  | no.csv}          | no such file
+csv column                                   | csv: handover.csv             | csv: handover.csv, column: time              | "handover.csv, " | no column 'time' (valid: duration_s)
+""")
 
 
 @pytest.mark.parametrize("case", ONE_PROBLEM, ids=lambda c: c.replace(" ", "-"))

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
+from tests.planted import planted
 from twin.cli import app
 from twin.durations import packaged_timings
 from twin.host.progress import StageWatch
@@ -172,32 +173,16 @@ def test_another_size_of_team(tmp_path: Path) -> None:
 
 
 # What is changed in the file, and the words of the one problem.
-PROBLEMS = {
-    "model and parts": (
-        "  supply:",
-        "  model: {name: tower}\n  supply:",
-        "give 'model' or 'parts', one of them",
-    ),
-    "a team of what cannot drive": (
-        "model: mobile-manipulator",
-        "model: gp4",
-        "gp4 cannot park: its first joints do not drive it",
-    ),
-    "unknown model of a team": (
-        "mobile-manipulator",
-        "mobile-manipulater",
-        "did you mean 'mobile-manipulator'?",
-    ),
-    "no robots": (
-        "  team: {model: mobile-manipulator, count: 2, name: mover, "
-        "ring: {radius_m: 4.0, start_deg: 90}}",
-        "  fixtures: []",
-        "a cell needs robots, or a team",
-    ),
-    "the floor's name": ("name: low", "name: ground", "is that of the floor"),
-    "a robot's name": ("name: low", "name: mover2", "is that of a robot"),
-    "unknown face": ("[+y, +z]", "[up]", "unknown value 'up' (valid: +x, -x,"),
-}
+PROBLEMS = planted(r"""
+mistake                     | old                                          | new                                 | says
+model and parts             | "  supply:"                                  | "  model: {name: tower}\n  supply:" | give 'model' or 'parts', one of them
+a team of what cannot drive | model: mobile-manipulator                    | model: gp4                          | gp4 cannot park: its first joints do not drive it
+unknown model of a team     | mobile-manipulator                           | mobile-manipulater                  | did you mean 'mobile-manipulator'?
+no robots                   | "  team: {model: mobile-manipulator, count: 2, name: mover, ring: {radius_m: 4.0, start_deg: 90}}" | "  fixtures: []"                    | a cell needs robots, or a team
+the floor's name            | name: low                                    | name: ground                        | is that of the floor
+a robot's name              | name: low                                    | name: mover2                        | is that of a robot
+unknown face                | [+y, +z]                                     | [up]                                | unknown value 'up' (valid: +x, -x,
+""")
 
 
 @pytest.mark.parametrize("case", PROBLEMS)
@@ -245,36 +230,26 @@ BESIDE = """\
 """A part 10 mm beside ``low``."""
 
 # What is changed in a shipped or in the own file, and what `twin run` says in the end.
+_IN_THE_OWN = planted(r"""
+mistake                     | old           | new                                      | says
+unreachable part            | [2, 1, 0.15]  | [20, 1, 0.15]                            | high cannot be picked: none of mover1, mover2 reaches it where it lies
+unreachable place           | [0, 0, 0.1]}  | [0, 0, 0.1]}, faces: [-z]                | low cannot be placed: none of mover1, mover2 reaches its place
+not connected to the ground | [0.1, 0, 0.3] | [0.1, 0, 0.5]                            | nothing connects high to the ground
+overlapping goal poses      | [0, 0, 0.1]   | [0, 0, 0.15]                             | low and high would overlap by 50 mm where they belong
+pads beyond the edges       | "  supply:"   | "  grips: {offsets_m: [0.3]}\n  supply:" | no pad can touch low: all offsets (0.3 m) lie beyond the edges of its faces +z
+a way in along the ground   | [0, 0, 0.1]}  | [0, 0, 0.1]}, insertion: [1, 0, 0]       | low goes into its place along (1.00, 0.00, 0.00), from 0.1 m away, where it touches ground
+supply poses in collision   | [2, 1, 0.15]  | [2.5, -0.4, 0.15]                        | low and high overlap by
+robot in the supply         | [2, 1, 0.15]  | [0, 4, 0.15]                             | mover1 cannot stand at HOME: mover1/arm
+""")
 BAD_INPUT = {
-    "unreachable part": (
-        OWN,
-        [("[2, 1, 0.15]", "[20, 1, 0.15]")],
-        "high cannot be picked: none of mover1, mover2 reaches it where it lies",
-    ),
-    "unreachable place": (
-        OWN,
-        [("[0, 0, 0.1]}", "[0, 0, 0.1]}, faces: [-z]")],
-        "low cannot be placed: none of mover1, mover2 reaches its place",
-    ),
-    "not connected to the ground": (
-        OWN,
-        [("[0.1, 0, 0.3]", "[0.1, 0, 0.5]")],
-        "nothing connects high to the ground",
-    ),
-    "overlapping goal poses": (
-        OWN,
-        [("[0, 0, 0.1]", "[0, 0, 0.15]")],
-        "low and high would overlap by 50 mm where they belong",
-    ),
+    **{
+        name: (OWN, [(old, new)], says)
+        for name, (old, new, says) in _IN_THE_OWN.items()
+    },
     "a part that hangs below another": (
         OWN,
         [("  supply:", HANGING + "  supply:")],
         "lintel, lamp cannot be placed in any order",
-    ),
-    "pads beyond the edges": (
-        OWN,
-        [("  supply:", "  grips: {offsets_m: [0.3]}\n  supply:")],
-        "no pad can touch low: all offsets (0.3 m) lie beyond the edges of its faces +z",
     ),
     "a joint narrower than the clearance": (
         OWN,
@@ -283,21 +258,6 @@ BAD_INPUT = {
             ("  team:", "  clearance: {robot_object_m: 0.02}\n  team:"),
         ],
         "next and low lie 10.0 mm apart where they belong, and a part in hand keeps 20.0 mm",
-    ),
-    "a way in along the ground": (
-        OWN,
-        [("[0, 0, 0.1]}", "[0, 0, 0.1]}, insertion: [1, 0, 0]")],
-        "low goes into its place along (1.00, 0.00, 0.00), from 0.1 m away, where it touches ground",
-    ),
-    "supply poses in collision": (
-        OWN,
-        [("[2, 1, 0.15]", "[2.5, -0.4, 0.15]")],
-        "low and high overlap by",
-    ),
-    "robot in the supply": (
-        OWN,
-        [("[2, 1, 0.15]", "[0, 4, 0.15]")],
-        "mover1 cannot stand at HOME: mover1/arm",
     ),
     "team without its crane": (
         HANDOVER,

@@ -17,6 +17,7 @@ from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
 from scheduling.build_nodes import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
+from tests.planted import rows
 from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
@@ -235,37 +236,18 @@ def test_the_audit_finds_a_tool_that_is_left_elsewhere(
 
 @pytest.mark.parametrize(
     ("change", "with_", "says"),
-    [
-        (
-            "tools: [gripper, driver, nozzle]",
-            "tools: [gripper, drivver]",
-            "did you mean",
-        ),
-        ("tools: [gripper, driver, nozzle]", "tools: [gripper]", "two or more"),
-        (
-            "model: ur5e, tools",
-            "model: ur5e, tool: driver, tools",
-            "give tool or tools",
-        ),
-        (
-            ", change_s: 3}",
-            ", change_s: 3, change: {kind: fixed, value_s: 1}}",
-            "not both",
-        ),
-        (
-            "      rack: {xyz_m: [-0.2, 0.3, 0.2], rpy_deg: [180, 0, 0], change_s: 3}\n",
-            "",
-            "driver has no rack: give cell.tools.driver.rack",
-        ),
-        (
-            "  fixtures:\n",
-            "    - {name: other, model: ur5e, tool: driver, base: {xyz_m: [1, 0, 0]}}\n  fixtures:\n",
-            "driver is changed by arm",
-        ),
-        ("name: block, size", "name: driver, size", "'driver' is already taken"),
-        ("pick: {kind", "take-tol: {kind", "did you mean 'take-tool'"),
-        ("screw: {duration", "take-tool: {duration", "cannot be called 'take-tool'"),
-    ],
+    rows(r"""
+old                                          | new                                          | says
+tools: [gripper, driver, nozzle]             | tools: [gripper, drivver]                    | did you mean
+tools: [gripper, driver, nozzle]             | tools: [gripper]                             | two or more
+model: ur5e, tools                           | model: ur5e, tool: driver, tools             | give tool or tools
+, change_s: 3}                               | , change_s: 3, change: {kind: fixed, value_s: 1}} | not both
+"      rack: {xyz_m: [-0.2, 0.3, 0.2], rpy_deg: [180, 0, 0], change_s: 3}\n" | ""                                           | driver has no rack: give cell.tools.driver.rack
+"  fixtures:\n"                              | "    - {name: other, model: ur5e, tool: driver, base: {xyz_m: [1, 0, 0]}}\n  fixtures:\n" | driver is changed by arm
+name: block, size                            | name: driver, size                           | 'driver' is already taken
+pick: {kind                                  | take-tol: {kind                              | did you mean 'take-tool'
+screw: {duration                             | take-tool: {duration                         | cannot be called 'take-tool'
+"""),
 )
 def test_what_cannot_be_is_said(
     tmp_path: Path, change: str, with_: str, says: str

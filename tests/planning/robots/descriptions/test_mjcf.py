@@ -12,6 +12,7 @@ from planning.robots.descriptions.fitting import Fitting, Limits, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_quat_wxyz, inverse
 from tests.planning.robots.descriptions.test_mounting import link_poses
+from tests.planted import rows
 
 HAND = """<mujoco model="hand">
   <compiler angle="radian"/>
@@ -162,43 +163,20 @@ def test_an_arm_in_mjcf_moves_where_its_joints_let_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [
-        ('<body name="palm"', '<thing name="palm"', "is not XML"),
-        (
-            'type="cylinder" size="0.03 0.04"',
-            'type="ellipsoid" size="1 1 1"',
-            "ellipsoid|Ellipsoid",
-        ),
-        ('type="cylinder" size="0.03 0.04"', 'type="mesh" mesh="gone"', "gone"),
-        (
-            '<joint name="left"/>',
-            '<joint name="left"/><joint name="more"/>',
-            "several joints",
-        ),
-        (
-            'pos="0 0.004 0.1" childclass',
-            'pos="0 nan 0.1" childclass',
-            "pos of <body> '\\w+' must be a fin",
-        ),
-        (
-            'pos="0 0 0.01" quat="0.9238795 0 0 0.3826834"',
-            'quat="0 0 0 0"',
-            "quat of <body> 'palm'",
-        ),
-        (
-            'childclass="finger"',
-            'childclass="thumb"',
-            "childclass 'thumb' of a <body> is not there",
-        ),
-        ('polycoef="0.002 0.5 0 0 0"', 'polycoef="0 1 2 0 0"', "along a curve"),
-        ("</mujoco>", '<include file="more.xml"/></mujoco>', "more.xml does not exist"),
-        ("</mujoco>", '<include file="hand.xml"/></mujoco>', "includes itself"),
-        (
-            "</mujoco>",
-            '<asset><mesh file="no.stl"/></asset></mujoco>',
-            "'no.stl' was not found",
-        ),
-    ],
+    rows(r"""
+old                                          | new                                          | says
+<body name="palm"                            | <thing name="palm"                           | is not XML
+type="cylinder" size="0.03 0.04"             | type="ellipsoid" size="1 1 1"                | ellipsoid|Ellipsoid
+type="cylinder" size="0.03 0.04"             | type="mesh" mesh="gone"                      | gone
+<joint name="left"/>                         | <joint name="left"/><joint name="more"/>     | several joints
+pos="0 0.004 0.1" childclass                 | pos="0 nan 0.1" childclass                   | "pos of <body> '\\w+' must be a fin"
+pos="0 0 0.01" quat="0.9238795 0 0 0.3826834" | quat="0 0 0 0"                               | quat of <body> 'palm'
+childclass="finger"                          | childclass="thumb"                           | childclass 'thumb' of a <body> is not there
+polycoef="0.002 0.5 0 0 0"                   | polycoef="0 1 2 0 0"                         | along a curve
+</mujoco>                                    | <include file="more.xml"/></mujoco>          | more.xml does not exist
+</mujoco>                                    | <include file="hand.xml"/></mujoco>          | includes itself
+</mujoco>                                    | <asset><mesh file="no.stl"/></asset></mujoco> | 'no.stl' was not found
+"""),
 )
 def test_what_cannot_be_read_is_explained(
     hand: Path, old: str, new: str, words: str
