@@ -51,93 +51,63 @@ from twin.uncertainty.disturbances import (
 from twin.uncertainty.skill_durations import SkillDurations
 
 NEST = {"fixture": "vise", "frame": "nest", "pose": {"xyz_m": [0, 0, 0.015]}}
-CELL: dict[str, Any] = {
-    "version": 1,
-    "name": "tending",
-    "cell": {
-        "robots": [
-            {"name": "left", "model": "panda", "base": {"xyz_m": [-0.6, 0, 0]}},
-            {
-                "name": "right",
-                "model": "panda",
-                "base": {"xyz_m": [0.6, 0, 0], "rpy_deg": [0, 0, 180]},
-            },
-        ],
-        "fixtures": [
-            {
-                "name": "table",
-                "size_m": [1.8, 1.3, 0.04],
-                "pose": {"xyz_m": [0, 0, -0.02]},
-            },
-            {
-                "name": "vise",
-                "size_m": [0.1, 0.1, 0.04],
-                "pose": {"xyz_m": [0, 0.2, 0.02]},
-                "frames": {"nest": {"xyz_m": [0, 0, 0.02]}},
-            },
-        ],
-    },
-    "assembly": {
-        "kind": "assembly",
-        "sources": {
-            "blanks": {
-                "kind": "feeder",
-                "pose": {"xyz_m": [-0.35, -0.33, 0.015]},
-                "refill": {"kind": "fixed", "value_s": 2.0},
-            }
-        },
-        "machines": {
-            "mill": {
-                "door": {
-                    "size_m": [0.3, 0.01, 0.3],
-                    "pose": {"xyz_m": [0, 0.1, 0.2]},
-                }
-            }
-        },
-        "processes": {
-            "milling": {
-                "duration": {"kind": "uniform", "low_s": 5.0, "high_s": 60.0},
-                "machine": "mill",
-            },
-            "cooling": {
-                "duration": {"kind": "uniform", "low_s": 1.0, "high_s": 30.0},
-                "unattended": True,
-            },
-        },
-        "parts": [
-            {
-                "name": "blank",
-                "size_m": [0.03, 0.03, 0.03],
-                "source": "blanks",
-                "goal": {"xyz_m": [0.4, 0, 0.015]},
-            }
-        ],
-        "steps": [
-            {"place": "blank", "at": NEST, "robots": ["left"]},
-            {"process": "milling", "at": {"part": "blank"}, "name": "milled"},
-            {"place": "blank", "robots": ["right"]},
-            {
-                "process": "cooling",
-                "at": {"part": "blank"},
-                "name": "cold",
-                "after": ["milled"],
-            },
-        ],
-        "products": {"count": 5, "leave_s": 1.0},
-        "grips": {"opening_m": 0.04, "positions": 1},
-    },
-    "planning": {"speed_rad_s": 2.0, "shortcut_candidates": 200},
-    "execution": {
-        "skills": {
-            "pick": {"kind": "fixed", "value_s": 1.0},
-            "place-down": {"kind": "fixed", "value_s": 1.0},
-        }
-    },
-}
-
+CELL: dict[str, Any] = yaml.safe_load("""\
+version: 1
+name: tending
+cell:
+  robots:
+    - {name: left, model: panda, base: {xyz_m: [-0.6, 0, 0]}}
+    - {name: right, model: panda, base: {xyz_m: [0.6, 0, 0], rpy_deg: [0, 0, 180]}}
+  fixtures:
+    - {name: table, size_m: [1.8, 1.3, 0.04], pose: {xyz_m: [0, 0, -0.02]}}
+    - name: vise
+      size_m: [0.1, 0.1, 0.04]
+      pose: {xyz_m: [0, 0.2, 0.02]}
+      frames: {nest: {xyz_m: [0, 0, 0.02]}}
+assembly:
+  kind: assembly
+  sources:
+    blanks:
+      kind: feeder
+      pose: {xyz_m: [-0.35, -0.33, 0.015]}
+      refill: {kind: fixed, value_s: 2.0}
+  machines: {mill: {door: {size_m: [0.3, 0.01, 0.3], pose: {xyz_m: [0, 0.1, 0.2]}}}}
+  processes:
+    milling: {duration: {kind: uniform, low_s: 5.0, high_s: 60.0}, machine: mill}
+    cooling: {duration: {kind: uniform, low_s: 1.0, high_s: 30.0}, unattended: true}
+  parts:
+    - {name: blank, size_m: [0.03, 0.03, 0.03], source: blanks, goal: {xyz_m: [0.4, 0, 0.015]}}
+  steps:
+    - {place: blank, at: {fixture: vise, frame: nest, pose: {xyz_m: [0, 0, 0.015]}}, robots: [left]}
+    - {process: milling, at: {part: blank}, name: milled}
+    - {place: blank, robots: [right]}
+    - {process: cooling, at: {part: blank}, name: cold, after: [milled]}
+  products: {count: 5, leave_s: 1.0}
+  grips: {opening_m: 0.04, positions: 1}
+planning: {speed_rad_s: 2.0, shortcut_candidates: 200}
+execution:
+  skills: {pick: {kind: fixed, value_s: 1.0}, place-down: {kind: fixed, value_s: 1.0}}
+""")
 
 STEPS: list[Any] = CELL["assembly"]["steps"]
+CURING = {"curing": {"duration": {"kind": "fixed", "value_s": 50}, "unattended": True}}
 MILLING = {"milling": CELL["assembly"]["processes"]["milling"]}
+
+
+def box(
+    name: str, start: list[float], goal: list[float], size: float = 0.03
+) -> dict[str, Any]:
+    """Return a part, square and 30 mm wide, of some length [m]."""
+    return {
+        "name": name,
+        "size_m": [size, 0.03, 0.03],
+        "start": {"xyz_m": start},
+        "goal": {"xyz_m": goal},
+    }
+
+
+ALONE: dict[str, Any] = {"sources": None, "products": None, "machines": None}
+"""No line, and no machine."""
 
 
 def scenario(folder: Path, **assembly: Any) -> Scenario:
@@ -344,12 +314,7 @@ def test_robots_that_break_down_leave_machines_alone(tmp_path: Path) -> None:
 
 def test_nobody_passes_through_a_door_that_is_shut(tmp_path: Path) -> None:
     """The right arm puts something down in the room of the mill's door, but not while it is shut."""
-    peg = {
-        "name": "peg",
-        "size_m": [0.03, 0.03, 0.03],
-        "start": {"xyz_m": [0.25, -0.2, 0.015]},
-        "goal": {"xyz_m": [0.25, 0.28, 0.015]},
-    }
+    peg = box("peg", [0.25, -0.2, 0.015], [0.25, 0.28, 0.015])
     blank = {
         **CELL["assembly"]["parts"][0],
         "start": {"xyz_m": [-0.35, -0.33, 0.015]},
@@ -435,22 +400,13 @@ def test_the_audit_holds_machines_to_the_scenario(tmp_path: Path) -> None:
 
 def test_what_is_unattended_goes_on_side_by_side(tmp_path: Path) -> None:
     parts = [
-        {
-            "name": name,
-            "size_m": [0.03, 0.03, 0.03],
-            "start": {"xyz_m": [-0.35, y, 0.015]},
-            "goal": {"xyz_m": [-0.2, y, 0.015]},
-        }
+        box(name, [-0.35, y, 0.015], [-0.2, y, 0.015])
         for name, y in (("one", -0.2), ("two", 0.2))
     ]
     own = scenario(
         tmp_path,
-        sources=None,
-        products=None,
-        machines=None,
-        processes={
-            "curing": {"duration": {"kind": "fixed", "value_s": 50}, "unattended": True}
-        },
+        **ALONE,
+        processes=CURING,
         parts=parts,
         steps=[
             "one",
@@ -506,15 +462,7 @@ SIDE = {"part": "blank"}
             "put down at a fixture or in the world",
         ),
         (
-            {
-                "processes": {
-                    **CELL["assembly"]["processes"],
-                    "milling": {
-                        **CELL["assembly"]["processes"]["milling"],
-                        "tool": "driver",
-                    },
-                }
-            },
+            {"processes": {"milling": {**MILLING["milling"], "tool": "driver"}}},
             "tool is of a robot, and no robot does this",
         ),
     ],
@@ -564,23 +512,11 @@ def test_disturbed_machines_are_there(tmp_path: Path) -> None:
 def test_what_is_put_down_on_its_way_stands_alone(
     tmp_path: Path, steps: list[Any], message: str
 ) -> None:
-    post = {
-        "name": "post",
-        "size_m": [0.03, 0.03, 0.03],
-        "start": {"xyz_m": [-0.35, -0.2, 0.015]},
-        "goal": {"xyz_m": [-0.2, -0.2, 0.015]},
-    }
-    cap = {
-        "name": "cap",
-        "size_m": [0.03, 0.03, 0.03],
-        "start": {"xyz_m": [-0.35, 0.2, 0.015]},
-        "goal": {"xyz_m": [-0.2, 0.1, 0.045]},
-    }
+    post = box("post", [-0.35, -0.2, 0.015], [-0.2, -0.2, 0.015])
+    cap = box("cap", [-0.35, 0.2, 0.015], [-0.2, 0.1, 0.045])
     own = scenario(
         tmp_path,
-        sources=None,
-        products=None,
-        machines=None,
+        **ALONE,
         processes=None,
         parts=[post, cap],
         steps=steps,
@@ -674,12 +610,7 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
     wall = {"size_m": [0.02, 0.2, 0.3], "pose": {"xyz_m": [0, 0, 0.15]}}
     document["cell"]["fixtures"].append({"name": "wall", **wall})
     curing = {"duration": {"kind": "fixed", "value_s": 30}, "unattended": True}
-    bracket = {
-        "name": "bracket",
-        "size_m": [0.1, 0.03, 0.03],
-        "start": {"xyz_m": [-0.3, 0.3, 0.015]},
-        "goal": {"xyz_m": [-0.0615, 0, 0.15]},
-    }
+    bracket = box("bracket", [-0.3, 0.3, 0.015], [-0.0615, 0, 0.15], 0.1)
     document["assembly"] = {
         "kind": "assembly",
         "processes": {"curing": curing},
@@ -711,26 +642,12 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
 
 
 def test_an_order_that_is_found_waits_for_what_cures(tmp_path: Path) -> None:
-    base = {
-        "name": "base",
-        "size_m": [0.1, 0.03, 0.03],
-        "start": {"xyz_m": [-0.35, -0.25, 0.015]},
-        "goal": {"xyz_m": [-0.2, 0, 0.015]},
-    }
-    lid = {
-        "name": "lid",
-        "size_m": [0.03, 0.03, 0.03],
-        "start": {"xyz_m": [-0.35, 0.25, 0.015]},
-        "goal": {"xyz_m": [-0.2, 0, 0.045]},
-    }
+    base = box("base", [-0.35, -0.25, 0.015], [-0.2, 0, 0.015], 0.1)
+    lid = box("lid", [-0.35, 0.25, 0.015], [-0.2, 0, 0.045])
     own = scenario(
         tmp_path,
-        sources=None,
-        products=None,
-        machines=None,
-        processes={
-            "curing": {"duration": {"kind": "fixed", "value_s": 50}, "unattended": True}
-        },
+        **ALONE,
+        processes=CURING,
         parts=[base, lid],
         order="find",
         steps=[
