@@ -35,6 +35,7 @@ from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import part_steps
 from planning.progress import Progress, no_progress
+from planning.statics.standing import BalanceRules
 from planning.steps.tool_changes import in_racks
 from planning.transforms import Array, readonly, translation
 
@@ -42,53 +43,19 @@ _BORE = 0.002
 """Width of the straight way of a tool to a place of work that no part may bar [m]."""
 
 
-def precedence(cell: Workcell, assembly: PartAssembly) -> StepPrecedence:
-    """Return what comes before what, as far as places and contacts alone tell.
+def in_found_order(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
+    """Return the assembly with its steps in an order that places and contacts allow.
 
     Args:
         cell: its objects are the parts.
         assembly: its steps are in any order.
 
     Raises:
-        ConstructionError: two parts would overlap in their places.
-    """
-    steps = assembly.steps
-    graph, at = _graph(cell, assembly), _placing(assembly)
-    any_of = tuple(
-        frozenset(at[other] for other in graph.neighbours[step.part])
-        if isinstance(step, Place) and step.part not in graph.ground
-        else frozenset[int]()
-        for step in steps
-    )
-    words, before = (
-        tuple(s.words for s in steps),
-        tuple[dict[int, str]]({} for _ in steps),
-    )
-    names = {step.name: k for k, step in enumerate(steps) if step.name is not None}
-    closing = {
-        k: frozenset({names[step.until]})
-        for k, step in enumerate(steps)
-        if isinstance(step, Place) and step.until is not None
-    }
-    out = StepPrecedence(words, before, any_of, closing)
-    for first, then, why in (
-        *_named(steps),
-        *_contacts(cell, assembly, graph),
-        *_ways(cell, assembly),
-        *_works(cell, assembly),
-    ):
-        out.require(first, then, why)
-    return out
-
-
-def in_found_order(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
-    """Return the assembly with its steps in an order that places and contacts allow.
-
-    Raises:
         InfeasibleStepError: there is none; the message names steps that wait for each other.
         ConstructionError: two parts would overlap in their places.
     """
-    return _ordered(assembly, _propped(cell, assembly, precedence(cell, assembly)))
+    steps = _AnyOrder(cell, assembly)
+    return steps.ordered(steps.propped(steps.precedence()))
 
 
 def find_ordered_candidates(
@@ -110,202 +77,248 @@ def find_ordered_candidates(
         InfeasibleStepError: no order was found; says what was in the way in the last one.
         ConstructionError: two parts would overlap in their places.
     """
-    around = in_racks(cell)
-    known = precedence(around, assembly)
+    steps = _AnyOrder(in_racks(cell), assembly)
+    known = steps.precedence()
     most = 2 * len(assembly.steps)
     for tried in range(most + 1):
         progress(tried, most)
-        known = _propped(around, assembly, known)
-        ordered = _ordered(assembly, known)
+        known = steps.propped(known)
+        ordered = steps.ordered(known)
         found = find_candidates(cell, ordered)
         stuck = found.impossible
         if not stuck or tried == most:
             return found  # what is still impossible is said by the assignment
-        changed = _moved(known, assembly, ordered, stuck[0], found.blockers)
+        changed = steps.moved(known, ordered, stuck[0], found.blockers)
         if changed is None:
             return found
         known = changed
     raise AssertionError("the last try returns")
 
 
-def _ordered(assembly: PartAssembly, known: StepPrecedence) -> PartAssembly:
-    order = known.order()
-    if order is None:
-        raise InfeasibleStepError(
-            f"there is no order of the steps\n{known.explained()}"
-        )
-    return replace(assembly, steps=tuple(assembly.steps[k] for k in order))
+class _AnyOrder:
+    """Steps in any order, and what is known of the order that they must be in.
 
-
-def _propped(
-    cell: Workcell, assembly: PartAssembly, known: StepPrecedence
-) -> StepPrecedence:
-    """Return what comes before what once all props that are found come before what they keep up.
-
-    What falls all the same is left for the candidates to refuse.
+    Args:
+        cell: its objects are the parts.
+        assembly: its steps.
     """
-    if assembly.balance is None:
-        return known
-    placing = _placing(assembly)
-    number = {id(item): k for k, item in enumerate(assembly.steps)}
-    standing, keepable = None, set[str]()
-    while True:
-        ordered = _ordered(assembly, known)
-        steps, rules = part_steps(cell, ordered), assembly.balance
-        standing = standing or standing_of(cell, steps, rules)
-        balance = PartBalance(cell, steps, rules, standing, keepable)
-        if balance.fall is None:
-            return known
-        falls = number[id(ordered.steps[balance.fall.step])]
-        words = f"{balance.fall.body} would fall without it"
-        tries = (
-            known.with_required(placing[name], falls, words)
-            for name in balance.props(balance.fall)
+
+    def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:
+        self._cell, self._assembly = cell, assembly
+        self._steps: tuple[AnyStep, ...] = assembly.steps
+        self._named = {s.name: k for k, s in enumerate(self._steps)}
+        self._places = {k: s for k, s in enumerate(self._steps) if isinstance(s, Place)}
+        self._placing = {step.part: k for k, step in self._places.items()}
+        objects = {name: cell.object(name) for name in self._placing}
+        self._starts: dict[str, Lying] = {
+            name: (item, item.start) for name, item in objects.items()
+        }
+        self._goals: dict[str, Lying] = {
+            name: (objects[name], assembly.goals[name]) for name in assembly.placed
+        }
+
+    def precedence(self) -> StepPrecedence:
+        """Return what comes before what, as far as places and contacts alone tell.
+
+        Raises:
+            ConstructionError: two parts would overlap in their places.
+        """
+        graph = self._graph()
+        any_of = tuple(
+            frozenset(self._placing[other] for other in graph.neighbours[step.part])
+            if isinstance(step, Place) and step.part not in graph.ground
+            else frozenset[int]()
+            for step in self._steps
         )
-        changed = next((t for t in tries if t.order() is not None), None)
-        if changed is None:
-            name = next((n for n in balance.fall.holds if n not in keepable), None)
-            ends = _joining(assembly, name, falls)
-            if name is None or not ends:
+        closing = {
+            k: frozenset({self._named[step.until]})
+            for k, step in self._places.items()
+            if step.until is not None
+        }
+        words = tuple(s.words for s in self._steps)
+        before = tuple[dict[int, str]]({} for _ in words)
+        out = StepPrecedence(words, before, any_of, closing)
+        for first, then, why in (
+            *self._said(),
+            *self._contacts(graph),
+            *self._barred(),
+            *self._barred_works(),
+        ):
+            out.require(first, then, why)
+        return out
+
+    def ordered(self, known: StepPrecedence) -> PartAssembly:
+        """Return the assembly with its steps in the order nearest to the list.
+
+        Raises:
+            InfeasibleStepError: there is none; the message names steps that wait for each other.
+        """
+        order = known.order()
+        if order is None:
+            raise InfeasibleStepError(
+                f"there is no order of the steps\n{known.explained()}"
+            )
+        return replace(self._assembly, steps=tuple(self._steps[k] for k in order))
+
+    def propped(self, known: StepPrecedence) -> StepPrecedence:
+        """Return what comes before what once all props that are found come before what they keep up.
+
+        What falls all the same is left for the candidates to refuse.
+        """
+        if self._assembly.balance is None:
+            return known
+        standing, keepable = None, set[str]()
+        while True:
+            ordered = self.ordered(known)
+            steps, rules = part_steps(self._cell, ordered), self._assembly.balance
+            standing = standing or standing_of(self._cell, steps, rules)
+            balance = PartBalance(self._cell, steps, rules, standing, keepable)
+            if balance.fall is None:
                 return known
-            keepable.add(name)
-            closing = {**known.closing, placing[name]: ends}
-            changed = replace(known, closing=closing)
-        known = changed
+            falls = self._number(ordered.steps[balance.fall.step])
+            words = f"{balance.fall.body} would fall without it"
+            tries = (
+                known.with_required(self._placing[name], falls, words)
+                for name in balance.props(balance.fall)
+            )
+            changed = next((t for t in tries if t.order() is not None), None)
+            if changed is None:
+                name = next((n for n in balance.fall.holds if n not in keepable), None)
+                if name is None or not (ends := self._joining(name, falls, rules)):
+                    return known
+                keepable.add(name)
+                closing = {**known.closing, self._placing[name]: ends}
+                changed = replace(known, closing=closing)
+            known = changed
 
+    def moved(
+        self,
+        known: StepPrecedence,
+        ordered: PartAssembly,
+        step: int,
+        blockers: Mapping[int, Sequence[str]],
+    ) -> StepPrecedence | None:
+        """Return what comes before what once a part that blocks a step is moved past it.
 
-def _joining(assembly: PartAssembly, part: str | None, but: int) -> frozenset[int]:
-    """Return the steps that join a part to others, one of them left out."""
-    named = {step.name: k for k, step in enumerate(assembly.steps)}
-    placing = _placing(assembly)
-    assert assembly.balance is not None
-    found = set()
-    for item in assembly.balance.joined:
-        pair = {item.joint.first, item.joint.second}
-        if part in pair:
-            (other,) = pair - {part}
-            end = placing.get(other) if item.by is None else named[item.by]
-            found.add(end)
-    return frozenset(k for k in found if k is not None and k != but)
-
-
-def _moved(
-    known: StepPrecedence,
-    assembly: PartAssembly,
-    ordered: PartAssembly,
-    step: int,
-    blockers: Mapping[int, Sequence[str]],
-) -> StepPrecedence | None:
-    """Return what comes before what once a part that blocks a step is moved past it."""
-    number = {id(item): k for k, item in enumerate(assembly.steps)}
-    placing = {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}
-    place = {s.part: k for k, s in enumerate(ordered.steps, 1) if isinstance(s, Place)}
-    blocked = number[id(ordered.steps[step - 1])]
-    for name in blockers.get(step, ()):
-        if name not in placing or placing[name] == blocked:
-            continue
-        if place[name] < step:
-            words = f"{name} would be in the way"
-            changed = known.with_required(blocked, placing[name], words)
-        else:
-            words = f"{name} is in the way where it is at the start"
-            changed = known.with_required(placing[name], blocked, words)
-        if changed.order() is not None:
-            return changed
-    return None
-
-
-def _named(steps: Sequence[AnyStep]) -> Iterator[tuple[int, int, str]]:
-    """Yield what the scenario says, and that processes and holds are at parts in place."""
-    names = {step.name: k for k, step in enumerate(steps) if step.name is not None}
-    placing = {s.part: k for k, s in enumerate(steps) if isinstance(s, Place)}
-    for k, step in enumerate(steps):
-        for name in step.after:
-            yield names[name], k, "as its after says"
-        if isinstance(step, Place) and step.until is not None:
-            yield k, names[step.until], f"{step.part} is kept hold of until then"
-        if step.hold in placing:
-            yield placing[step.hold], k, f"{step.hold} is held in its place"
-        if isinstance(step, Work) and step.owner in placing:
-            yield placing[step.owner], k, f"it is done at {step.owner} in its place"
-        if isinstance(step, MachineWork) and step.part in placing:
-            yield placing[step.part], k, f"it is done at {step.part} in its place"
-
-
-def _graph(cell: Workcell, assembly: PartAssembly) -> PartGraph:
-    """Return what touches what where every part is in its place."""
-    fixed: list[Lying] = [(item, item.pose) for item in cell.fixtures]
-    placed = set(assembly.placed)
-    fixed += [
-        (item, item.start)
-        for item in cell.objects
-        if item.name not in placed and not item.later
-    ]
-    return build_part_graph(
-        _goals(cell, assembly), fixed, touch=assembly.touch, overlaps=assembly.overlaps
-    )
-
-
-def _contacts(
-    cell: Workcell, assembly: PartAssembly, graph: PartGraph
-) -> Iterator[tuple[int, int, str]]:
-    """Yield what rests on what in its place, and what lies on what at the start."""
-    at = _placing(assembly)
-    for name, carriers in graph.carriers.items():
-        for other in sorted(carriers):
-            yield at[other], at[name], f"{name} rests on {other}"
-    starts = {name: (cell.object(name), cell.object(name).start) for name in at}
-    for name, covers in stacked(starts).items():
-        for other in sorted(covers):
-            yield at[other], at[name], f"{other} lies on {name} at the start"
-
-
-def _ways(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[int, int, str]]:
-    """Yield what would bar another part's straight way down, or up from where it starts."""
-    at, goals = _placing(assembly), _goals(cell, assembly)
-    starts = {name: (cell.object(name), cell.object(name).start) for name in at}
-    out = {}
-    for name in at:
-        ways = assembly.ways(name)
-        out[name] = -np.array(ways.extraction), ways.leave
-    for name, goal in goals.items():
-        ways = assembly.ways(name)
-        way = np.array(ways.insertion), ways.approach
-        for other, there in goals.items():
-            if other == name:
+        Args:
+            known: what comes before what.
+            ordered: the order that was tried.
+            step: number of the step that nobody can do in it, from 1.
+            blockers: names of what was in the way, by number of the step.
+        """
+        place = {
+            s.part: k for k, s in enumerate(ordered.steps, 1) if isinstance(s, Place)
+        }
+        blocked = self._number(ordered.steps[step - 1])
+        for name in blockers.get(step, ()):
+            placing = self._placing.get(name, blocked)
+            if placing == blocked:
                 continue
-            most = assembly.overlaps.most(name, other)
-            if leads_through(goal, there, *way, most):
-                words = f"{other} would bar the way of {name} to its place"
-                yield at[name], at[other], words
-            start = starts[other]
-            if _overlap(goal, start) or leads_through(goal, start, *way):
-                yield at[other], at[name], f"{other} is where {name} goes"
-            elif leads_through(start, goal, *out[other]):
-                yield at[other], at[name], f"{name} would lock {other} in at its start"
+            if place[name] < step:
+                words = f"{name} would be in the way"
+                changed = known.with_required(blocked, placing, words)
+            else:
+                words = f"{name} is in the way where it is at the start"
+                changed = known.with_required(placing, blocked, words)
+            if changed.order() is not None:
+                return changed
+        return None
 
+    def _number(self, step: AnyStep) -> int:
+        """Return the place of a step in the list."""
+        return next(k for k, own in enumerate(self._steps) if own is step)
 
-def _works(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[int, int, str]]:
-    """Yield parts that would bar the straight way of a tool to where it works."""
-    at, goals = _placing(assembly), _goals(cell, assembly)
-    fixtures = {item.name: item for item in cell.fixtures}
-    for k, step in enumerate(assembly.steps):
-        if not isinstance(step, Work):
-            continue
-        base: Array = np.eye(4)
-        if step.owner in fixtures:
-            fixture = fixtures[step.owner]
-            inside = np.eye(4) if step.frame is None else fixture.frames[step.frame]
-            base = fixture.pose @ inside
-        elif step.owner is not None:
-            owner = cell.object(step.owner)
-            base = assembly.goals.get(step.owner, owner.start)
-        for pose in step.process.path or (np.eye(4),):
-            way = _bore(base @ step.pose @ pose, step.process.approach)
-            for name, goal in goals.items():
-                if name != step.owner and _overlap(way, goal):
-                    words = f"{name} would bar the tool's way to {step.at}"
-                    yield k, at[name], words
+    def _joining(self, part: str, but: int, rules: BalanceRules) -> frozenset[int]:
+        """Return the steps that join a part to others, one of them left out."""
+        found = set()
+        for item in rules.joined:
+            pair = {item.joint.first, item.joint.second}
+            if part in pair:
+                (other,) = pair - {part}
+                by_other = self._placing.get(other)
+                found.add(by_other if item.by is None else self._named[item.by])
+        return frozenset(k for k in found if k is not None and k != but)
+
+    def _said(self) -> Iterator[tuple[int, int, str]]:
+        """Yield what the scenario says, and that processes and holds are at parts in place."""
+        placing = self._placing
+        for k, step in enumerate(self._steps):
+            for name in step.after:
+                yield self._named[name], k, "as its after says"
+            if isinstance(step, Place) and step.until is not None:
+                words = f"{step.part} is kept hold of until then"
+                yield k, self._named[step.until], words
+            if step.hold in placing:
+                yield placing[step.hold], k, f"{step.hold} is held in its place"
+            if isinstance(step, Work) and step.owner in placing:
+                yield placing[step.owner], k, f"it is done at {step.owner} in its place"
+            if isinstance(step, MachineWork) and step.part in placing:
+                yield placing[step.part], k, f"it is done at {step.part} in its place"
+
+    def _graph(self) -> PartGraph:
+        """Return what touches what where every part is in its place."""
+        fixed: list[Lying] = [(item, item.pose) for item in self._cell.fixtures]
+        fixed += [
+            (item, item.start)
+            for item in self._cell.objects
+            if item.name not in self._goals and not item.later
+        ]
+        rules = self._assembly
+        return build_part_graph(
+            self._goals, fixed, touch=rules.touch, overlaps=rules.overlaps
+        )
+
+    def _contacts(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
+        """Yield what rests on what in its place, and what lies on what at the start."""
+        at = self._placing
+        for name, carriers in graph.carriers.items():
+            for other in sorted(carriers):
+                yield at[other], at[name], f"{name} rests on {other}"
+        for name, covers in stacked(self._starts).items():
+            for other in sorted(covers):
+                yield at[other], at[name], f"{other} lies on {name} at the start"
+
+    def _barred(self) -> Iterator[tuple[int, int, str]]:
+        """Yield what would bar another part's straight way down, or up from where it starts."""
+        at, goals = self._placing, self._goals
+        ways = {name: self._assembly.ways(name) for name in at}
+        for name, goal in goals.items():
+            down = np.array(ways[name].insertion), ways[name].approach
+            for other, there in goals.items():
+                if other == name:
+                    continue
+                most = self._assembly.overlaps.most(name, other)
+                if leads_through(goal, there, *down, most):
+                    words = f"{other} would bar the way of {name} to its place"
+                    yield at[name], at[other], words
+                start = self._starts[other]
+                up = -np.array(ways[other].extraction), ways[other].leave
+                if _overlap(goal, start) or leads_through(goal, start, *down):
+                    yield at[other], at[name], f"{other} is where {name} goes"
+                elif leads_through(start, goal, *up):
+                    words = f"{name} would lock {other} in at its start"
+                    yield at[other], at[name], words
+
+    def _barred_works(self) -> Iterator[tuple[int, int, str]]:
+        """Yield parts that would bar the straight way of a tool to where it works."""
+        fixtures = {item.name: item for item in self._cell.fixtures}
+        for k, step in enumerate(self._steps):
+            if not isinstance(step, Work):
+                continue
+            base: Array = np.eye(4)
+            if step.owner in fixtures:
+                fixture = fixtures[step.owner]
+                inside = np.eye(4) if step.frame is None else fixture.frames[step.frame]
+                base = fixture.pose @ inside
+            elif step.owner is not None:
+                owner = self._cell.object(step.owner)
+                base = self._assembly.goals.get(step.owner, owner.start)
+            for pose in step.process.path or (np.eye(4),):
+                way = _bore(base @ step.pose @ pose, step.process.approach)
+                for name, goal in self._goals.items():
+                    if name != step.owner and _overlap(way, goal):
+                        words = f"{name} would bar the tool's way to {step.at}"
+                        yield k, self._placing[name], words
 
 
 def _bore(place: Array, length: float) -> Lying:
@@ -317,12 +330,3 @@ def _bore(place: Array, length: float) -> Lying:
 
 def _overlap(one: Lying, other: Lying) -> bool:
     return any(gap < -0.5 * _BORE for gap in near_to(one, {"": other}, 0.0).values())
-
-
-def _placing(assembly: PartAssembly) -> dict[str, int]:
-    """Return the place in the list of the step that places each part."""
-    return {s.part: k for k, s in enumerate(assembly.steps) if isinstance(s, Place)}
-
-
-def _goals(cell: Workcell, assembly: PartAssembly) -> dict[str, Lying]:
-    return {name: (cell.object(name), assembly.goals[name]) for name in assembly.placed}
