@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from planning.lego.bricks.grid import occupied_places
+from planning.lego.bricks.assembly import BRICKS, Cell
+from planning.lego.bricks.grid import covered_studs, occupied_places
+from planning.lego.bricks.grips import check_press, press_cell
 from planning.lego.sequencing.sequencing import sequenced
+from planning.lego.skills.targets import supported_span
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import LegoSection
@@ -88,3 +91,38 @@ def test_the_scaffold_carries_the_structure(name: str) -> None:
         for place in occupied_places(item.cell, item.brick)
     ]
     assert len(places) == len(set(places))
+
+
+def test_the_steps_of_the_cliff_fit_what_is_there() -> None:
+    """Each brick is joined when it is placed; presses and supports are where they bear."""
+    assembly = build_lego(load("cliff"))
+    stock = assembly.stock
+    need = Counter(step.brick for step in assembly.steps)
+    have = Counter(item.brick for item in stock)
+    assert all(have[brick] > count for brick, count in need.items())
+    taken = {p for s in stock for p in occupied_places(s.cell, s.brick)}
+    filled: set[tuple[int, int, int]] = set()
+    nx, ny = assembly.plate.studs
+    for step in assembly.steps:
+        at, brick, press = step.cell, step.brick, step.press
+        own = occupied_places(at, brick)
+        assert all(0 <= x < nx and 0 <= y < ny and z >= 0 for x, y, z in own)
+        assert own.isdisjoint(taken | filled)
+        above = {(x, y, z + 1) for x, y, z in own} & filled
+        below = {(x, y, z - 1) for x, y, z in own} & filled
+        assert (above and not below) if step.up else (below or at.z == 1)
+        assert press is not None
+        check_press(brick, press)
+        contact = press_cell(at, brick, press, up=step.up)
+        assert not step.up or contact == Cell(24, 24, 8)  # as its file says
+        if step.support is not None:
+            tip = supported_span(step.support).places
+            assert tip.isdisjoint(filled | own)
+            # Something built already is right above the tip, or below it for a place-up.
+            beyond = -3 if step.up else 3
+            assert any((x, y, z + beyond) in filled for x, y, z in tip)
+        elif at.z > 1:
+            # Unsupported bricks are pressed above studs that something stands under.
+            pressed = covered_studs(contact, BRICKS["1x2"])
+            assert {(x, y, at.level - 1) for x, y in pressed} <= filled
+        filled |= own

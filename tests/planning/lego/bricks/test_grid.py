@@ -1,8 +1,9 @@
-"""Cells, poses and contact on the stud grid."""
+"""Cells, poses and contact on the stud grid; bricks and plate as things of the cell."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,15 +13,21 @@ from planning.lego.bricks.assembly import (
     STUD_PITCH,
     BrickType,
     Cell,
+    LegoAssembly,
+    LegoStep,
     Plate,
+    StockBrick,
 )
+from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.lego.bricks.grid import (
+    BrickTiles,
     box_from_top,
     box_pose,
     box_size,
     bricks_above,
     footprint,
     occupied_places,
+    occupied_span,
     plate_corner,
     top_pose,
 )
@@ -125,3 +132,62 @@ def test_contact_on_the_grid_is_contact_of_the_boxes(
 def test_footprints_turn_with_the_brick() -> None:
     assert footprint(Cell(0, 0, 1), BRICKS["2x6"]) == (2, 6)
     assert footprint(Cell(0, 0, 1, True), BRICKS["2x6"]) == (6, 2)
+
+
+numbered = st.tuples(
+    st.integers(0, 3),
+    st.builds(
+        Cell, st.integers(-9, 30), st.integers(-9, 30), st.integers(1, 4), st.booleans()
+    ),
+    st.sampled_from(["1x1", "1x8", "2x4"]),
+)
+
+
+@given(st.lists(numbered, max_size=40), numbered, st.integers(0, 4))
+def test_tiles_find_all_neighbours_in_their_order(items, one, before):
+    every = [
+        (number, f"b{k}", cell, BRICKS[kind])
+        for k, (number, cell, kind) in enumerate(items)
+    ]
+    span = occupied_span(one[1], BRICKS[one[2]])
+    near = [
+        item
+        for item in sorted(every, key=lambda item: item[:2])
+        if item[0] < before and span.near(occupied_span(*item[2:]), levels=1)
+    ]
+    found = BrickTiles(every).near(span, before)
+    assert list(found.items()) == [(name, (cell, kind)) for _, name, cell, kind in near]
+
+
+ASSEMBLY = LegoAssembly(
+    plate=Plate(from_rpy((0.4, 0.0, 1.0), (0.0, 0.0, 0.2)), (32, 48)),
+    stock=(
+        StockBrick("a", BRICKS["2x4"], Cell(0, 0, 1)),
+        StockBrick("b", BRICKS["1x2"], Cell(0, 0, 2, True), fixed=True),
+    ),
+    steps=(LegoStep(BRICKS["2x4"], Cell(9, 9, 1)),),
+    twist={},
+)
+
+
+def test_bricks_become_boxes_where_they_stand() -> None:
+    a, b = stock_objects(ASSEMBLY)
+    assert (a.name, a.kind, a.fixed, a.mass) == ("a", "2x4", False, 0.0022)
+    assert (b.name, b.kind, b.fixed) == ("b", "1x2", True)
+    np.testing.assert_allclose(a.size, [0.0158, 0.0318, 0.0096])
+    # The box reaches from the plate to the underside of the brick above it.
+    assert a.start[2, 3] - a.size[2] / 2 == pytest.approx(1.0)
+    assert b.start[2, 3] - b.size[2] / 2 == pytest.approx(a.start[2, 3] + 0.0048)
+    # The turned one is turned by a quarter against the other.
+    quarter = np.linalg.inv(a.start) @ b.start
+    np.testing.assert_allclose(quarter[:3, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(a.shape.pieces[0].vertices), np.tile(a.size / 2, (8, 1)), atol=1e-12
+    )
+    assert a.colour != b.colour
+
+
+def test_the_plate_lies_below_the_bricks() -> None:
+    plate = plate_fixture(ASSEMBLY.plate)
+    np.testing.assert_allclose(plate.size[:2], [32 * 0.008, 48 * 0.008])
+    assert plate.pose[2, 3] + plate.size[2] / 2 == pytest.approx(1.0)

@@ -39,29 +39,17 @@ from planning.lego.stability.contacts import (
 )
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.transforms import inverse
+from tests.planning.lego.structures import scattered
 from tests.planning.lego.whole_stability import stability
 
 GRID = Plate(np.eye(4))
 LEVEL = 0.0032
-KINDS = ("1x1", "1x2", "2x2", "2x4", "1x2-plate", "2x2-plate", "2x4-plate", "panel")
-TYPES = {**BRICKS, "panel": BrickType("panel", (1, 4), 0.003, height=9)}
+KINDS = ("1x1", "1x2", "2x2", "2x4", "1x2-plate", "2x2-plate", "2x4-plate")
+TYPES = {kind: BRICKS[kind] for kind in KINDS}
+TYPES["panel"] = BrickType("panel", (1, 4), 0.003, height=9)
 
 
-@st.composite
-def structures(draw) -> list[PlacedBrick]:
-    """Bricks, plates and panels anywhere in a small space, none inside another."""
-    filled: set[tuple[int, int, int]] = set()
-    out = []
-    for k in range(draw(st.integers(2, 10))):
-        kind = TYPES[draw(st.sampled_from(KINDS))]
-        x, y = draw(st.integers(0, 4)), draw(st.integers(0, 4))
-        level, turned = draw(st.integers(0, 7)), draw(st.booleans())
-        item = PlacedBrick(f"b{k}", kind, Cell.at_level(x, y, level, turned=turned))
-        own = occupied_places(item.cell, kind)
-        if filled.isdisjoint(own):
-            filled |= own
-            out.append(item)
-    return out
+STRUCTURES = scattered(TYPES, 10, (0, 4), st.integers(0, 7))
 
 
 def box(item: PlacedBrick) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +67,7 @@ def shared(a, b) -> np.ndarray:
 
 
 @settings(max_examples=150, deadline=None)
-@given(structures())
+@given(STRUCTURES)
 def test_joints_are_where_boxes_meet(structure) -> None:
     bricks = by_name(structure)
     found = {
@@ -105,7 +93,7 @@ def test_joints_are_where_boxes_meet(structure) -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(structures())
+@given(STRUCTURES)
 def test_sides_touch_where_boxes_meet(structure) -> None:
     bricks = by_name(structure)
     found = {
@@ -136,7 +124,7 @@ def test_sides_touch_where_boxes_meet(structure) -> None:
 
 
 @settings(max_examples=100, deadline=None)
-@given(structures())
+@given(STRUCTURES)
 def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
     bricks = by_name(structure)
     every = joints(bricks, filled_places(bricks))
@@ -153,7 +141,7 @@ def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(structures())
+@given(STRUCTURES)
 def test_the_quick_judge_agrees_with_the_plain_program(structure) -> None:
     names = frozenset(item.name for item in structure)
     stands = PartialStructures(structure).stands(names)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
 from planning.lego.bricks.drawing import (
     EMPTY,
     name_bricks,
@@ -16,7 +16,8 @@ from planning.lego.bricks.drawing import (
     read_layer,
     type_of_size,
 )
-from planning.lego.bricks.grid import footprint, occupied_places
+from planning.lego.bricks.grid import footprint
+from tests.planning.lego.structures import scattered
 
 
 def cells(drawing):
@@ -77,21 +78,15 @@ def test_a_size_that_two_types_have_needs_a_list():
     assert type_of_size((6, 2), types) == (BRICKS["2x6"], True)
 
 
-@st.composite
-def structures(draw) -> list[tuple[Cell, BrickType]]:
-    """Bricks anywhere in a small space, none inside another."""
-    filled: set[tuple[int, int, int]] = set()
-    out = []
-    for _ in range(draw(st.integers(1, 12))):
-        kind = draw(st.sampled_from([b for b in BRICKS.values() if b.height == 3]))
-        x, y = draw(st.integers(-3, 9)), draw(st.integers(0, 9))
-        turned = draw(st.booleans()) and kind.studs[0] != kind.studs[1]
-        cell = Cell(x, y, draw(st.integers(1, 3)), turned)
-        studs = occupied_places(cell, kind)
-        if filled.isdisjoint(studs):
-            filled |= studs
-            out.append((cell, kind))
-    return out
+WHOLE = {name: kind for name, kind in BRICKS.items() if kind.height == 3}
+
+
+def placed(bricks: Sequence[PlacedBrick]) -> list[tuple[Cell, BrickType]]:
+    return [(item.cell, item.brick) for item in bricks]
+
+
+LAYERS = st.integers(0, 2).map(lambda layer: 3 * layer)
+STRUCTURES = scattered(WHOLE, 12, (-3, 9), LAYERS).map(placed)
 
 
 def draw_layers(
@@ -145,7 +140,7 @@ def _free_letter(grid: Sequence[Sequence[str]], rows: range, columns: range) -> 
 
 
 @settings(max_examples=150, deadline=None)
-@given(structures())
+@given(STRUCTURES)
 def test_what_is_drawn_is_read_back(structure):
     origin, layers = draw_layers(structure)
     back = []
@@ -159,7 +154,7 @@ def test_what_is_drawn_is_read_back(structure):
 
 
 @settings(max_examples=60, deadline=None)
-@given(structures())
+@given(STRUCTURES)
 def test_every_drawn_character_belongs_to_one_brick(structure):
     """Count of letters and of studs agree, layer by layer."""
     _, layers = draw_layers(structure)

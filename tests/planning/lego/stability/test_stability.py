@@ -21,13 +21,8 @@ from planning.lego.bricks.grid import covered_studs, footprint, occupied_places
 from planning.lego.stability.contacts import JointStrength, ToolHold, knob_points
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import STANDARD_GRAVITY, Load
+from tests.planning.lego.structures import brick, dropped
 from tests.planning.lego.whole_stability import stability
-
-
-def _brick(
-    name: str, kind: str, x: int, y: int, z: int, turned: bool = False
-) -> PlacedBrick:
-    return PlacedBrick(name, BRICKS[kind], Cell(x, y, z, turned))
 
 
 def _bar(length: int, mass: float) -> BrickType:
@@ -43,7 +38,7 @@ def _stairs(steps: int, mass: float = 0.00216) -> list[PlacedBrick]:
 
 
 def test_a_brick_on_the_plate_and_a_tower_need_no_friction():
-    tower = [_brick(f"b{z}", "2x4", 3, 5, z) for z in range(1, 9)]
+    tower = [brick(f"b{z}", "2x4", 3, 5, z) for z in range(1, 9)]
     assert stability(tower[:1]).score == 0.0
     report = stability(tower)
     assert (report.stable, report.score, report.body) == (True, 0.0, None)
@@ -54,7 +49,7 @@ def test_nothing_stands():
 
 
 def test_a_brick_in_the_air_is_named():
-    report = stability([_brick("a", "2x4", 0, 0, 1), _brick("b", "2x2", 9, 9, 4)])
+    report = stability([brick("a", "2x4", 0, 0, 1), brick("b", "2x2", 9, 9, 4)])
     assert not report.stable
     assert report.body == "b"
     assert math.isinf(report.score)
@@ -107,7 +102,7 @@ def test_published_stairs_stand_with_19_steps_and_collapse_with_20():
     assert stability(_stairs(19)).stable
     assert not stability(_stairs(20)).stable
     assert stability(_stairs(20)).body == "b01"
-    prop = _brick("prop", "1x2", 4, 21, 1)
+    prop = brick("prop", "1x2", 4, 21, 1)
     assert stability([*_stairs(20), prop]).stable
 
 
@@ -130,7 +125,7 @@ def test_a_supporting_tool_takes_the_load_and_does_not_pull():
 
 
 def test_a_loose_brick_is_not_held_down():
-    tower = [_brick("a", "2x2", 0, 0, 1), _brick("b", "2x4", 0, 0, 2)]
+    tower = [brick("a", "2x2", 0, 0, 1), brick("b", "2x4", 0, 0, 2)]
     tip = Load("b", (0.0, 0.0, -1.0), ((0.008, 3.5 * STUD_PITCH, 0.0192),))
     assert math.isfinite(stability(tower, loads=[tip]).score)
     report = stability(tower, loads=[tip], loose=frozenset(("b",)))
@@ -140,22 +135,22 @@ def test_a_loose_brick_is_not_held_down():
 
 
 def test_sideways_force_is_limited():
-    tower = [_brick("a", "1x1", 0, 0, 1)]
+    tower = [brick("a", "1x1", 0, 0, 1)]
     push = Load("a", (30.0, 0.0, 0.0), ((0.004, 0.004, 0.0),))
     assert not stability(tower, loads=[push]).stable
     assert stability(tower, loads=[push], strength=JointStrength(sideways=40.0)).stable
 
 
-def test_errors_name_the_brick():
-    a = _brick("a", "2x4", 0, 0, 1)
+def test_errors_name_thebrick():
+    a = brick("a", "2x4", 0, 0, 1)
     with pytest.raises(ScenarioError, match="'a' and 'b' overlap"):
-        stability([a, _brick("b", "2x4", 1, 1, 1)])
+        stability([a, brick("b", "2x4", 1, 1, 1)])
     with pytest.raises(ScenarioError, match="called 'a'"):
-        stability([a, _brick("a", "2x4", 9, 9, 1)])
+        stability([a, brick("a", "2x4", 9, 9, 1)])
     with pytest.raises(ScenarioError, match="no brick 'z'"):
         stability([a], loads=[Load("z", (0, 0, 1), ((0, 0, 0),))])
     with pytest.raises(ScenarioError, match="layer 0"):
-        stability([_brick("c", "2x4", 0, 0, 0)])
+        stability([brick("c", "2x4", 0, 0, 0)])
 
 
 @pytest.mark.parametrize("kind", sorted(BRICKS))
@@ -178,24 +173,11 @@ _KINDS = ["1x2", "1x4", "2x2", "2x4", "1x1", "1x6", "1x2-plate", "2x4-plate"]
 
 @st.composite
 def _structures(draw, most=9, side=6):
-    out: list[PlacedBrick] = []
-    filled: set[tuple[int, int, int]] = set()
-    for k in range(draw(st.integers(2, most))):
-        kind = draw(st.sampled_from(_KINDS))
-        turned = draw(st.booleans())
-        x, y = draw(st.integers(0, side)), draw(st.integers(0, side))
-        nx, ny = footprint(Cell(x, y, 1, turned), BRICKS[kind])
-        columns = {(x + i, y + j) for i in range(nx) for j in range(ny)}
-        level = 1 + max((p[2] for p in filled if p[:2] in columns), default=-1)
-        cell = Cell.at_level(x, y, level, turned=turned)
-        item = PlacedBrick(f"b{k}", BRICKS[kind], cell)
-        filled |= occupied_places(item.cell, item.brick)
-        out.append(item)
-    # Heavy enough for the friction of single knobs to be in question.
+    """Heavy enough for the friction of single knobs to be in question."""
     scale = draw(st.sampled_from([1.0, 30.0, 100.0]))
     return [
-        PlacedBrick(i.name, replace(i.brick, mass=i.brick.mass * scale), i.cell)
-        for i in out
+        replace(i, brick=replace(i.brick, mass=i.brick.mass * scale))
+        for i in draw(dropped(_KINDS, (2, most), (0, side)))
     ]
 
 

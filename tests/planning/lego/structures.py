@@ -1,0 +1,63 @@
+"""LEGO structures for tests: single bricks, and strategies for random ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from hypothesis import strategies as st
+
+from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
+from planning.lego.bricks.grid import covered_studs, occupied_places
+
+
+def brick(
+    name: str, kind: str, x: int, y: int, z: int, turned: bool = False
+) -> PlacedBrick:
+    """Return a built-in brick in its place."""
+    return PlacedBrick(name, BRICKS[kind], Cell(x, y, z, turned))
+
+
+@st.composite
+def dropped(
+    draw: st.DrawFn,
+    kinds: Sequence[str],
+    count: tuple[int, int],
+    place: tuple[int, int],
+) -> list[PlacedBrick]:
+    """Return bricks dropped one after another, each on what is there; ``place`` is of x and y."""
+    out: list[PlacedBrick] = []
+    filled: set[tuple[int, int, int]] = set()
+    for k in range(draw(st.integers(*count))):
+        kind = BRICKS[draw(st.sampled_from(list(kinds)))]
+        x, y = draw(st.integers(*place)), draw(st.integers(*place))
+        turned = draw(st.booleans())
+        columns = covered_studs(Cell(x, y, 1, turned), kind)
+        level = 1 + max((p[2] for p in filled if p[:2] in columns), default=-1)
+        item = PlacedBrick(f"b{k}", kind, Cell.at_level(x, y, level, turned=turned))
+        filled |= occupied_places(item.cell, kind)
+        out.append(item)
+    return out
+
+
+@st.composite
+def scattered(
+    draw: st.DrawFn,
+    types: Mapping[str, BrickType],
+    most: int,
+    xs: tuple[int, int],
+    levels: st.SearchStrategy[int],
+) -> list[PlacedBrick]:
+    """Return bricks anywhere in a small space, none inside another; y is from 0 on."""
+    filled: set[tuple[int, int, int]] = set()
+    out = []
+    for k in range(draw(st.integers(1, most))):
+        kind = types[draw(st.sampled_from(list(types)))]
+        x, y = draw(st.integers(*xs)), draw(st.integers(0, xs[1]))
+        level = draw(levels)
+        turned = draw(st.booleans()) and kind.studs[0] != kind.studs[1]
+        item = PlacedBrick(f"b{k}", kind, Cell.at_level(x, y, level, turned=turned))
+        own = occupied_places(item.cell, kind)
+        if filled.isdisjoint(own):
+            filled |= own
+            out.append(item)
+    return out
