@@ -197,7 +197,7 @@ class SkillTrial:
     def resolved(self) -> ResolvedSkill:
         """Return the skill as it is once nothing is in the way any more."""
         left = {k: v for k, v in self.touched.items() if k not in self.gone}
-        return ResolvedSkill(self.path, tuple(self.gone), left)
+        return ResolvedSkill(self.path, frozenset(self.gone), left)
 
     def _next(self) -> Obstruction | None:
         """Return what is in the way next, but for what the tool may graze or lean on."""
@@ -298,8 +298,14 @@ class ResolvedSkill:
     """
 
     path: SkillPath
-    gone: tuple[str, ...]
+    gone: frozenset[str]
     touched: Mapping[str, bool]
+
+    def renamed(self, names: Mapping[str, str]) -> ResolvedSkill:
+        """Return the same skill where some things have other names."""
+        gone = frozenset(names.get(name, name) for name in self.gone)
+        touched = {names.get(name, name): leans for name, leans in self.touched.items()}
+        return ResolvedSkill(self.path, gone, touched)
 
 
 def resolve_skill(

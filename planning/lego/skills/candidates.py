@@ -11,9 +11,10 @@ from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.skills.options import SkillOption, SkillOptions
+from planning.lego.skills.options import SkillOptions
 from planning.steps.candidates import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
+from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -160,7 +161,8 @@ class BrickCollector(CandidateCollector):
                     pick = self._pick(step, giver or robot, stock, grasp)
                     if pick is not None:
                         whole = cost + self.cost(pick.path)
-                        after = (place.after | pick.after) - {stock}
+                        after = self.skills.after(place) | self.skills.after(pick)
+                        after -= {stock}
                         self.primaries.append(
                             PrimaryCandidate(
                                 step, robot, stock, grasp, whole, giver, after
@@ -195,8 +197,8 @@ class BrickCollector(CandidateCollector):
                 if count == self._most:
                     break
                 option = self.skills.support(robot, step, choice)
-                if isinstance(option, SkillOption) and option.after:
-                    names = ", ".join(sorted(option.after))
+                if isinstance(option, ResolvedSkill) and self.skills.after(option):
+                    names = ", ".join(sorted(self.skills.after(option)))
                     option = Obstruction(f"blocked by {names}")
                 support = self.accept(step, f"{robot} supports", option)
                 if support is None:
@@ -209,7 +211,7 @@ class BrickCollector(CandidateCollector):
 
     def _place(
         self, robot: str, step: int, grasp: int, supports: dict[int, SupportCandidate]
-    ) -> SkillOption | None:
+    ) -> ResolvedSkill | None:
         """Return the cheapest place, alone or beside any of the supports."""
         beside: list[SupportCandidate | None] = [None]
         if self.world.step(step).up or self.world.step(step).supports:
@@ -220,7 +222,7 @@ class BrickCollector(CandidateCollector):
                 and self.world.go_together(step, grasp, item.pose)
             ]
         found = [self.skills.place(robot, step, grasp, support) for support in beside]
-        places = [option for option in found if isinstance(option, SkillOption)]
+        places = [option for option in found if isinstance(option, ResolvedSkill)]
         if places:
             return min(places, key=lambda option: self.cost(option.path))
         reasons = [option for option in found if isinstance(option, Obstruction)]
@@ -230,11 +232,13 @@ class BrickCollector(CandidateCollector):
 
     def _pick(
         self, step: int, robot: str, stock: str, grasp: int
-    ) -> SkillOption | None:
+    ) -> ResolvedSkill | None:
         """Return how a robot picks a brick of the stock in time for a step."""
         found = self.skills.pick(robot, stock, grasp)
-        if isinstance(found, SkillOption) and found.latest and step > found.latest:
-            found = Obstruction(f"the brick of step {found.latest} is in the way")
+        if isinstance(found, ResolvedSkill):
+            latest = self.skills.latest(found)
+            if latest is not None and step > latest:
+                found = Obstruction(f"the brick of step {latest} is in the way")
         return self.accept(step, f"{robot} picks {stock}, {_grip(grasp)}", found)
 
     def _add_clashes(

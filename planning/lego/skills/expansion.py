@@ -26,7 +26,6 @@ from planning.lego.skills.allowed_contacts import (
     supporting,
 )
 from planning.lego.skills.candidates import LegoCandidates
-from planning.lego.skills.options import SkillOption
 from planning.lego.skills.targets import supported_span
 from planning.steps.handovers import Handover
 from planning.steps.placement import (
@@ -43,6 +42,7 @@ from planning.steps.skill import (
     gripped,
     touching,
 )
+from planning.steps.skill_scene import ResolvedSkill
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
@@ -159,7 +159,7 @@ class _ChosenBrickStep:
             self.refill,
         )
 
-    def _place(self, option: SkillOption) -> PlannedSkill:
+    def _place(self, option: ResolvedSkill) -> PlannedSkill:
         path, cell = option.path, self.work.cell
         goal = self.world.goal(self.choice.step)[1].pose
         others = self._standing_near(room_at_rest(cell, self.work.brick))
@@ -174,7 +174,7 @@ class _ChosenBrickStep:
             grazed,
         )
 
-    def _support(self, option: SkillOption, choice: int) -> PlannedSupport:
+    def _support(self, option: ResolvedSkill, choice: int) -> PlannedSupport:
         path, support = option.path, self.work.supports[choice]
         bricks = self._standing_near(supported_span(support))
         bricks[self.brick] = self.work.cell, self.work.brick
@@ -200,7 +200,7 @@ class _ChosenBrickStep:
         press = press_of(self.choice.grasp)
         return contacts_at_rest(robot, self.brick, seat, press, others, fixtures)
 
-    def _touched(self, option: SkillOption) -> tuple[Pairs, Pairs]:
+    def _touched(self, option: ResolvedSkill) -> tuple[Pairs, Pairs]:
         """Return what the tool leans on in a skill, and grazes, as far as it is there by then."""
         tool = entity(option.path.robot, "tool")
         later, brick = self.world.goal_numbers, (self.work.cell, self.work.brick)
@@ -235,6 +235,6 @@ class _ChosenBrickStep:
         return frame_pose(self.world.cell.robot(robot), q)
 
 
-def _option(found: SkillOption | Obstruction) -> SkillOption:
-    assert isinstance(found, SkillOption), found
+def _option(found: ResolvedSkill | Obstruction) -> ResolvedSkill:
+    assert isinstance(found, ResolvedSkill), found
     return found

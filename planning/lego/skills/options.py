@@ -6,10 +6,11 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
+from typing import Any, TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.kinematics.kinematics import inverse_kinematics
@@ -47,56 +48,20 @@ from planning.steps.skill import (
     Obstruction,
     Pairs,
     SkillContacts,
-    SkillPath,
     SkillTargets,
     Subgoal,
     ToolContact,
     gripped,
 )
-from planning.steps.skill_scene import SkillScene, resolve_skill
+from planning.steps.skill_scene import ResolvedSkill, SkillScene, resolve_skill
 from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, Transform, translation
 
+Found = ResolvedSkill | Obstruction
+"""A skill that is free but for what will be gone, or why there is none."""
 
-@dataclass(frozen=True)
-class SkillOption:
-    """A collision-free execution of a skill by one robot.
-
-    Attributes:
-        path: in joint space.
-        after: stock bricks that stand in the way until they have been used.
-        latest: last step at which it is possible, because a later brick is in the way; None
-            when none is.
-        touched: bricks that the tool grazes, False, or leans on, True.
-    """
-
-    path: SkillPath
-    after: frozenset[str] = frozenset()
-    latest: int | None = None
-    touched: Mapping[str, bool] = field(default_factory=dict)
-
-
-Found = SkillOption | Obstruction
-"""A free execution of a skill, or why there is none."""
-
-
-def is_blocked(found: Found) -> bool:
-    """Tell whether things are in the way of a skill, for good or until they are gone."""
-    if isinstance(found, Obstruction):
-        return found.by is not None
-    return bool(found.after)
-
-
-def first_option(tried: Iterable[Found]) -> Found:
-    """Return the first way that is free, or else why the first one is not."""
-    reason: Obstruction | None = None
-    for option in tried:
-        if isinstance(option, SkillOption):
-            return option
-        reason = reason or option
-    assert reason is not None
-    return reason
-
+Key = TypeVar("Key", bound=tuple[Any, ...])
+Answer = TypeVar("Answer")
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
@@ -123,10 +88,7 @@ class SkillOptions:
 
     def pick(self, robot: str, stock: str, grasp: int) -> Found:
         """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
-        key = robot, stock, grasp
-        if key not in self._picks:
-            self._picks[key] = self._pick(*key)
-        return self._picks[key]
+        return _once(self._picks, (robot, stock, grasp), self._pick)
 
     def place(
         self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
@@ -139,26 +101,27 @@ class SkillOptions:
             grasp: number of the grip.
             beside: who stands supporting meanwhile; None when all others are at HOME.
         """
-        key = robot, step, grasp, beside
-        if key not in self._places:
-            self._places[key] = self._place(*key)
-        return self._places[key]
+        return _once(self._places, (robot, step, grasp, beside), self._place)
 
     def support(self, robot: str, step: int, choice: int) -> Found:
         """Return the support of a step by a robot, by its number, see ``LegoStep.supports``."""
-        key = robot, step, choice
-        if key not in self._supports:
-            self._supports[key] = self._support(*key)
-        return self._supports[key]
+        return _once(self._supports, (robot, step, choice), self._support)
 
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> Handover | Obstruction:
         """Return how the brick of a step goes from one robot to another, with a grip."""
         key = giver, receiver, step, grasp
-        if key not in self._handovers:
-            self._handovers[key] = self._handover(*key)
-        return self._handovers[key]
+        return _once(self._handovers, key, self._handover)
+
+    def after(self, skill: ResolvedSkill) -> frozenset[str]:
+        """Return the stock bricks that stand in the way of a skill until they have been used."""
+        return skill.gone.difference(self.world.goal_numbers)
+
+    def latest(self, skill: ResolvedSkill) -> int | None:
+        """Return the last step at which a skill is possible: a later brick is in the way."""
+        numbers = self.world.goal_numbers
+        return min((numbers[k] for k in skill.gone if k in numbers), default=None)
 
     def exchanged(self, world: BrickWorld, step: int) -> SkillOptions:
         """Return the options of a world in which a step and the next one are exchanged.
@@ -170,18 +133,9 @@ class SkillOptions:
         name = {goal_name(a): goal_name(b) for a, b in number.items()}
 
         def renamed(found: Found) -> Found:
-            if isinstance(found, Obstruction):
-                return found
-            touched = {name.get(k, k): leans for k, leans in found.touched.items()}
-            latest = found.latest
-            if latest is not None:
-                latest = number.get(latest, latest)
-            return replace(found, touched=touched, latest=latest)
+            return found if isinstance(found, Obstruction) else found.renamed(name)
 
-        for picked, found in self._picks.items():
-            # If the next one is in the way as well, it is the first of them now.
-            if isinstance(found, Obstruction) or found.latest != step:
-                other._picks[picked] = renamed(found)
+        other._picks = {key: renamed(found) for key, found in self._picks.items()}
         for placed, found in self._places.items():
             if placed[1] not in number:
                 other._places[placed] = renamed(found)
@@ -223,19 +177,29 @@ class SkillOptions:
             ),
         )
         loose = self._loose_in_picks - above - {stock}
-        option = self._resolve(
-            robot, self.pick_targets(robot, stock, grasp), scene, loose
+        option = resolve_skill(
+            world.cell.robot(robot),
+            self.pick_targets(robot, stock, grasp),
+            scene,
+            loose,
         )
-        if is_blocked(option):
+        if self._is_blocked(option):
             targets = self.pick_targets(robot, stock, grasp, by_halves=True)
-            other = self._resolve(robot, targets, scene, loose)
-            if isinstance(other, SkillOption) and (
-                isinstance(option, Obstruction) or len(other.after) < len(option.after)
+            other = resolve_skill(world.cell.robot(robot), targets, scene, loose)
+            if not isinstance(other, Obstruction) and (
+                isinstance(option, Obstruction)
+                or len(self.after(other)) < len(self.after(option))
             ):
                 option = other
         if isinstance(option, Obstruction):
             return option
-        return replace(option, after=option.after | above)
+        return replace(option, gone=option.gone | above)
+
+    def _is_blocked(self, found: Found) -> bool:
+        """Tell whether things are in the way of a skill, for good or until they are gone."""
+        if isinstance(found, Obstruction):
+            return found.by is not None
+        return bool(self.after(found))
 
     def _refill(self, stock: str) -> Placed | None:
         """Return what stands where a stock brick was, once it has been picked."""
@@ -330,7 +294,7 @@ class SkillOptions:
         standing = dict(self.home)
         if beside is not None:
             held = self.support(beside.robot, step, beside.pose)
-            assert isinstance(held, SkillOption), held
+            assert isinstance(held, ResolvedSkill), held
             standing[beside.robot] = held.path.path[-1]
             touching |= self.supported(beside.robot, step, beside.pose)
         held_goal = (goal, self.held_for_place(robot, step, grasp))
@@ -347,9 +311,9 @@ class SkillOptions:
         if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
             attacks.append(-work.attack)  # that of the step belongs to its own press
         heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
-        return first_option(
-            self._resolve(
-                robot,
+        return _first_free(
+            resolve_skill(
+                world.cell.robot(robot),
                 self.place_targets(robot, step, grasp, attack, height),
                 scene,
                 world.loose_stock,
@@ -387,8 +351,13 @@ class SkillOptions:
         scene = SkillScene(
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
-        return first_option(
-            self._resolve(robot, _drawn_back(targets, back), scene, world.loose_stock)
+        return _first_free(
+            resolve_skill(
+                world.cell.robot(robot),
+                _drawn_back(targets, back),
+                scene,
+                world.loose_stock,
+            )
             for back, targets in product(
                 _DRAWN_BACK, self.support_targets(step, choice)
             )
@@ -415,25 +384,22 @@ class SkillOptions:
             reason = reason or found
         return reason or Obstruction(f"receive is out of reach of {receiver}")
 
-    def _resolve(
-        self,
-        robot: str,
-        targets: SkillTargets,
-        scene: SkillScene,
-        loose: frozenset[str],
-    ) -> Found:
-        """Return a path clear of everything, or else of everything that will be gone."""
-        placed = self.world.cell.robot(robot)
-        found = resolve_skill(placed, targets, scene, loose)
-        if isinstance(found, Obstruction):
+
+def _once(known: dict[Key, Answer], key: Key, find: Callable[..., Answer]) -> Answer:
+    if key not in known:
+        known[key] = find(*key)
+    return known[key]
+
+
+def _first_free(tried: Iterable[Found]) -> Found:
+    """Return the first way that is free, or else why the first one is not."""
+    reason: Obstruction | None = None
+    for found in tried:
+        if not isinstance(found, Obstruction):
             return found
-        gone = found.gone
-        if not gone:
-            return SkillOption(found.path, touched=found.touched)
-        steps = range(1, len(self.world.assembly.steps) + 1)
-        latest = min((k for k in steps if goal_name(k) in gone), default=None)
-        after = frozenset(gone).difference(map(goal_name, steps))
-        return SkillOption(found.path, after, latest, found.touched)
+        reason = reason or found
+    assert reason is not None
+    return reason
 
 
 def _drawn_back(skill: SkillTargets, distance: float) -> SkillTargets:

@@ -16,8 +16,9 @@ from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBr
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grips import grip_pose, presses
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.options import SkillOption, SkillOptions
+from planning.lego.skills.options import SkillOptions
 from planning.steps.skill import Obstruction, SkillPath
+from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.assignment import SupportCandidate
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
@@ -73,16 +74,16 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
         if item.partner is not None:
             continue
         support = found.skills.support(other[item.robot], item.step, 0)
-        assert isinstance(support, SkillOption)
+        assert isinstance(support, ResolvedSkill)
         place = found.skills.place(
             item.robot,
             item.step,
             item.grasp,
             SupportCandidate(item.step, other[item.robot], 0, 0.0),
         )
-        assert isinstance(place, SkillOption)
+        assert isinstance(place, ResolvedSkill)
         pick = found.skills.pick(item.robot, item.object, item.grasp)
-        assert isinstance(pick, SkillOption)
+        assert isinstance(pick, ResolvedSkill)
         attach = pick.path.waypoints[2]
         top = found.world.start_top(item.object)
         kind = found.world.stock[item.object].brick
@@ -100,12 +101,12 @@ def test_postures_stay_within_limits_and_do_not_flip(found: LegoCandidates) -> N
     for step in (1, 2, 3):
         for robot in ("left", "right"):
             option = found.skills.support(robot, step, 0)
-            if isinstance(option, SkillOption):
+            if isinstance(option, ResolvedSkill):
                 paths.append(option.path)
     for item in found.problem.primaries:
         picker = item.partner or item.robot
         pick = found.skills.pick(picker, item.object, item.grasp)
-        assert isinstance(pick, SkillOption)
+        assert isinstance(pick, ResolvedSkill)
         paths.append(pick.path)
     for path in paths:
         model = found.world.cell.robot(path.robot).model
@@ -160,12 +161,12 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     cell, assembly = overhang()
     found = find_candidates(cell, assembly)
     support = found.skills.support("left", 1, 0)
-    assert isinstance(support, SkillOption)
+    assert isinstance(support, ResolvedSkill)
     grasp = grasp_number(Press(1, 0))
     beside = found.skills.place("right", 1, grasp, SupportCandidate(1, "left", 0, 0.0))
-    assert isinstance(beside, SkillOption)
+    assert isinstance(beside, ResolvedSkill)
     own = found.skills.place("left", 1, grasp, None)
-    assert isinstance(own, SkillOption)
+    assert isinstance(own, ResolvedSkill)
     stuck = replace(support.path, path=own.path.path[1:2])
     again = SkillOptions(found.world)
     again.support = lambda robot, step, choice: replace(support, path=stuck)

@@ -25,9 +25,10 @@ from planning.lego.bricks.brick_world import BrickWorld, grasp_number
 from planning.lego.skills.allowed_contacts import PRESSED
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.lego.skills.options import SkillOption, SkillOptions
+from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.steps.skill import Obstruction, SkillPath
+from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import translation
 from tests.planning.lego.skills.facing_arms import facing_arms
@@ -58,7 +59,7 @@ def world(
 
 def pick_beside(
     *beside: Cell, side: int = 1, offset: int = 0, robot: str = "left", **more: object
-) -> tuple[Workcell, SkillOption | Obstruction]:
+) -> tuple[Workcell, ResolvedSkill | Obstruction]:
     cell, assembly = world(*beside, **more)  # type: ignore[arg-type]
     options = SkillOptions(BrickWorld(cell, assembly))
     press = grasp_number(Press(side, offset))
@@ -103,21 +104,21 @@ def test_a_brick_one_stud_away_is_in_nobodys_way() -> None:
         (Cell(23, 20, 1), None),
     ):
         cell, found = pick_beside(at, offset=2)
-        assert isinstance(found, SkillOption), (at, found)
+        assert isinstance(found, ResolvedSkill), (at, found)
         assert found.touched == ({} if leans is None else {"n1": leans})
         if leans is not None:
             limit = PRESSED if leans else TOLERANCE
             assert deepest(cell, found.path, "n1") <= limit
     for robot in ("left", "right"):
         cell, found = pick_beside(ONE_STUD_AWAY, robot=robot)
-        assert isinstance(found, SkillOption)
+        assert isinstance(found, ResolvedSkill)
         assert 0.00207 <= deepest(cell, found.path, "n1") <= 0.0027
 
 
 def test_a_lever_does_not_go_into_the_brick_at_its_side() -> None:
     """The wall is as thick as the gap of a stud: it has no place beside a brick that touches."""
     _, found = pick_beside(Cell(18, 20, 1))
-    assert not isinstance(found, SkillOption)
+    assert not isinstance(found, ResolvedSkill)
     assert "press" in found.words
     assert found.by == "n1"
 
@@ -147,7 +148,7 @@ def test_no_pick_goes_deeper_than_it_says(
         offset = 0
     at = Cell(20 + dx, 20 + dy, 1)
     cell, found = pick_beside(at, side=side, offset=offset, tolerance=tolerance)
-    if not isinstance(found, SkillOption):
+    if not isinstance(found, ResolvedSkill):
         return
     deep = deepest(cell, found.path, "n1")
     beside = abs(dx) <= 2 and abs(dy) <= 4
