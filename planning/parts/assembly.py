@@ -216,7 +216,7 @@ class GripRules:
 
 
 @dataclass(frozen=True)
-class PartWays:
+class PartHandling:
     """Grips of a part, and its straight ways out of where it lies and into its place.
 
     Attributes:
@@ -251,7 +251,7 @@ class PartAssembly:
         grips: which grips are tried.
         balance: friction and joints under which it must stand; None if that is not looked at.
         overlaps: how deep parts that are joined may be in each other.
-        own_ways: of the parts that are handled in another way than this says, by name.
+        own_handling: of the parts that are handled in another way than this says, by name.
         supply: what comes up and leaves meanwhile.
     """
 
@@ -264,11 +264,11 @@ class PartAssembly:
     balance: BalanceRules | None = None
     overlaps: Overlaps = field(default_factory=Overlaps)
     supply: Supply = field(default_factory=Supply)
-    own_ways: Mapping[str, PartWays] = field(default_factory=dict)
+    own_handling: Mapping[str, PartHandling] = field(default_factory=dict)
 
-    def ways(self, part: str) -> PartWays:
+    def handling(self, part: str) -> PartHandling:
         """Return how a part is gripped and led."""
-        return self.own_ways.get(part) or PartWays(
+        return self.own_handling.get(part) or PartHandling(
             self.grips, self.approach, self.leave
         )
 

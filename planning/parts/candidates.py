@@ -207,7 +207,7 @@ class PartCollector(CandidateCollector):
         skills = self._skills(tools)
         own = list(own_grips(robot, step.grips))
         if not own:
-            rules = self._assembly.ways(part).grips
+            rules = self._assembly.handling(part).grips
             reason = why_no_grip(robot, step.part.shape, rules)
             self.reject(number, f"{name} grips {part}", reason)
         for k, grip in own:
@@ -238,7 +238,7 @@ class PartCollector(CandidateCollector):
         by_robot = "/" in (found.by or "/")
         if by_robot or not found.words.startswith(f"{robot.name}/tool"):
             return found
-        frame = self._assembly.ways(step.part.name).grips.frame
+        frame = self._assembly.handling(step.part.name).grips.frame
         why = beyond_part(robot, step.part.shape, grip, frame)
         return replace(found, words=found.words + why)
 
@@ -300,7 +300,7 @@ class PartCollector(CandidateCollector):
         tools = mounted_tool(robot)
         skills = self._skills(tools)
         own = dict(own_grips(robot, held.grips))
-        rules = self._assembly.ways(held.part.name).grips
+        rules = self._assembly.handling(held.part.name).grips
         if not own:
             reason = why_no_grip(robot, held.part.shape, rules)
             self.reject(number, f"{robot.name} holds {held.part.name}", reason)

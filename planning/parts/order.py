@@ -281,7 +281,7 @@ class _AnyOrder:
     def _barred(self) -> Iterator[tuple[int, int, str]]:
         """Yield what would bar another part's straight way down, or up from where it starts."""
         at, goals = self._placing, self._goals
-        ways = {name: self._assembly.ways(name) for name in at}
+        ways = {name: self._assembly.handling(name) for name in at}
         for name, goal in goals.items():
             down = np.array(ways[name].insertion), ways[name].approach
             for other, there in goals.items():

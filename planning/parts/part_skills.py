@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -238,8 +238,8 @@ class PartSkills:
         self, robot: PlacedRobot, part: CellObject, grip: Grip
     ) -> Obstruction | None:
         """Return why a robot's tool cannot hold a part by a grip, None where it can."""
-        approach = self.assembly.ways(part.name).approach
-        return tool_misfit(robot, self.assembly.grips.frame, part, grip, approach)
+        approach = self.assembly.handling(part.name).approach
+        return tool_misfit(robot, self._frame, part, grip, approach)
 
     def pick(
         self,
@@ -252,18 +252,12 @@ class PartSkills:
 
         Grips are poses of the tool in the frame of the part.
         """
-        part, frame = step.part, self.assembly.grips.frame
-        held = gripped(robot.name, part.name)
-        in_hand = Attachment(robot.name, held_pose(robot, frame, grip))
-        ways = self.assembly.ways(part.name)
+        start, ways = step.part.start, self.assembly.handling(step.part.name)
         targets = pick_targets(
-            frame, part.start @ grip, ways.approach, ways.leave, ways.extraction
+            self._frame, start @ grip, ways.approach, ways.leave, ways.extraction
         )
-        contacts = SkillContacts(
-            NOTHING, held | touching(part.name, step.at_start), held
-        )
-        changes = Attachment(None, part.start), in_hand
-        return self._handle(robot, step, targets, contacts, changes, known)
+        changes = Attachment(None, start), self._in_hand(robot, grip)
+        return self._handle(robot, step, targets, changes, step.at_start, known)
 
     def place(
         self,
@@ -273,28 +267,20 @@ class PartSkills:
         known: SkillPath | None = None,
     ) -> SkillPath | Obstruction:
         """Return the place-down of a step by a grip; one that is known, where it is free."""
-        part, frame = step.part, self.assembly.grips.frame
-        held = gripped(robot.name, part.name)
-        in_hand = Attachment(robot.name, held_pose(robot, frame, grip))
-        ways = self.assembly.ways(part.name)
+        ways = self.assembly.handling(step.part.name)
         targets = place_targets(
-            frame, step.goal @ grip, ways.approach, ways.leave, ways.insertion
+            self._frame, step.goal @ grip, ways.approach, ways.leave, ways.insertion
         )
-        contacts = SkillContacts(
-            held, held | touching(part.name, step.at_goal), NOTHING
-        )
-        changes = in_hand, Attachment(None, step.goal)
-        return self._handle(robot, step, targets, contacts, changes, known)
+        changes = self._in_hand(robot, grip), Attachment(None, step.goal)
+        return self._handle(robot, step, targets, changes, step.at_goal, known)
 
     def carried_home(
         self, robot: PlacedRobot, step: PartStep, grip: Transform
     ) -> Obstruction | None:
         """Return what is in the way of a robot that stands at HOME with a part."""
         name = step.part.name
-        in_hand = Attachment(
-            robot.name, held_pose(robot, self.assembly.grips.frame, grip)
-        )
-        attachments = {k: at for k, (_, at) in step.around.items()} | {name: in_hand}
+        attachments = {k: at for k, (_, at) in step.around.items()}
+        attachments[name] = self._in_hand(robot, grip)
         state = WorldState(self._configurations, attachments)
         held = gripped(robot.name, name)
         checker = SceneChecker(self.cell, robot.name, state, held, margin=MARGIN)
@@ -326,16 +312,13 @@ class PartSkills:
         part = held.part.name
         at_part = gripped(robot.name, part)
         targets = hold_targets(
-            self.assembly.grips.frame,
+            self._frame,
             held.pose @ grip,
-            self.assembly.ways(part).approach,
+            self.assembly.handling(part).approach,
         )
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._configurations, contacts)
-        if known is not None and find_obstruction(known, scene) is None:
-            return known
-        found = resolve_skill(robot, targets, scene)
-        return found if isinstance(found, Obstruction) else found.path
+        return _free_path(robot, targets, scene, known)
 
     def work(
         self,
@@ -354,41 +337,59 @@ class PartSkills:
             SkillContacts(NOTHING, touches, NOTHING),
             tool=ToolContact(0.0, PRESSED),
         )
-        if known is not None and find_obstruction(known, scene) is None:
-            return known
-        found = resolve_skill(robot, targets, scene)
-        if isinstance(found, Obstruction):
-            return found
-        if found.touched:
-            beside = min(found.touched)
-            return Obstruction(f"the tool comes too near to {beside}", beside)
-        return found.path
+        return _free_path(robot, targets, scene, known)
 
     def _handle(
         self,
         robot: PlacedRobot,
         step: PartStep,
         targets: SkillTargets,
-        contacts: SkillContacts,
         changes: tuple[Attachment, Attachment],
-        known: SkillPath | None = None,
+        touched: Iterable[str],
+        known: SkillPath | None,
     ) -> SkillPath | Obstruction:
-        """Return a skill, given where the part is before and after it changes hands."""
-        part = step.part
-        objects = {**step.around, part.name: (part, changes[0])}
+        """Return a skill, given where the part is before and after it, and what it touches at rest."""
+        part, (first, then) = step.part, changes
+        held = gripped(robot.name, part.name)
         scene = SkillScene(
             self.cell,
-            objects,
+            {**step.around, part.name: (part, first)},
             self._configurations,
-            contacts,
-            (part.name, changes[1]),
+            SkillContacts(
+                NOTHING if first.holder is None else held,
+                held | touching(part.name, touched),
+                NOTHING if then.holder is None else held,
+            ),
+            (part.name, then),
         )
-        if known is not None and find_obstruction(known, scene) is None:
-            return known
-        found = resolve_skill(robot, targets, scene)
-        return found if isinstance(found, Obstruction) else found.path
+        return _free_path(robot, targets, scene, known)
+
+    def _in_hand(self, robot: PlacedRobot, grip: Transform) -> Attachment:
+        return Attachment(robot.name, held_pose(robot, self._frame, grip))
+
+    @property
+    def _frame(self) -> str:
+        return self.assembly.grips.frame
 
     @property
     def _configurations(self) -> dict[str, Array]:
         home = {robot.name: robot.home for robot in self.cell.robots}
         return {**home, **self.holding}
+
+
+def _free_path(
+    robot: PlacedRobot,
+    targets: SkillTargets,
+    scene: SkillScene,
+    known: SkillPath | None,
+) -> SkillPath | Obstruction:
+    """Return a skill that is free in a scene, a known one where that is."""
+    if known is not None and find_obstruction(known, scene) is None:
+        return known
+    found = resolve_skill(robot, targets, scene)
+    if isinstance(found, Obstruction):
+        return found
+    if found.touched:
+        grazed = min(found.touched)
+        return Obstruction(f"the tool comes too near to {grazed}", grazed)
+    return found.path

@@ -147,7 +147,7 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
         held = None
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
-            rules = assembly.ways(step.hold).grips
+            rules = assembly.handling(step.hold).grips
             grips = tool_grips(
                 list(with_each_tool(cell.robots)), part.shape, pose, pose, rules
             )
@@ -239,7 +239,7 @@ def _place_step(
         _require_standing(f"step {number} ({name})", at_goal)
     _require_room(number, name, at_goal, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
-    rules = assembly.ways(name).grips
+    rules = assembly.handling(name).grips
     grips = tool_grips(
         list(with_each_tool(cell.robots)), part.shape, part.start, goal, rules
     )
@@ -260,7 +260,7 @@ def require_ways(
     for number, step in enumerate(steps, start=1):
         if not isinstance(step, PartStep):
             continue
-        part, ways = step.part, assembly.ways(step.part.name)
+        part, ways = step.part, assembly.handling(step.part.name)
         lying = standing(cell)
         lying |= {name: (item, at.pose) for name, (item, at) in step.around.items()}
         for place, touched, direction, length, words in (

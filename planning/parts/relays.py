@@ -200,7 +200,7 @@ def _find_ends(skills: PartSkills, step: PartStep) -> tuple[list[End], list[End]
 def _ends(skills: PartSkills, step: PartStep, *, pick: bool) -> list[End]:
     at = step.part.start if pick else step.goal
     out = []
-    rules = skills.assembly.ways(step.part.name).grips
+    rules = skills.assembly.handling(step.part.name).grips
     for robot in skills.cell.robots:
         if not step.step.done_by(robot.name) or overload(robot, step.part) is not None:
             continue
@@ -231,7 +231,7 @@ def _through(
 ) -> list[tuple[End, SkillPath, float]]:
     """Return the ends whose robots also reach the part where it is laid down, one way each."""
     rest = step.part.start if pick else step.goal
-    rules = skills.assembly.ways(step.part.name).grips
+    rules = skills.assembly.handling(step.part.name).grips
     robots = {end.robot.name: end.robot for end in ends}
     good = {
         (name, grip.pose.tobytes())
@@ -412,7 +412,7 @@ def _handover(
     """Return how a part is handed over at a pose, None if something is in the way."""
     part, frame = step.part, skills.assembly.grips.frame
     giver, receiver = give.robot, take.robot
-    ways = skills.assembly.ways(part.name)
+    ways = skills.assembly.handling(part.name)
     tool = at @ take.grip.pose
     back = tool @ translation(0.0, 0.0, -ways.approach)
     coming = -ways.approach * tool[:3, 2]

@@ -16,7 +16,7 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartWays, Place
+from planning.parts.assembly import Grip, PartHandling, Place
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import WorkStep, stop_pose, touched_in_racks
 from planning.parts.tool_grips import robot_grips
@@ -177,7 +177,7 @@ class _Leg:
     step: Place
     part: CellObject
     end: Transform
-    ways: PartWays
+    ways: PartHandling
     start_at: KeyPath
     end_at: KeyPath
     words: str
@@ -200,7 +200,7 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_Leg]:
             end, words = stop_pose(subject.cell, step.stop), step.stop.at
             end_at = ("assembly", "steps", number % count, "at")
         known[step.part] = end, end_at
-        ways = assembly.ways(step.part)
+        ways = assembly.handling(step.part)
         part = replace(item, start=start)
         yield _Leg(step, part, end, ways, start_at, end_at, words)
 
@@ -235,13 +235,13 @@ def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
         )
 
 
-def _picking(frame: str, ways: PartWays) -> Targets:
+def _picking(frame: str, ways: PartHandling) -> Targets:
     return lambda at: pick_targets(
         frame, at, ways.approach, ways.leave, ways.extraction
     )
 
 
-def _placing(frame: str, ways: PartWays) -> Targets:
+def _placing(frame: str, ways: PartHandling) -> Targets:
     return lambda at: place_targets(
         frame, at, ways.approach, ways.leave, ways.insertion
     )

@@ -47,7 +47,7 @@ def check_grips(subject: Subject) -> Findings:
     tools = dict.fromkeys(robot.model.grip for robot in robots)
     for name in dict.fromkeys(assembly.placed):
         part = subject.cell.object(name)
-        rules = assembly.ways(name).grips
+        rules = assembly.handling(name).grips
         widest = max(tool_rules(rules, tool).opening for tool in tools)
         listing = "; ".join(_opens(tool, rules) for tool in tools)
         least = thinnest(part.shape)

@@ -15,7 +15,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
-from planning.lego.skills.options import SkillOptions
+from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
 from planning.steps.skill import (
     Obstruction,
@@ -71,7 +71,7 @@ class _Reach:
 
     def __init__(self, world: BrickWorld) -> None:
         self._world = world
-        self._options = SkillOptions(world)
+        self._options = BrickSkills(world)
         self._not_picking: Callable[[str, tuple[int, ...]], dict[str, str]] = cache(
             lambda *pick: self._out_of_reach(self._picks(*pick))
         )

@@ -11,7 +11,7 @@ from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep
 from planning.lego.bricks.brick_world import BrickWorld, press_of
-from planning.lego.skills.options import SkillOptions
+from planning.lego.skills.brick_skills import BrickSkills
 from planning.steps.candidates import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.skill_scene import ResolvedSkill
@@ -38,7 +38,7 @@ class LegoCandidates:
 
     world: BrickWorld
     problem: AssignmentProblem
-    skills: SkillOptions = field(repr=False)
+    skills: BrickSkills = field(repr=False)
     alternatives: int = 2
 
 
@@ -69,7 +69,7 @@ def find_candidates(
     world = BrickWorld(cell, assembly)
     if alternatives is None:
         alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
-    skills = SkillOptions(world)
+    skills = BrickSkills(world)
     collector = BrickCollector(skills, alternatives)
     for number in range(1, len(assembly.steps) + 1):
         collector.add(number)
@@ -102,7 +102,7 @@ def exchange_steps(
 class BrickCollector(CandidateCollector):
     """Gathers the candidates of a LEGO assembly."""
 
-    def __init__(self, skills: SkillOptions, alternatives: int) -> None:
+    def __init__(self, skills: BrickSkills, alternatives: int) -> None:
         super().__init__(skills.world.cell.robots)
         self._most = alternatives
         self.world, self.skills = skills.world, skills

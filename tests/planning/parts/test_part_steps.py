@@ -11,7 +11,14 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import DOWN, UP, GripRules, PartAssembly, PartWays, Place
+from planning.parts.assembly import (
+    DOWN,
+    UP,
+    GripRules,
+    PartAssembly,
+    PartHandling,
+    Place,
+)
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
 from planning.robots.registry import robot_model
@@ -185,8 +192,10 @@ def test_a_part_is_not_led_through_what_it_touches() -> None:
 
     def led(part: str, insertion: Direction, extraction: Direction) -> PartAssembly:
         plain = crossing()
-        ways = PartWays(plain.grips, plain.approach, plain.leave, insertion, extraction)
-        return replace(plain, own_ways={part: ways})
+        ways = PartHandling(
+            plain.grips, plain.approach, plain.leave, insertion, extraction
+        )
+        return replace(plain, own_handling={part: ways})
 
     assert find_candidates(two_arms(), led("across", DOWN, UP))
     with pytest.raises(

@@ -13,7 +13,7 @@ from planning.parts.assembly import (
     GripRules,
     MachineWork,
     PartAssembly,
-    PartWays,
+    PartHandling,
     Place,
     Process,
     Stop,
@@ -53,7 +53,7 @@ def assembly_of(line: Line) -> PartAssembly:
             for number, step in enumerate(section.steps, start=1)
         ),
         grips=grips,
-        own_ways={
+        own_handling={
             part.name: _ways(part, section, grips)
             for part in section.parts
             if not _ordinary(part)
@@ -107,7 +107,7 @@ def _ordinary(part: PartSection) -> bool:
     return own == (None,) * 3 and (part.insert, part.take_out) == (down, up)
 
 
-def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartWays:
+def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartHandling:
     """Return how one part is handled: as it says, else as the assembly says."""
     if part.grips is not None:
         given = plain_values(part.grips)
@@ -115,7 +115,7 @@ def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartWay
         if "directions" in own:
             own["directions"] = tuple(_unit(d) for d in own["directions"])
         rules = replace(rules, **own)
-    return PartWays(
+    return PartHandling(
         rules,
         part.approach_m or section.approach_m,
         part.leave_m or section.leave_m,

@@ -15,8 +15,8 @@ from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grips import grip_pose, presses
+from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.options import SkillOptions
 from planning.steps.skill import Obstruction, SkillPath
 from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.assignment import SupportCandidate
@@ -168,7 +168,7 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     own = found.skills.place("left", 1, grasp, None)
     assert isinstance(own, ResolvedSkill)
     stuck = replace(support.path, path=own.path.path[1:2])
-    again = SkillOptions(found.world)
+    again = BrickSkills(found.world)
     again.support = lambda robot, step, choice: replace(support, path=stuck)
     blocked = again.place("right", 1, grasp, SupportCandidate(1, "left", 0, 0.0))
     assert isinstance(blocked, Obstruction)

@@ -23,9 +23,9 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number
 from planning.lego.skills.allowed_contacts import PRESSED
+from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.lego.skills.options import SkillOptions
 from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.steps.skill import Obstruction, SkillPath
 from planning.steps.skill_scene import ResolvedSkill
@@ -61,7 +61,7 @@ def pick_beside(
     *beside: Cell, side: int = 1, offset: int = 0, robot: str = "left", **more: object
 ) -> tuple[Workcell, ResolvedSkill | Obstruction]:
     cell, assembly = world(*beside, **more)  # type: ignore[arg-type]
-    options = SkillOptions(BrickWorld(cell, assembly))
+    options = BrickSkills(BrickWorld(cell, assembly))
     press = grasp_number(Press(side, offset))
     return cell, options.pick(robot, "a", press)
 

@@ -67,7 +67,7 @@ _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
 
 
-class SkillOptions:
+class BrickSkills:
     """Free picks, places and supports, or why there are none; each is worked out at most once.
 
     The scene is the stock at rest and the goals of the earlier steps, other robots at HOME.
@@ -123,12 +123,12 @@ class SkillOptions:
         numbers = self.world.goal_numbers
         return min((numbers[k] for k in skill.gone if k in numbers), default=None)
 
-    def exchanged(self, world: BrickWorld, step: int) -> SkillOptions:
+    def exchanged(self, world: BrickWorld, step: int) -> BrickSkills:
         """Return the options of a world in which a step and the next one are exchanged.
 
         What is known, and does not depend on their order, is not worked out again.
         """
-        other = SkillOptions(world)
+        other = BrickSkills(world)
         number = {step: step + 1, step + 1: step}
         name = {goal_name(a): goal_name(b) for a, b in number.items()}
 
