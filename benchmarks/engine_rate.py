@@ -24,7 +24,7 @@ from twin.durations import Uniform, packaged_timings
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.scenario.file import load_scenario
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import (
@@ -63,7 +63,7 @@ class Rate:
     makespan_s: float
 
 
-def measure(what: str, runs: int, execute: Callable[[int], Run]) -> Rate:
+def measure(what: str, runs: int, execute: Callable[[int], ExecutionRecord]) -> Rate:
     """Execute replications 1 to ``runs``, after one that warms up."""
     execute(0)
     begin = time.process_time()
@@ -108,7 +108,7 @@ def main() -> int:
     options = parser.parse_args()
     scenario = load_scenario(options.scenario)
     if options.plan is None:
-        from twin.planning.pipeline import plan_scenario
+        from twin.trial.planning import plan_scenario
 
         tpg = plan_scenario(scenario, options.scenario.parent).tpg
     else:

@@ -30,10 +30,11 @@ from twin.engine.bulk.max_plus import completions, makespans
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageDisplay, StageWatch
-from twin.planning.pipeline import order_motions, plan_in_turns, plan_scenario
+from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.file import load_scenario
 from twin.scenario.variations import varied
 from twin.study.replications.workload import timing_graph
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.node_times import SegmentTimes

@@ -44,14 +44,14 @@ from twin.durations import NANOSECONDS, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.atomic import write_json
-from twin.planning.pipeline import plan_scenario
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.run.folder import OBJECTS, TRAJECTORY
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import varied
+from twin.trial.planning import plan_scenario
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
@@ -283,7 +283,10 @@ class _Worst:
         self.violations: list[str] = []
 
     def look(
-        self, tpg: TemporalPlanGraph, run: Run, messages: Messages | None = None
+        self,
+        tpg: TemporalPlanGraph,
+        run: ExecutionRecord,
+        messages: Messages | None = None,
     ) -> None:
         """Take note of a run."""
         self._unfinished += run.outcome != "completed"
@@ -322,7 +325,7 @@ class _Worst:
         return {"shares": self._shares.tolist(), "violations": found}
 
 
-def _audit(auditor: Auditor, tpg: TemporalPlanGraph, run: Run) -> list[str]:
+def _audit(auditor: Auditor, tpg: TemporalPlanGraph, run: ExecutionRecord) -> list[str]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         write_table(folder / TRAJECTORY, trajectory_table(robot_trajectories(tpg, run)))

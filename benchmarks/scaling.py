@@ -47,6 +47,9 @@ from twin.planning.pipeline import motion_settings
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.lego import LegoSection
 from twin.trial import trial
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import given_plan
+from twin.trial.run_result import RunResult
 
 RESULTS = Path(__file__).parent / "results"
 SIZES = (25, 50, 100, 200, 400, 800)
@@ -195,7 +198,7 @@ def measure(bricks: int) -> Measurement:
     )
 
 
-def _go_through(bricks: int, clock: Clock) -> tuple[float, trial.Trial]:
+def _go_through(bricks: int, clock: Clock) -> tuple[float, RunResult]:
     with tempfile.TemporaryDirectory() as name:
         file = Path(name) / "towers.yaml"
         file.write_text(yaml.safe_dump(tower_field(bricks)))
@@ -219,16 +222,18 @@ def _go_through(bricks: int, clock: Clock) -> tuple[float, trial.Trial]:
             motions = plan_sequential(cell, ways.callables(), work.link, settings)
         with clock.stage("graph"):
             tpg = build_tpg(motions)
-        originals = trial.execute, trial._audit
+        originals = trial.execute, trial.audit_execution
         trial.execute = clock.timed("execution", trial.execute)
-        trial._audit = clock.timed("audit", trial._audit)
+        trial.audit_execution = clock.timed("audit", trial.audit_execution)
         folder = Path(name) / "run"
         folder.mkdir()
         try:
             with clock.stage("files"):
-                done = trial.try_plan(scenario, tpg, folder, base=file.parent)
+                done = trial.try_plan(
+                    given_plan(LoadedScenario(scenario, file.parent), tpg), folder
+                )
         finally:
-            trial.execute, trial._audit = originals
+            trial.execute, trial.audit_execution = originals
     clock.seconds["files"] -= clock.seconds["execution"] + clock.seconds["audit"]
     return sum(choice.cost for choice in choices.choices), done
 

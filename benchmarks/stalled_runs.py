@@ -16,7 +16,7 @@ from twin.recorders.motion_tables import objects_table, trajectory_table, write_
 from twin.run.folder import OBJECTS, TRAJECTORY
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import execute
+from twin.trial.simulation import execute
 from twin.uncertainty.disturbances import Stalls
 
 

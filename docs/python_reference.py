@@ -22,7 +22,7 @@ FUNCTIONS = (
     *("replay", "read_plan", "read_run", "resume_study"),
 )
 RESULTS = (
-    *("LoadedScenario", "Check", "Plan", "SimulatedRun", "Audit", "Study"),
+    *("LoadedScenario", "Check", "PlanResult", "RunResult", "Audit", "Study"),
     *("Comparison", "Precision"),
 )
 

@@ -10,12 +10,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved, restored
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 
@@ -33,8 +36,8 @@ class ShippedRun:
 
     file: Path
     scenario: Scenario
-    planned: Planned
-    trial: Trial
+    planned: PlanResult
+    trial: RunResult
 
 
 class ShippedRuns:
@@ -77,10 +80,8 @@ def _plan_and_run(folder: Path, file: Path, robots: int | None) -> ShippedRun:
         scenario = restored(content)
     planned = plan_scenario(scenario, file.parent)
     trial = try_plan(
-        scenario,
-        planned.tpg,
+        given_plan(LoadedScenario(scenario, file.parent), planned.tpg),
         prepare_run_folder(folder / "run", scenario.name),
-        base=file.parent,
         recording=False,
         audit=False,
     )

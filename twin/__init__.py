@@ -13,41 +13,41 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planning.errors import TwinError as TwinError
-    from twin.api.audits import Audit as Audit
-    from twin.api.audits import audit as audit
-    from twin.api.checks import Check as Check
-    from twin.api.checks import check as check
     from twin.api.comparisons import Comparison as Comparison
     from twin.api.comparisons import compare as compare
-    from twin.api.plans import Plan as Plan
-    from twin.api.plans import plan as plan
-    from twin.api.plans import read_plan as read_plan
     from twin.api.replays import replay as replay
-    from twin.api.runs import SimulatedRun as SimulatedRun
-    from twin.api.runs import read_run as read_run
+    from twin.api.runs import Audit as Audit
+    from twin.api.runs import Check as Check
+    from twin.api.runs import audit as audit
+    from twin.api.runs import check as check
+    from twin.api.runs import plan as plan
     from twin.api.runs import run as run
     from twin.api.runs import simulate as simulate
-    from twin.api.scenarios import LoadedScenario as LoadedScenario
-    from twin.api.scenarios import load as load
     from twin.api.studies import Study as Study
     from twin.api.studies import resume_study as resume_study
     from twin.api.studies import study as study
     from twin.study.replications.statistics import Precision as Precision
+    from twin.trial.loaded_scenario import LoadedScenario as LoadedScenario
+    from twin.trial.loaded_scenario import load as load
+    from twin.trial.plan_result import PlanResult as PlanResult
+    from twin.trial.plan_result import read_plan as read_plan
+    from twin.trial.run_result import RunResult as RunResult
+    from twin.trial.run_result import read_run as read_run
 
 _HOMES = {
-    "LoadedScenario": "twin.api.scenarios",
-    "load": "twin.api.scenarios",
-    "Check": "twin.api.checks",
-    "check": "twin.api.checks",
-    "Plan": "twin.api.plans",
-    "plan": "twin.api.plans",
-    "read_plan": "twin.api.plans",
-    "SimulatedRun": "twin.api.runs",
+    "LoadedScenario": "twin.trial.loaded_scenario",
+    "load": "twin.trial.loaded_scenario",
+    "Check": "twin.api.runs",
+    "check": "twin.api.runs",
+    "PlanResult": "twin.trial.plan_result",
+    "plan": "twin.api.runs",
+    "read_plan": "twin.trial.plan_result",
+    "RunResult": "twin.trial.run_result",
     "simulate": "twin.api.runs",
     "run": "twin.api.runs",
-    "read_run": "twin.api.runs",
-    "Audit": "twin.api.audits",
-    "audit": "twin.api.audits",
+    "read_run": "twin.trial.run_result",
+    "Audit": "twin.api.runs",
+    "audit": "twin.api.runs",
     "Study": "twin.api.studies",
     "study": "twin.api.studies",
     "resume_study": "twin.api.studies",
@@ -59,17 +59,8 @@ _HOMES = {
 }
 
 __all__ = [
-    *("Audit", "Check", "Comparison", "LoadedScenario", "Plan", "Precision"),
-    *(
-        "SimulatedRun",
-        "Study",
-        "TwinError",
-        "audit",
-        "check",
-        "compare",
-        "load",
-        "plan",
-    ),
+    *("Audit", "Check", "Comparison", "LoadedScenario", "PlanResult", "Precision"),
+    *("RunResult", "Study", "TwinError", "audit", "check", "compare", "load", "plan"),
     *("read_plan", "read_run", "replay", "resume_study", "run", "simulate", "study"),
 ]
 

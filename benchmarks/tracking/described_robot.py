@@ -17,8 +17,8 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, from_quat_wxyz
-from twin.exports.recorded_run import RecordedRun
 from twin.run.folder import OBJECTS
+from twin.trial.run_result import RunResult
 
 PLACE = "payload//"
 """How the links are called at which parts are held."""
@@ -70,7 +70,7 @@ def described_robots(folder: Path) -> tuple[DescribedRobot, ...]:
     parts lay in the hands of robots (``objects.parquet``). A tool that is changed is a part with
     the mass that its own description tells.
     """
-    run = RecordedRun(folder)
+    run = RunResult(folder)
     parts = {part.name: part for part in run.tpg.cell.objects}
     for robot in run.tpg.cell.robots:
         for tool in robot.tools:

@@ -114,7 +114,7 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
     def never(*_: object) -> None:
         pytest.fail("planning has started")
 
-    monkeypatch.setattr("twin.api.plans.plan_scenario", never)
+    monkeypatch.setattr("twin.api.runs.plan_scenario", never)
     (here / "small.yaml").write_text(SMALL)
     (here / "taken").write_text("a file")
     result = invoke("run", "small.yaml", "--out", "taken/run")
@@ -129,7 +129,7 @@ def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
     def fail(*_: object) -> None:
         raise InfeasibleStepError("step 1 (2x4) cannot be done")
 
-    monkeypatch.setattr("twin.api.plans.plan_scenario", fail)
+    monkeypatch.setattr("twin.api.runs.plan_scenario", fail)
     (here / "small.yaml").write_text(SMALL)
     if before:
         (here / "run").mkdir()
@@ -283,10 +283,10 @@ def test_a_reader_that_goes_away_is_no_traceback() -> None:
 
 def test_ctrl_c_while_planning_ends_with_130_and_a_message(here: Path) -> None:
     code = (
-        "import signal, sys, time, twin.planning.pipeline, twin.cli;"
+        "import signal, sys, time, twin.trial.planning, twin.cli;"
         # Where the tests run in the background, SIGINT is ignored, and that is inherited.
         "signal.signal(signal.SIGINT, signal.default_int_handler);"
-        "twin.planning.pipeline.plan_scenario = lambda *a: (print('go', flush=True), time.sleep(60));"
+        "twin.trial.planning.plan_scenario = lambda *a: (print('go', flush=True), time.sleep(60));"
         "sys.argv = ['twin', 'run', sys.argv[1], '--out', sys.argv[2]]; twin.cli.main()"
     )
     with subprocess.Popen(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin.api.scenarios import AnyScenario, LoadedScenario, PathOrName, load
 from twin.comparison.chart import draw_comparison
 from twin.comparison.comparison import (
     SEEDS,
@@ -22,6 +21,7 @@ from twin.planning.build_workcell import build_workcell
 from twin.run.folder import CHART, COMPARISON, keep_new, run_folder, set_aside
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -66,8 +66,7 @@ class Comparison:
         )
 
     def _repr_html_(self) -> str:
-        from twin.api.html import shown
-        from twin.study.report.markup import table, text
+        from twin.drawing.markup import shown, table, text
 
         head = ["policy", "makespan [s]", "of sequential", "wait [s]", "planning [s]"]
         rows = [

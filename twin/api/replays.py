@@ -14,15 +14,15 @@ from twin.run.folder import RECORDING
 from twin.run.viewer import open_viewer, render_stills
 
 if TYPE_CHECKING:
-    from twin.api.runs import SimulatedRun
-    from twin.api.scenarios import PathOrName
+    from twin.trial.loaded_scenario import PathOrName
+    from twin.trial.run_result import RunResult
 
 STILLS = "stills"
 """Folder of pictures beside a recording."""
 
 
 def replay(
-    run: SimulatedRun | PathOrName,
+    run: RunResult | PathOrName,
     *,
     stills: Sequence[float] = (),
     out: PathOrName | None = None,
@@ -59,7 +59,7 @@ def replay(
         return tuple(render_stills(recording, stills, folder))
 
 
-def _written(run: SimulatedRun | PathOrName, place: Path) -> Path:
+def _written(run: RunResult | PathOrName, place: Path) -> Path:
     """Write the recording of a run to a place."""
     found = _recording(run, place)
     if found != place:
@@ -68,14 +68,13 @@ def _written(run: SimulatedRun | PathOrName, place: Path) -> Path:
     return place
 
 
-def _recording(run: SimulatedRun | PathOrName, place: Path) -> Path:
+def _recording(run: RunResult | PathOrName, place: Path) -> Path:
     """Return the recording of a run; written to a place where there is none."""
     if not isinstance(run, str | PathLike):
         if run.record is not None and run.folder is None:
             from twin.recorders.rerun.recorder import write_recording
 
-            tpg, name = run.plan.tpg, run.plan.scenario.name
-            write_recording(place, tpg, run.record, run.history, name=name)
+            write_recording(place, run.tpg, run.record, run.history, name=run.name)
             return place
         folder = Path() if run.folder is None else run.folder
     else:

@@ -1,169 +1,156 @@
-"""``twin.simulate`` and ``twin.run``: a plan executed once, in memory or into a folder."""
+"""What is done with one scenario: check, plan, simulate or run, and audit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError, ScenarioError
-from twin.api.checks import Check, check
-from twin.api.plans import (
-    AnyPlan,
-    Plan,
-    plan_checked,
-    planned,
-    read_plan,
-    require_plan_of,
-    scenario_of,
-)
-from twin.api.scenarios import PathOrName
+from scheduling.graph.plan_files import save_plan
+from twin.audit.audit import AuditReport
 from twin.audit.worlds.engine import engine_named
-from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun, open_run
-from twin.exports.tables import events_table
+from twin.check.check import CheckReport, check_scenario, require_checked
 from twin.host.progress import Report, report_nothing
+from twin.recorders.motion_tables import write_motion
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
-from twin.run.folder import GANTT, OBJECTS, TRAJECTORY, run_folder
+from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
-from twin.run.run_record import POLICIES, Run
-from twin.run.summary import summary_rows
-from twin.trial.trial import Origin, execute, figures, has_passed, prepare, try_plan
+from twin.run.run_record import POLICIES
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
+from twin.trial.plan_result import PlanResult, require_plan_of
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult, any_run
+from twin.trial.simulation import execute
+from twin.trial.trial import audit_execution, try_plan
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+CHECKING = "check of the cell"
+"""Name of the stage for progress displays."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the check of a scenario found.
+
+    Attributes:
+        scenario: what was checked.
+        report: the findings with their places in the file.
+    """
+
+    scenario: LoadedScenario
+    report: CheckReport
+
+    @property
+    def ok(self) -> bool:
+        """True if nothing makes every plan impossible or false; there may be warnings."""
+        return not self.report.errors
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """What makes every plan impossible or false, each with its line."""
+        return self.report.messages(self.report.errors)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is doubtful, each with its line."""
+        return self.report.messages(self.report.warnings)
+
+    @property
+    def findings(self) -> pa.Table:
+        """Errors and warnings: level, line, column, key and message."""
+        import pyarrow as pa
+
+        names = ("level", "line", "column", "key", "message")
+        rows: list[dict[str, Any]] = self.report.content()["findings"]
+        types = (pa.string(), pa.int64(), pa.int64(), pa.string(), pa.string())
+        return pa.table(
+            {
+                name: pa.array([row[name] for row in rows], kind)
+                for name, kind in zip(names, types, strict=True)
+            }
+        )
+
+    def require_ok(self) -> None:
+        """Raise InvalidScenarioError with the errors, if there are any."""
+        require_checked(self.report)
+
+    def draw(self, folder: Path) -> Path:
+        """Draw the cell into a folder, and return the picture ``cell.png``."""
+        from twin.check.picture import draw_cell
+
+        return draw_cell(self.report.subject, folder)
+
+    def _repr_html_(self) -> str:
+        from twin.drawing.markup import card
+
+        verdict = "nothing found" if not self.report.findings else ""
+        rows = [("error", words) for words in self.errors]
+        rows += [("warning", words) for words in self.warnings]
+        return card(f"Check of {self.scenario.name}: {verdict}", rows)
+
+
+def check(scenario: AnyScenario, *, progress: Report = report_nothing) -> Check:
+    """Look at a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
+
+    Args:
+        scenario: a scenario, or the path of its file.
+        progress: told how far each stage has come.
+
+    Raises:
+        InvalidScenarioError: the file is not valid.
+        RobotModelError: a robot description cannot be used.
+    """
+    loaded = load(scenario)
+    progress(CHECKING, 0, 1)
+    report = check_scenario(loaded.sections, loaded.document, loaded.folder)
+    progress(CHECKING, 1, 1)
+    return Check(loaded, report)
+
 
 Begun = Callable[[Check, Path], None]
 """Told of the check and of the folder of a run, before it is planned."""
 
 
-@dataclass(frozen=True)
-class SimulatedRun:
-    """One execution of a plan.
+AnyPlan = AnyScenario | PlanResult
+"""A plan, or the scenario that is to be planned, or the path of its file."""
 
-    Attributes:
-        plan: what was executed.
-        history: everything that happened, in order.
-        record: times of every node; None for a run that was read from its folder.
-        folder: of its files; None for a run that was only simulated.
+
+def plan(scenario: AnyScenario, *, progress: Report = report_nothing) -> PlanResult:
+    """Check and plan a scenario.
+
+    Args:
+        scenario: a scenario, or the path of its file.
+        progress: told how far each stage has come.
+
+    Raises:
+        InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
+        TwinError: the assembly cannot be built as it is, or no plan was found.
     """
+    checked = check(scenario, progress=progress)
+    checked.require_ok()
+    return _plan_checked(checked, progress)
 
-    plan: Plan
-    history: tuple[Event, ...]
-    record: Run | None = None
-    folder: Path | None = None
 
-    @cached_property
-    def summary(self) -> Mapping[str, Any]:
-        """All figures, with the keys of ``summary.json``."""
-        if self.record is None or self.folder is not None:
-            return self._files.summary
-        case, made = self.plan.scenario, self.plan.made
-        origin = Origin(made, self.plan.warnings)
-        about = prepare(case.sections, made.tpg, case.folder, origin)
-        return figures(case.sections, made.tpg, self.record, about)
+def _plan_checked(checked: Check, progress: Report) -> PlanResult:
+    """Plan a scenario whose check found no errors."""
+    loaded = checked.scenario
+    made = plan_scenario(loaded.sections, loaded.folder, progress)
+    return replace(made, scenario=loaded, warnings=checked.warnings)
 
-    @property
-    def outcome(self) -> str:
-        """How it ended: completed, failed or aborted."""
-        return str(self.summary["outcome"])
 
-    @property
-    def passed(self) -> bool:
-        """True if it was completed, and no audit in it found anything."""
-        return has_passed(self.summary)
+def scenario_of(source: AnyPlan) -> LoadedScenario:
+    """Return the scenario of a plan, of a file, or one that was loaded before."""
+    return source.scenario if isinstance(source, PlanResult) else load(source)
 
-    @property
-    def policy(self) -> str:
-        """Name of the policy: which plan, released how."""
-        return str(self.summary["policy"])
 
-    @property
-    def seed(self) -> int:
-        """Seed of its draws."""
-        return int(self.summary["seed"])
-
-    @property
-    def makespan_s(self) -> float:
-        """End of the last node, or when the run was broken off [s]."""
-        return float(self.summary["makespan_s"])
-
-    @property
-    def wait_s(self) -> Mapping[str, float]:
-        """How long each robot waited [s]."""
-        return dict(self.summary["wait_s"])
-
-    @property
-    def events(self) -> pa.Table:
-        """A row an event: t_s, robot, kind, task, node, object, detail."""
-        return events_table(self.history)
-
-    @property
-    def activities(self) -> pa.Table:
-        """What each robot did when: robot, state, start_s, end_s, task; waits are rows, too."""
-        import pyarrow as pa
-
-        from twin.run.activities import robot_activities
-
-        told = robot_activities(self.plan.tpg, self.history)
-        rows = [(robot, item) for robot, lane in told.items() for item in lane]
-        return pa.table(
-            {
-                "robot": pa.array([robot for robot, _ in rows], pa.string()),
-                "state": pa.array([item.state for _, item in rows], pa.string()),
-                "start_s": pa.array([i.start_ns / NANOSECONDS for _, i in rows]),
-                "end_s": pa.array([i.end_ns / NANOSECONDS for _, i in rows]),
-                "task": pa.array([item.task for _, item in rows], pa.int64()),
-            }
-        )
-
-    @property
-    def trajectory(self) -> pa.Table:
-        """Where each robot was when: t_s, robot, q_0 ... q_k, node."""
-        if self.record is None:
-            return self._files.table(TRAJECTORY)
-        from twin.recorders.motion_tables import trajectory_table
-        from twin.run.trajectory import robot_trajectories
-
-        return trajectory_table(robot_trajectories(self.plan.tpg, self.record))
-
-    @property
-    def objects(self) -> pa.Table:
-        """Where each object was from when on: t_s, object, parent, xyz, quat_wxyz."""
-        if self.record is None:
-            return self._files.table(OBJECTS)
-        from twin.recorders.motion_tables import objects_table
-        from twin.run.trajectory import object_placements
-
-        return objects_table(object_placements(self.plan.tpg, self.record))
-
-    @property
-    def _files(self) -> RecordedRun:
-        if self.folder is None:
-            raise RequestError("a run without a folder has no files")
-        return RecordedRun(self.folder)
-
-    def _repr_html_(self) -> str:
-        from twin.api.html import card, drawn, shown
-
-        rows = [
-            (name, f"{value} {note}")
-            for name, value, note in summary_rows(self.summary)
-        ]
-        page = card(self.plan.scenario.name, rows)
-        if self.record is not None:
-            from twin.run.gantt import gantt_figure
-
-            tpg, name = self.plan.tpg, self.plan.scenario.name
-            return page + drawn(
-                gantt_figure(
-                    tpg, self.record, self.history, title=name, plan=self.plan.name
-                )
-            )
-        return page + shown(self._files.folder / GANTT)
+def _planned(source: AnyPlan, progress: Report) -> PlanResult:
+    """Return a plan as it is, and make one of anything else."""
+    return source if isinstance(source, PlanResult) else plan(source, progress=progress)
 
 
 def simulate(
@@ -173,7 +160,7 @@ def simulate(
     seed: int | None = None,
     policy: str | None = None,
     progress: Report = report_nothing,
-) -> SimulatedRun:
+) -> RunResult:
     """Execute a plan once in the twin, and write nothing.
 
     Args:
@@ -191,10 +178,10 @@ def simulate(
         DeadlockError: no robot could go on.
         TwinError: there is no plan; see ``twin.plan``.
     """
-    ready = _with_values(planned(plan, progress), values or {}, seed, policy)
+    ready = _with_values(_planned(plan, progress), values or {}, seed, policy)
     case, memory = ready.scenario, MemoryRecorder()
     record = execute(case.sections, ready.tpg, case.folder, recorders=(memory,))
-    return SimulatedRun(ready, tuple(memory.events), record)
+    return RunResult(plan=ready, history=memory.events, record=record)
 
 
 def run(
@@ -206,7 +193,7 @@ def run(
     audit_engine: str | None = None,
     begun: Begun | None = None,
     progress: Report = report_nothing,
-) -> SimulatedRun:
+) -> RunResult:
     """Check and plan a scenario, execute it in the twin, audit it, and write everything.
 
     Args:
@@ -228,7 +215,7 @@ def run(
     """
     # Now, not after the planning.
     engine = engine_named(audit_engine) if audit and audit_engine is not None else None
-    ready = plan if isinstance(plan, Plan) else None
+    ready = plan if isinstance(plan, PlanResult) else None
     case = scenario_of(plan)
     checked = check(case, progress=progress)
     checked.require_ok()
@@ -236,41 +223,19 @@ def run(
     with run_folder(place, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
-        ready = ready or plan_checked(checked, progress)
-        trial = try_plan(
-            case.sections,
-            ready.tpg,
+        made = ready or _plan_checked(checked, progress)
+        return try_plan(
+            replace(made, warnings=checked.warnings),
             folder,
-            base=case.folder,
-            origin=Origin(ready.made, checked.warnings),
             recording=recording,
             audit=engine or audit,
             progress=progress,
         )
-    return SimulatedRun(ready, tuple(trial.events), trial.run, folder)
-
-
-def read_run(folder: PathOrName) -> SimulatedRun:
-    """Read a run from its folder.
-
-    Args:
-        folder: such as ``logs/cliff-20260101T120000Z``.
-
-    Raises:
-        OutputError: there is no run, or a file is not as the run wrote it.
-    """
-    files = open_run(Path(folder))
-    return SimulatedRun(read_plan(folder), files.events, folder=files.folder)
-
-
-def any_run(run: SimulatedRun | PathOrName) -> SimulatedRun:
-    """Return a run as it is, or read it from its folder."""
-    return run if isinstance(run, SimulatedRun) else read_run(run)
 
 
 def _with_values(
-    plan: Plan, values: Mapping[str, Any], seed: int | None, policy: str | None
-) -> Plan:
+    plan: PlanResult, values: Mapping[str, Any], seed: int | None, policy: str | None
+) -> PlanResult:
     """Return a plan whose scenario is executed with other values."""
     given = {"seed": seed, "policy": policy}
     values = {**values, **{k: v for k, v in given.items() if v is not None}}
@@ -298,3 +263,101 @@ def released(values: Mapping[str, Any]) -> Mapping[str, Any]:
         f"policy {name!r} is {release} of the plan {plan}: give --policy {release}; --shortcuts"
         " and the scenario's coordination say which plan it is"
     )
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What an audit found.
+
+    Attributes:
+        report: distances, and what was executed though nothing allows it.
+    """
+
+    report: AuditReport
+
+    @property
+    def clean(self) -> bool:
+        """True if nothing was found."""
+        return not self.report.violations
+
+    @property
+    def min_distance_m(self) -> float:
+        """Least distance of any two robots; infinite with fewer than two [m]."""
+        return self.report.min_distance_m
+
+    @property
+    def violations(self) -> pa.Table:
+        """A row each: kind, first, second, t_start_s, t_end_s, depth_m, detail."""
+        import pyarrow as pa
+
+        rows = self.report.violations
+        return pa.table(
+            {
+                "kind": pa.array([row.kind for row in rows], pa.string()),
+                "first": pa.array([row.first for row in rows], pa.string()),
+                "second": pa.array([row.second for row in rows], pa.string()),
+                "t_start_s": pa.array([row.t_start for row in rows], pa.float64()),
+                "t_end_s": pa.array([row.t_end for row in rows], pa.float64()),
+                "depth_m": pa.array([row.depth_m for row in rows], pa.float64()),
+                "detail": pa.array([row.detail for row in rows], pa.string()),
+            }
+        )
+
+    def _repr_html_(self) -> str:
+        from twin.drawing.markup import card
+
+        report = self.report
+        rows = [
+            ("configurations", str(report.configurations)),
+            ("least distance of two robots", f"{1000 * report.min_distance_m:.1f} mm"),
+            ("measured with", report.engine),
+        ]
+        rows += [
+            (v.kind, f"{v.first} - {v.second}, from {v.t_start:.3f} s {v.detail}")
+            for v in report.violations
+        ]
+        count = len(report.violations)
+        verdict = f"{count} violation{'s' * (count != 1)}" if count else "clean"
+        return card(f"Audit: {verdict}", rows)
+
+
+def audit(
+    run: RunResult | PathOrName,
+    *,
+    engine: str | None = None,
+    progress: Report = report_nothing,
+) -> Audit:
+    """Check what a run executed with code that the planner does not use.
+
+    Args:
+        run: a run, or its folder.
+        engine: pybullet or coal; by default PyBullet where it is installed, else coal.
+        progress: told how far the audit has come.
+
+    Raises:
+        RequestError: the engine is not installed.
+        OutputError: the folder is that of no run, or a file in it is damaged.
+    """
+    chosen = engine_named(engine)
+    judged = any_run(run)
+
+    def audited(folder: Path) -> Audit:
+        return Audit(
+            audit_execution(
+                judged.sections,
+                folder,
+                ordered="open-loop" not in judged.policy,
+                finished=judged.outcome == "completed",
+                engine=chosen,
+                progress=progress,
+            )
+        )
+
+    if judged.folder is not None:
+        return audited(judged.folder)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        save_plan(judged.tpg, folder)
+        assert judged.record is not None
+        write_motion(folder, judged.tpg, judged.record)
+        return audited(folder)

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
-from twin.api.plans import AnyPlan, Plan, scenario_of
-from twin.api.scenarios import AnyScenario, PathOrName, load
+from twin.api.runs import AnyPlan, scenario_of
 from twin.audit.worlds.engine import engine_named
 from twin.comparison.comparison import shortcut_budget
 from twin.host.progress import Report, report_nothing
@@ -34,7 +33,8 @@ from twin.study.replications.statistics import Precision
 from twin.study.report.report import write_report
 from twin.study.study import StudyResult, start_study
 from twin.study.study import resume_study as resumed
-from twin.trial.saved_plan import SavedPlan
+from twin.trial.loaded_scenario import AnyScenario, PathOrName, load
+from twin.trial.plan_result import PlanResult
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -132,7 +132,7 @@ class Study:
         return pq.read_table(self.folder / name)
 
     def _repr_html_(self) -> str:
-        from twin.api.html import card, shown
+        from twin.drawing.markup import card, shown
         from twin.study.report.overview import differences, makespans_table
 
         table = makespans_table(self.summary) + differences(self.summary)
@@ -194,14 +194,13 @@ def study(
     case = scenario_of(plan)
     names = tuple(map(policy_named, policies))
     plans, saved = None, ""
-    if isinstance(plan, Plan):
+    if isinstance(plan, PlanResult):
         if shortcuts is not None:
             raise RequestError(
                 "shortcuts are for planning, not for a plan that is there"
             )
-        made = _saved(plan)
-        names = names or _policies_of(made)
-        plans = given_plans(made, names)
+        names = names or _policies_of(plan)
+        plans = given_plans(plan, names)
         saved = "" if plan.folder is None else str(plan.folder.resolve())
     experiment = Experiment(
         policies=names or default_policies(case.sections),
@@ -273,16 +272,8 @@ def _variations(vary: Vary) -> list[Variation]:
     return [variation(key, values) for key, values in vary.items()]
 
 
-def _saved(plan: Plan) -> SavedPlan:
-    """Return a plan with what it is compared with, wherever it is from."""
-    made = plan.made
-    if isinstance(made, SavedPlan):
-        return made
-    return SavedPlan(made.tpg, made.variant, made.turns)
-
-
-def _policies_of(saved: SavedPlan) -> tuple[str, ...]:
+def _policies_of(plan: PlanResult) -> tuple[str, ...]:
     """Return the policies that a plan is studied under by default: one task at a time, its own."""
-    possible = [p for p in possible_policies(saved) if p != OPEN_LOOP]
+    possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
     both = tuple(dict.fromkeys((SEQUENTIAL, possible[-1])))
     return tuple(p for p in both if p in possible)

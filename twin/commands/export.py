@@ -66,7 +66,7 @@ def export(
 ) -> None:
     """Write a run as tables, timeline, trajectories or graph for other programs."""
     from twin.exports.formats import FORMATS, export_run
-    from twin.exports.recorded_run import open_run
+    from twin.trial.run_result import read_run
 
     names = list(dict.fromkeys(formats or []))
     unknown = [name for name in names if name not in FORMATS]
@@ -80,7 +80,7 @@ def export(
     if names == ["ldraw"] and run.is_file():
         typer.echo(_export_scenario(run, out))
         return
-    found = open_run(run)
+    found = read_run(run)
     for name in names:
         for path in export_run(found, name, out, nodes=nodes, rate_hz=rate_hz):
             typer.echo(path)

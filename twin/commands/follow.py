@@ -76,7 +76,7 @@ def follow(
     from twin.follow.follow import follow as follow_run
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
-    from twin.trial.saved_plan import plan_of_run
+    from twin.trial.plan_result import plan_of_run
     from twin.trial.simulation import followed_execution
 
     tpg = plan_of_run(plan)

@@ -192,25 +192,24 @@ def resume(
     """
     from twin.host.progress import StageDisplay
     from twin.run.folder import locked
-    from twin.trial.resume import resume_run
-    from twin.trial.trial import has_passed, read_summary
+    from twin.trial.trial import resume_run
 
     silent = quiet or as_json
     with locked(folder), StageDisplay(enabled=not silent) as progress:
         done = resume_run(folder, base=base, progress=progress)
-    summary = read_summary(folder)
+    summary = done.summary
     if as_json:
         print_json({"folder": str(folder), **summary})
     elif not quiet:
         from twin.run.folder import RECORDING
         from twin.run.summary import print_summary
 
-        if done.trial is None:
+        if done.resumed is None:
             typer.echo(f"{folder}: the run has come to its end already")
         else:
             typer.echo(
-                f"{folder}: {done.agreed} events of the log happened again,"
-                f" {done.added} were missing"
+                f"{folder}: {done.resumed.agreed} events of the log happened again,"
+                f" {done.resumed.added} were missing"
             )
         print_summary(summary, folder, recording=(folder / RECORDING).exists())
-    return COMPLETED if has_passed(summary) else FAILED
+    return COMPLETED if done.passed else FAILED

@@ -203,9 +203,9 @@ def study(
 
 def _subject(
     path: Path | None, plan: Path | None, seed: int | None
-) -> twin.LoadedScenario | twin.Plan:
+) -> twin.LoadedScenario | twin.PlanResult:
     """Return what is studied: a scenario, or the plan that a run left."""
-    from twin.api.plans import scenario_of_run
+    from twin.trial.plan_result import scenario_of_run
 
     if path is not None:
         chosen = twin.load(path)

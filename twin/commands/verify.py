@@ -46,7 +46,7 @@ def verify(
     from twin.audit.worlds.engine import engine_named
     from twin.host.progress import StageDisplay, of_stage
     from twin.trial.adversary import audit_standing_states
-    from twin.trial.saved_plan import plan_of_run
+    from twin.trial.plan_result import plan_of_run
 
     engine = engine_named(audit_engine) if audit_engine else None
     tpg = plan_of_run(folder)

@@ -11,12 +11,12 @@ from planning.motion.speed import SpeedModel
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 
 
 def straight_line_s(
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     speeds: Mapping[str, SpeedModel],
     *,
     past_home: bool = False,
@@ -42,7 +42,7 @@ def straight_line_s(
 
 
 def straight_line_ratio(
-    tpg: TemporalPlanGraph, run: Run, speeds: Mapping[str, SpeedModel]
+    tpg: TemporalPlanGraph, run: ExecutionRecord, speeds: Mapping[str, SpeedModel]
 ) -> float:
     """Return the makespan of a baseline over the one that straight transits would give it.
 

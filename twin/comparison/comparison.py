@@ -42,7 +42,7 @@ from twin.run.policies import (
 )
 from twin.run.summary import lower_bound_s
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import execute
+from twin.trial.simulation import execute
 
 COMPARED = tuple(name for name in NAMED_POLICIES if name != OPEN_LOOP)
 """Names of what is compared, in the order of tables and charts."""

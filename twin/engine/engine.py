@@ -26,7 +26,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.engine.narrator import failure_text
 from twin.engine.processes import Execution
 from twin.recorders.observers import Observers, Recorder
-from twin.run.run_record import POLICIES, DeadlockError, Run
+from twin.run.run_record import POLICIES, DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import nominal_ns
@@ -71,7 +71,7 @@ class Simulator:
 
     def run(
         self, *, seed: int, replication: int = 0, recorders: Sequence[Recorder] = ()
-    ) -> Run:
+    ) -> ExecutionRecord:
         """Execute the TPG once.
 
         Whole segments are executed where nobody watches, and the times of their nodes worked
@@ -111,7 +111,7 @@ class Simulator:
         if isinstance(execution, DrivenExecution):
             times = execution.driven_times()
             commands = execution.commands()
-        run = Run(
+        run = ExecutionRecord(
             outcome=outcome,
             policy=self._model.policy,
             seed=seed,

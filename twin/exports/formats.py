@@ -7,8 +7,8 @@ from importlib import import_module
 from pathlib import Path
 
 from planning.errors import OutputError
-from twin.exports.recorded_run import RecordedRun
 from twin.host.atomic import replacing
+from twin.trial.run_result import RunResult
 
 _WRITERS = {
     "csv": "tables.csv_files",
@@ -36,7 +36,7 @@ FOLDER = "exports"
 
 
 def exported_files(
-    run: RecordedRun, name: str, *, nodes: bool = False, rate_hz: float | None = None
+    run: RunResult, name: str, *, nodes: bool = False, rate_hz: float | None = None
 ) -> Mapping[str, bytes]:
     """Return the content of each file of a format by its name.
 
@@ -62,7 +62,7 @@ def exported_files(
 
 
 def export_run(
-    run: RecordedRun,
+    run: RunResult,
     name: str,
     out: Path | None = None,
     *,
@@ -85,7 +85,7 @@ def export_run(
         OutputError: as exported_files, or the files cannot be written.
     """
     content = exported_files(run, name, nodes=nodes, rate_hz=rate_hz)
-    target = run.folder / FOLDER if out is None else out
+    target = run.files / FOLDER if out is None else out
     single = out is not None and len(content) == 1 and not target.is_dir()
     written = []
     for file, data in content.items():

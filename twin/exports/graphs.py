@@ -23,8 +23,8 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import CAUSES, lane_colours
+from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:
     Graph = nx.DiGraph[str]
@@ -39,7 +39,7 @@ DEPENDENCY, CONFLICT = CAUSES[TASK_DEPENDENCY], CAUSES[MOTION_CONFLICT]
 _STYLES = {SAME_ROBOT: "bold", DEPENDENCY: "solid", CONFLICT: "dashed"}
 
 
-def graphml_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
+def graphml_files(run: RunResult, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``tpg.graphml``."""
     return {"tpg.graphml": graphml(_run_graph(run, nodes=nodes))}
 
@@ -51,12 +51,12 @@ def graphml(graph: Graph) -> bytes:
     return buffer.getvalue() + b"\n"
 
 
-def dot_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
+def dot_files(run: RunResult, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``tpg.dot``: a cluster a robot, tasks in the colours of the Gantt chart."""
-    return {"tpg.dot": _dot(_run_graph(run, nodes=nodes), run.scenario).encode()}
+    return {"tpg.dot": _dot(_run_graph(run, nodes=nodes), run.name).encode()}
 
 
-def _run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
+def _run_graph(run: RunResult, *, nodes: bool) -> Graph:
     """Return the graph that was executed, with plain values as attributes.
 
     Attributes of nodes: robot, task, kind, step, label, object, duration_s (nominal), and start_s
@@ -69,7 +69,7 @@ def _run_graph(run: RecordedRun, *, nodes: bool) -> Graph:
         nodes: every node, not one a task.
     """
     tpg = run.tpg
-    graph: Graph = nx.DiGraph(name=run.scenario)
+    graph: Graph = nx.DiGraph(name=run.name)
     names: list[list[str]] = []
     once = {} if nodes else {"count": 1, "conflicts": 0}
     for chain, (start, end) in zip(tpg.chains, run.node_times_ns, strict=True):
@@ -170,9 +170,9 @@ def _quoted(text: str) -> str:
     return f'"{escaped}"'
 
 
-def task_graph_files(run: RecordedRun) -> Mapping[str, bytes]:
+def task_graph_files(run: RunResult) -> Mapping[str, bytes]:
     """Return ``task_graph.graphml``."""
-    return {"task_graph.graphml": graphml(task_graph(run.tpg, run.scenario))}
+    return {"task_graph.graphml": graphml(task_graph(run.tpg, run.name))}
 
 
 def task_graph(tpg: TemporalPlanGraph, name: str = "") -> Graph:

@@ -13,7 +13,6 @@ from itertools import groupby
 
 from planning.tasks.task import GONE
 from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
 from twin.exports.segments import (
     CONTROLLER_RATE_HZ,
     CONTROLLER_RATES_HZ,
@@ -22,10 +21,11 @@ from twin.exports.segments import (
     require_rate,
     segments,
 )
+from twin.trial.run_result import RunResult
 
 
 def joint_csv_files(
-    run: RecordedRun, *, rate_hz: float = CONTROLLER_RATE_HZ
+    run: RunResult, *, rate_hz: float = CONTROLLER_RATE_HZ
 ) -> Mapping[str, bytes]:
     """Return ``joints_<robot>.csv`` for every robot with work.
 
@@ -49,7 +49,7 @@ def joint_csv_files(
     return out
 
 
-def _header(run: RecordedRun, robot: str, smooth: bool) -> list[str]:
+def _header(run: RunResult, robot: str, smooth: bool) -> list[str]:
     """Return the names of the columns; speeds and accelerations only where they are known."""
     model = run.tpg.cell.robot(robot).model
     units = ["m" if slides else "rad" for slides in model.chain.prismatic]

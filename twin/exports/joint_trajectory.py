@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
 from twin.exports.segments import (
     CONTROLLER_RATE_HZ,
     CONTROLLER_RATES_HZ,
@@ -15,13 +14,14 @@ from twin.exports.segments import (
     require_rate,
     segments,
 )
+from twin.trial.run_result import RunResult
 
 FORMAT = "assembly-twin joint trajectories"
 VERSION = 2
 
 
 def joint_trajectory_files(
-    run: RecordedRun, *, rate_hz: float = CONTROLLER_RATE_HZ
+    run: RunResult, *, rate_hz: float = CONTROLLER_RATE_HZ
 ) -> Mapping[str, bytes]:
     """Return ``joint_trajectories.json``.
 
@@ -36,7 +36,7 @@ def joint_trajectory_files(
     document = {
         "format": FORMAT,
         "version": VERSION,
-        "scenario": run.scenario,
+        "scenario": run.name,
         "segments": [_entry(segment) for segment in segments(run, rate_hz)],
     }
     text = json.dumps(document, ensure_ascii=False, allow_nan=False)

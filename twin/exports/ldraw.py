@@ -25,8 +25,8 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.brick_world import brick_colour, stock_objects
 from planning.lego.bricks.grid import box_pose, box_size, occupied_span
 from planning.transforms import Transform, inverse
-from twin.exports.recorded_run import RecordedRun
 from twin.scenario.sections.lego import LegoSection, brick_types
+from twin.trial.run_result import RunResult
 
 if TYPE_CHECKING:
     from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -59,7 +59,7 @@ class ShownBrick:
     step: int
 
 
-def ldraw_files(run: RecordedRun) -> Mapping[str, bytes]:
+def ldraw_files(run: RunResult) -> Mapping[str, bytes]:
     """Return the structure of a run as ``<scenario>.ldr``.
 
     Raises:
@@ -72,7 +72,7 @@ def ldraw_files(run: RecordedRun) -> Mapping[str, bytes]:
         raise OutputError(f"{run.folder}: only a LEGO assembly is a model of LDraw")
     assembly, types = build_lego(section), brick_types(section)
     bricks = _shown(run.tpg, assembly, types)
-    return {f"{run.scenario}.ldr": ldraw_model(run.scenario, bricks)}
+    return {f"{run.name}.ldr": ldraw_model(run.name, bricks)}
 
 
 def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:

@@ -21,10 +21,10 @@ from planning.tasks.task import Task
 from planning.transforms import Array, Indices
 from scheduling.graph.rollout import Rollout, earliest_times
 from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import CAUSES
 from twin.run.run_record import waypoint_offsets_ns
 from twin.run.trajectory import Trajectory
+from twin.trial.run_result import RunResult
 from twin.uncertainty.contraction import Contraction, contract
 
 CONTROLLER_RATES_HZ = (125.0, 1000.0)
@@ -113,7 +113,7 @@ def require_rate(rate_hz: float, rates_hz: tuple[float, float]) -> None:
         raise OutputError(f"--rate-hz: {rate_hz:g} is not from {low:g} to {high:g}")
 
 
-def segments(run: RecordedRun, rate_hz: float) -> Iterator[Segment]:
+def segments(run: RunResult, rate_hz: float) -> Iterator[Segment]:
     """Yield the segments of a run, robot after robot, each robot's in order.
 
     Args:
@@ -143,7 +143,7 @@ def _after(found: Contraction) -> dict[tuple[int, int], list[Predecessor]]:
 
 
 def _of_chain(
-    run: RecordedRun,
+    run: RunResult,
     k: int,
     bounds: Indices,
     after: Mapping[tuple[int, int], list[Predecessor]],
@@ -204,16 +204,16 @@ def _of_chain(
         )
 
 
-def _changes(run: RecordedRun, robot: str) -> dict[tuple[int, str], int]:
+def _changes(run: RunResult, robot: str) -> dict[tuple[int, str], int]:
     """Return when objects changed hands [ns], by node of a robot and object."""
     return {
         (event.node, event.object): event.t_ns
-        for event in run.events
+        for event in run.history
         if event.robot == robot and event.kind in ("attached", "detached")
     }
 
 
-def _spans(run: RecordedRun, k: int, bounds: Indices, motion: Trajectory) -> Indices:
+def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indices:
     """Return when the motion of each segment begins and ends, shape (segments, 2); -1 for never.
 
     A node that is entered at speed counts as begun, and the one before it as complete, when the

@@ -5,32 +5,29 @@ CSV is that of RFC 4180: a header line, SI units, empty fields where there is no
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from io import BytesIO
 
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
-from twin.run.events import Event
-from twin.run.folder import OBJECTS, TRAJECTORY
+from twin.trial.run_result import RunResult
 
 _PARTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
 
 
-def csv_files(run: RecordedRun) -> Mapping[str, bytes]:
+def csv_files(run: RunResult) -> Mapping[str, bytes]:
     """Return ``events.csv``, ``trajectory.csv`` and ``objects.csv``, a column a component."""
     return {f"{name}.csv": _csv(table) for name, table in _tables(run).items()}
 
 
-def parquet_files(run: RecordedRun) -> Mapping[str, bytes]:
+def parquet_files(run: RunResult) -> Mapping[str, bytes]:
     """Return the same tables as Parquet, zstd compressed.
 
     Each says in its metadata which run it is of.
     """
-    about = {"scenario": run.scenario}
+    about = {"scenario": run.name}
     about |= {k: str(run.summary[k]) for k in ("seed", "policy") if k in run.summary}
     out = {}
     for name, table in _tables(run).items():
@@ -43,29 +40,13 @@ def parquet_files(run: RecordedRun) -> Mapping[str, bytes]:
     return out
 
 
-def _tables(run: RecordedRun) -> Mapping[str, pa.Table]:
+def _tables(run: RunResult) -> Mapping[str, pa.Table]:
     """Return the tables ``events``, ``trajectory`` and ``objects``; the last two as in the folder."""
     return {
-        "events": events_table(run.events),
-        "trajectory": run.table(TRAJECTORY),
-        "objects": run.table(OBJECTS),
+        "events": run.events,
+        "trajectory": run.trajectory,
+        "objects": run.objects,
     }
-
-
-def events_table(rows: Sequence[Event]) -> pa.Table:
-    """Return events with the keys of ``events.jsonl`` as columns."""
-    # Dividing once rounds to the nearest double, which prints as the decimals of the log.
-    return pa.table(
-        {
-            "t_s": pa.array([e.t_ns / NANOSECONDS for e in rows], pa.float64()),
-            "robot": pa.array([e.robot for e in rows], pa.string()),
-            "kind": pa.array([e.kind for e in rows], pa.string()),
-            "task": pa.array([e.task for e in rows], pa.int64()),
-            "node": pa.array([e.node for e in rows], pa.int64()),
-            "object": pa.array([e.object for e in rows], pa.string()),
-            "detail": pa.array([e.detail for e in rows], pa.string()),
-        }
-    )
 
 
 def _csv(table: pa.Table) -> bytes:

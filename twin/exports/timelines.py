@@ -20,17 +20,17 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import CAUSES, STANDING, WAITING, Activity, robot_activities
+from twin.trial.run_result import RunResult
 
 PROCESS = 1
 
 _INSTANTS = frozenset({"attached", "detached", "failed"})
 
 
-def perfetto_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
+def perfetto_files(run: RunResult, *, nodes: bool) -> Mapping[str, bytes]:
     """Return ``trace.json``; with ``nodes`` a slice is a node, otherwise (part of) a task."""
-    lanes = robot_activities(run.tpg, run.events, nodes=nodes)
+    lanes = robot_activities(run.tpg, run.history, nodes=nodes)
     threads = {robot: k for k, robot in enumerate(lanes, start=1)}
     events = [*_names(run, threads)]
     for robot, activities in lanes.items():
@@ -43,17 +43,17 @@ def perfetto_files(run: RecordedRun, *, nodes: bool) -> Mapping[str, bytes]:
     document = {
         "traceEvents": events,
         "displayTimeUnit": "ms",
-        "otherData": {"scenario": run.scenario, **about},
+        "otherData": {"scenario": run.name, **about},
     }
     text = json.dumps(document, ensure_ascii=False, allow_nan=False)
     return {"trace.json": text.encode() + b"\n"}
 
 
-def _names(run: RecordedRun, threads: Mapping[str, int]) -> Iterator[dict[str, Any]]:
+def _names(run: RunResult, threads: Mapping[str, int]) -> Iterator[dict[str, Any]]:
     def meta(what: str, tid: int, **args: object) -> dict[str, Any]:
         return {"ph": "M", "name": what, "pid": PROCESS, "tid": tid, "args": args}
 
-    yield meta("process_name", 0, name=run.scenario)
+    yield meta("process_name", 0, name=run.name)
     for robot, tid in threads.items():
         yield meta("thread_name", tid, name=robot)
         yield meta("thread_sort_index", tid, sort_index=tid)
@@ -85,7 +85,7 @@ def _slice(tpg: TemporalPlanGraph, tid: int, item: Activity) -> dict[str, Any]:
     }
 
 
-def _arrows(run: RecordedRun) -> list[dict[str, Any]]:
+def _arrows(run: RunResult) -> list[dict[str, Any]]:
     """Return start and finish of an arrow for each type-2 edge that was satisfied."""
     tpg, times = run.tpg, run.node_times_ns
     out: list[dict[str, Any]] = []
@@ -107,8 +107,8 @@ def _arrows(run: RecordedRun) -> list[dict[str, Any]]:
     return sorted(out, key=lambda event: event["ts"])
 
 
-def _instants(run: RecordedRun, threads: Mapping[str, int]) -> Iterator[dict[str, Any]]:
-    for event in run.events:
+def _instants(run: RunResult, threads: Mapping[str, int]) -> Iterator[dict[str, Any]]:
+    for event in run.history:
         if event.kind in _INSTANTS and event.robot in threads:
             yield {
                 "ph": "i",
@@ -141,10 +141,10 @@ _KEYWORDS = re.compile(
 )
 
 
-def mermaid_files(run: RecordedRun) -> Mapping[str, bytes]:
+def mermaid_files(run: RunResult) -> Mapping[str, bytes]:
     """Return ``gantt.mmd``."""
     policy = run.summary.get("policy")
-    title = run.scenario + (f", {policy}" if policy else "")
+    title = run.name + (f", {policy}" if policy else "")
     lines = [
         "gantt",
         f"    title {_plain(title)}",
@@ -152,7 +152,7 @@ def mermaid_files(run: RecordedRun) -> Mapping[str, bytes]:
         "    axisFormat %H:%M:%S",
     ]
     least_ns = int(_SHARE * run.makespan_ns)
-    for robot, activities in robot_activities(run.tpg, run.events).items():
+    for robot, activities in robot_activities(run.tpg, run.history).items():
         lines.append(f"    section {_plain(robot)}")
         lines += [
             f"    {_bar(run.tpg, item)}"

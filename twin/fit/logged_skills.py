@@ -14,7 +14,7 @@ from twin.durations import NANOSECONDS
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS
 from twin.run.written import require_as_written
-from twin.trial.saved_plan import plan_of_run
+from twin.trial.plan_result import plan_of_run
 
 
 class LoggedSkill(NamedTuple):

@@ -1,25 +1,21 @@
-"""From a scenario to its temporal plan graph: assignment, motions, order and shortcuts."""
+"""Stages of planning a scenario: assignment, motions, slots, what waits for what, shortcuts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from planning.cell.motion_limits import limits_of
 from planning.cell.workcell import Workcell
-from planning.errors import PlanInvariantError, ScenarioError
-from planning.motion.load_bound import load_bound_s
+from planning.errors import ScenarioError
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, RobotSpeed
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
-from scheduling.build_nodes import build_nodes
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.reordering import reorder_tasks
 from scheduling.ordering.synchronous import (
@@ -28,216 +24,17 @@ from scheduling.ordering.synchronous import (
     plan_synchronous,
 )
 from scheduling.shortcuts.shortcutting import shorten_tpg
-from twin.host.progress import Report, StageWatch, report_nothing
+from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions, assembly_kind
-from twin.planning.part_assembly.pattern import repeated_plans
-from twin.planning.timed import timed
-from twin.run.policies import (
-    AT_ONCE,
-    IN_SLOTS,
-    IN_TURNS,
-    SHORTENED,
-    SLOTS_SHORTENED,
-)
 from twin.scenario.sections.scenario import Scenario
 
 SLOTS, ORDER = "who moves at once", "what waits for what"
-SHORTCUTS, IMPROVEMENT = "shortcuts", "better choices"
+SHORTCUTS = "shortcuts"
 """Names of the stages for progress displays."""
 
 CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
 """Most shortcuts tried by default; they end when they stop paying."""
-
-
-@dataclass(frozen=True)
-class Planned(PlannedMotions):
-    """A planned scenario, with what each stage made.
-
-    Attributes:
-        motion_plan: how everyone moves, one task after another, in slots, or at once.
-        tpg: what must wait for what.
-        planning_s: wall-clock seconds a stage: sequence (where the scenario gives a structure),
-            assignment, motion, synchronous (where the plan is made in slots), tpg; of a
-            construction checks, search, keyframes, path, tpg.
-        turns: nodes of the sequential plan, where the plan is made in slots or shortened;
-            None where ``tpg`` has the same nodes.
-        variant: which plan ``tpg`` is: a plan of twin.run.policies.
-        load_bound_s: a makespan at nominal durations that no choice of who does what can beat
-            [s], None where that was not worked out.
-        step_order: numbers that the steps had before they were put into another order; empty where
-            they were not.
-    """
-
-    tpg: TemporalPlanGraph
-    planning_s: Mapping[str, float]
-    turns: TemporalPlanGraph | None = None
-    variant: str = IN_TURNS
-    load_bound_s: float | None = None
-    step_order: tuple[int, ...] = ()
-
-
-def plan_scenario(
-    scenario: Scenario, folder: Path = Path(), progress: Report = report_nothing
-) -> Planned:
-    """Plan a scenario from the cell to the temporal plan graph.
-
-    Args:
-        scenario: a checked scenario.
-        folder: where relative paths in it start, that of its file.
-        progress: told how far each stage has come.
-
-    Raises:
-        RobotModelError: a robot description cannot be used.
-        ConstructionError: a construction for which no plan was found.
-        InfeasibleStepError: a step that no robot, brick and grasp can do.
-        TransitError: no collision-free path was found.
-        PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
-    """
-    first, planned = plan_best(scenario, folder, watch := StageWatch(progress))
-    if first.pattern is not None:
-        return _repeated(replace(planned, pattern=first.pattern), watch)
-    if first.work is None:
-        return planned
-    bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
-    order = first.work.order
-    moved = order if list(order) != sorted(order) else ()
-    return replace(planned, load_bound_s=bound, step_order=moved)
-
-
-def plan_best(
-    scenario: Scenario, folder: Path, watch: StageWatch
-) -> tuple[PlannedMotions, Planned]:
-    """Return the plan of a scenario with its motions, improved where the scenario says so.
-
-    See plan_scenario for the errors.
-    """
-    refuse_improvement(scenario)
-    first = plan_motions(scenario, folder, watch)
-    planned = _coordinated(scenario, first, watch)
-    improves = scenario.planning.improves
-    found = improved_motions(scenario, first, watch) if improves else None
-    if found is None:
-        return first, planned
-    try:
-        other = _coordinated(scenario, found, watch)
-    except PlanInvariantError:  # no reason to go without the plan that holds
-        return first, planned
-    better = nominal_s(other.tpg) < nominal_s(planned.tpg)
-    return (found, other) if better else (first, planned)
-
-
-def _repeated(planned: Planned, watch: StageWatch) -> Planned:
-    """Return the plan of some products for all that there are to be; the stage is products."""
-    plans = {IN_TURNS: planned.turns or planned.tpg, planned.variant: planned.tpg}
-    found = repeated_plans(plans, planned.pattern, watch)
-    if (tpg := found[planned.variant]) is found[IN_TURNS]:
-        return replace(planned, cell=tpg.cell, tpg=tpg, turns=None, variant=IN_TURNS)
-    return replace(planned, cell=tpg.cell, tpg=tpg, turns=found[IN_TURNS])
-
-
-def _coordinated(
-    scenario: Scenario, first: PlannedMotions, watch: StageWatch
-) -> Planned:
-    """Return planned motions with their graph, ordered and shortened as the scenario says."""
-    motion_plan, slots, turns = first.motion_plan, None, None
-    variant = AT_ONCE if assembly_kind(scenario.assembly).at_once else IN_TURNS
-    if scenario.planning.coordination == "synchronous":
-        synchronous = plan_in_slots(first, watch)
-        motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
-        turns, variant = build_nodes(first.motion_plan), IN_SLOTS
-    tpg = order_motions(motion_plan, watch, slots)
-    candidates = planned_shortcuts(scenario)
-    if candidates:
-        turns = turns or tpg
-        variant = SHORTENED if variant != IN_SLOTS else SLOTS_SHORTENED
-        tpg = shorten(
-            tpg,
-            first.settings,
-            watch,
-            candidates=candidates,
-            seed=scenario.seed,
-            keep_slots=scenario.execution.policy == "synchronous",
-        )
-    return Planned(
-        first.cell,
-        first.assembly,
-        first.task_plan,
-        motion_plan,
-        first.settings,
-        timed(tpg, scenario, watch),
-        watch.seconds,
-        None if turns is None else timed(turns, scenario, watch),
-        variant,
-    )
-
-
-def nominal_s(tpg: TemporalPlanGraph) -> float:
-    """Return the makespan of a graph at nominal durations [s]."""
-    return float(earliest_times(tpg).makespan)
-
-
-def refuse_improvement(scenario: Scenario) -> None:
-    """Refuse to improve what is not chosen step by step, before anything is planned.
-
-    Raises:
-        ScenarioError: says which scenarios can be improved.
-    """
-    section = scenario.planning
-    if not section.improves:
-        return
-    kind = scenario.assembly.kind
-    if kind not in ("lego", "assembly"):
-        raise ScenarioError(
-            "planning.improve_s and improve_tries search for other robots, objects, grips and"
-            f" supports of steps; the kind {kind!r} has none to choose from: leave them out",
-            choices=("lego", "assembly"),
-        )
-    if section.coordination != "sequential":
-        raise ScenarioError(
-            "planning.improve_s and improve_tries judge a plan by its temporal plan graph, not by"
-            " slots: leave them out, or the coordination 'synchronous'"
-        )
-
-
-def improved_motions(
-    scenario: Scenario, first: PlannedMotions, watch: StageWatch
-) -> PlannedMotions | None:
-    """Search for a better task plan; the stage is improve.
-
-    Returns:
-        The motions of the best plan found, None where none is better than the one given.
-    """
-    from scheduling.improvement.rated_plans import PlanRater
-    from scheduling.improvement.search import improve_plan
-
-    if first.work is None:
-        return None
-    section = scenario.planning
-    with watch.stage("improve"):
-        watch.report(IMPROVEMENT, 0, 1)
-        shortcuts = planned_shortcuts(scenario) > 0
-        rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
-        work = first.work if section.improve_order else first.work.in_this_order()
-        start = rater.rate_motions(work, first.task_plan, first.motion_plan)
-        best = improve_plan(
-            rater,
-            start,
-            seconds=section.improve_s,
-            tries=section.improve_tries,
-            seed=scenario.seed,
-            progress=watch.reporter(IMPROVEMENT),
-        )
-    if best is start:
-        return None
-    found = replace(
-        first,
-        assembly=best.work.assembly or first.assembly,
-        task_plan=best.task_plan,
-        motion_plan=best.motion_plan,
-        work=best.work,
-    )
-    return assembly_kind(scenario.assembly).finished(found)
 
 
 def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:

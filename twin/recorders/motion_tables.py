@@ -1,4 +1,4 @@
-"""The tables ``trajectory.parquet`` and ``objects.parquet``."""
+"""Tables of a run: events, and what ``trajectory.parquet`` and ``objects.parquet`` hold."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.host.atomic import replacing
+from twin.run.events import Event
 from twin.run.folder import OBJECTS, TRAJECTORY
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import (
     Placement,
     Trajectory,
@@ -100,7 +101,23 @@ def _parent(placement: Placement) -> str:
     return WORLD if placement.holder is None else f"{placement.holder}/{FLANGE}"
 
 
-def write_motion(folder: Path, tpg: TemporalPlanGraph, run: Run) -> None:
+def events_table(rows: Sequence[Event]) -> pa.Table:
+    """Return events with the keys of ``events.jsonl`` as columns."""
+    # Dividing once rounds to the nearest double, which prints as the decimals of the log.
+    return pa.table(
+        {
+            "t_s": pa.array([e.t_ns / NANOSECONDS for e in rows], pa.float64()),
+            "robot": pa.array([e.robot for e in rows], pa.string()),
+            "kind": pa.array([e.kind for e in rows], pa.string()),
+            "task": pa.array([e.task for e in rows], pa.int64()),
+            "node": pa.array([e.node for e in rows], pa.int64()),
+            "object": pa.array([e.object for e in rows], pa.string()),
+            "detail": pa.array([e.detail for e in rows], pa.string()),
+        }
+    )
+
+
+def write_motion(folder: Path, tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
     """Write both tables of a run into its folder.
 
     Raises:

@@ -20,7 +20,7 @@ from scheduling.motion_times import node_path, skill_motion
 from scheduling.stretch_times import blended_path
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.cubic_motion import with_cubics
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.uncertainty.stopped_skills import stopped_skill, stops_of
 
 _STANDS = 1e-7
@@ -39,7 +39,7 @@ Rows = tuple[Nanoseconds, Array, Array, Array, Indices]
 """Times [ns], configurations, joint speeds and accelerations, and the node of each row."""
 
 
-def driven_rows(tpg: TemporalPlanGraph, run: Run, k: int) -> Rows:
+def driven_rows(tpg: TemporalPlanGraph, run: ExecutionRecord, k: int) -> Rows:
     """Return the rows of a robot's motion: cubic in time between them.
 
     Args:
@@ -73,7 +73,7 @@ def _row(t_ns: int, q: Array, node: int) -> Rows:
 
 
 def stopped_motion(
-    tpg: TemporalPlanGraph, run: Run, k: int, node: int
+    tpg: TemporalPlanGraph, run: ExecutionRecord, k: int, node: int
 ) -> StoppedPath | None:
     """Return the motion of a skill in which the clock stopped the robot; None where it did not.
 
@@ -93,7 +93,9 @@ def stopped_motion(
     return stopped_skill(tpg, (k, node), duration, begin, stops_of(run.halts_ns[k]))
 
 
-def _skill_rows(tpg: TemporalPlanGraph, run: Run, k: int, node: int) -> Iterator[Rows]:
+def _skill_rows(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, k: int, node: int
+) -> Iterator[Rows]:
     """Yield the rows of a node from rest to rest, which follows its path as slowly as it lasts."""
     chain, robot = tpg.chains[k], tpg.cell.robot(tpg.chains[k].robot)
     stopped = stopped_motion(tpg, run, k, node)

@@ -22,7 +22,7 @@ from twin.run.activities import (
 )
 from twin.run.events import Event
 from twin.run.policies import IN_TURNS, policy_name
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.team_colours import team_colours
 
 _TASKS_A_ROW = 36
@@ -39,7 +39,7 @@ _LANE_HEIGHT = 0.72
 
 def gantt_figure(
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     events: Sequence[Event],
     *,
     title: str = "",
@@ -213,7 +213,7 @@ def _dark(colour: str) -> bool:
 
 
 def _binding_edges(
-    tpg: TemporalPlanGraph, run: Run, robots: Sequence[str]
+    tpg: TemporalPlanGraph, run: ExecutionRecord, robots: Sequence[str]
 ) -> list[tuple[float, int, int]]:
     """Return the time [s] and both lanes of the type-2 edges whose source ended a wait.
 

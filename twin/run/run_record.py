@@ -24,7 +24,7 @@ POLICIES: tuple[Policy, ...] = (
 )
 
 
-class Wait(NamedTuple):
+class RobotWait(NamedTuple):
     """A robot stands still because its next node may not start yet, from when to when [ns]."""
 
     chain: int
@@ -34,7 +34,7 @@ class Wait(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Run:
+class ExecutionRecord:
     """One execution of a TPG.
 
     The arrays hold one entry a chain of the TPG, each of shape (nodes,). A time of -1 stands for
@@ -107,13 +107,13 @@ class Run:
         """Return the clock of a robot, which stands while the robot is stopped."""
         return Pace(self.halts_ns[chain])
 
-    def waits(self) -> tuple[Wait, ...]:
+    def waits(self) -> tuple[RobotWait, ...]:
         """Return every wait that ended, by chain and time."""
         found = []
         for k, (start, end) in enumerate(zip(self.start_ns, self.end_ns, strict=True)):
             before = np.concatenate([[0], end[:-1]])
             for node in np.flatnonzero((start > before) & (start >= 0)).tolist():
-                found.append(Wait(k, node, int(before[node]), int(start[node])))
+                found.append(RobotWait(k, node, int(before[node]), int(start[node])))
         return tuple(found)
 
 
@@ -124,7 +124,7 @@ class DeadlockError(TwinError):
         run: what happened until then.
     """
 
-    def __init__(self, message: str, run: Run) -> None:
+    def __init__(self, message: str, run: ExecutionRecord) -> None:
         """Keep the run."""
         super().__init__(message)
         self.run = run

@@ -20,12 +20,12 @@ from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGr
 from scheduling.slowed_motions import slowed_motions
 from twin.durations import NANOSECONDS
 from twin.run.policies import IN_TURNS, SEQUENTIAL, policy_name
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 
 
 def summarise(
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     *,
     scenario: str,
     plan: str = IN_TURNS,
@@ -93,7 +93,9 @@ def summarise(
     } | further
 
 
-def _machines(tpg: TemporalPlanGraph, run: Run) -> dict[str, dict[str, float]]:
+def _machines(
+    tpg: TemporalPlanGraph, run: ExecutionRecord
+) -> dict[str, dict[str, float]]:
     """Return how long each machine that works at parts had one, and was down meanwhile [s]."""
     found = {}
     for k in working_machines(tpg):
@@ -108,7 +110,7 @@ def _machines(tpg: TemporalPlanGraph, run: Run) -> dict[str, dict[str, float]]:
     return found
 
 
-def lower_bound_s(tpg: TemporalPlanGraph, run: Run) -> float:
+def lower_bound_s(tpg: TemporalPlanGraph, run: ExecutionRecord) -> float:
     """Return a makespan that no coordination of these paths can beat [s].
 
     It is the longest path through the robots' own nodes and the task dependencies, as if no two

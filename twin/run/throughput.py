@@ -13,7 +13,7 @@ from planning.tasks.task import SUPPLY_KINDS, TRANSIT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 
 _START_UP = 0.1
 """Share of the products that do not count for throughput and takt where nothing else is said."""
@@ -172,7 +172,7 @@ def takts_s(end_ns: Nanoseconds, start_up: int | None = None) -> Array:
 
 def line_summary(
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     due_s: Sequence[float] = (),
     start_up: int | None = None,
 ) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.cubic_motion import cubic_at
 from twin.run.driven_motion import driven_rows, stopped_motion
-from twin.run.run_record import Run, waypoint_offsets_ns
+from twin.run.run_record import ExecutionRecord, waypoint_offsets_ns
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,9 @@ class Placement:
     pose: Transform
 
 
-def robot_trajectories(tpg: TemporalPlanGraph, run: Run) -> tuple[Trajectory, ...]:
+def robot_trajectories(
+    tpg: TemporalPlanGraph, run: ExecutionRecord
+) -> tuple[Trajectory, ...]:
     """Return the motion of every robot of the cell, in the cell's order.
 
     There is a row for every waypoint passed and at both ends of every wait and stall. A run
@@ -92,7 +94,9 @@ def robot_trajectories(tpg: TemporalPlanGraph, run: Run) -> tuple[Trajectory, ..
     return tuple(found)
 
 
-def _driven_trajectory(tpg: TemporalPlanGraph, run: Run, k: int) -> Trajectory:
+def _driven_trajectory(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, k: int
+) -> Trajectory:
     """Return the motion of a robot that keeps to limits, until the run ends."""
     t, q, v, a, node = driven_rows(tpg, run, k)
     until = run.makespan_ns
@@ -114,7 +118,7 @@ def _driven_trajectory(tpg: TemporalPlanGraph, run: Run, k: int) -> Trajectory:
     )
 
 
-def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
+def _chain_trajectory(chain: NodeChain, run: ExecutionRecord, k: int) -> Trajectory:
     """Return the motion of a robot with work; first as if its own clock were the run's."""
     pace = run.pace(k)
     count = int(np.count_nonzero(run.start_ns[k] >= 0))
@@ -142,7 +146,7 @@ def _chain_trajectory(chain: NodeChain, run: Run, k: int) -> Trajectory:
     return _with_stops(_until(motion, end_ns), run, k)
 
 
-def _with_stops(motion: Trajectory, run: Run, k: int) -> Trajectory:
+def _with_stops(motion: Trajectory, run: ExecutionRecord, k: int) -> Trajectory:
     """Return a motion in the run's time, with a row at both ends of every stop."""
     halts = run.halts_ns[k]
     if not halts:
@@ -194,7 +198,9 @@ def _until(motion: Trajectory, end_ns: int) -> Trajectory:
     )
 
 
-def object_placements(tpg: TemporalPlanGraph, run: Run) -> tuple[Placement, ...]:
+def object_placements(
+    tpg: TemporalPlanGraph, run: ExecutionRecord
+) -> tuple[Placement, ...]:
     """Return the placements of every object: at the start, and from every change on, by time.
 
     An object that comes up later has no row before it does.

@@ -15,7 +15,6 @@ from twin.host.versions import versions
 from twin.planning.part_assembly.pattern import repeated_plans
 from twin.planning.pipeline import (
     order_motions,
-    plan_best,
     plan_in_slots,
     plan_motions,
     planned_shortcuts,
@@ -39,7 +38,8 @@ from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.replications.experiment import Experiment
 from twin.study.replications.workload import Workload, timing_graph
-from twin.trial.saved_plan import SavedPlan
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_best
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
@@ -81,7 +81,7 @@ def plan_for_study(
     needed = {NAMED_POLICIES[policy].plan for policy in policies}
     watch = StageWatch(progress)
     if scenario.planning.improves:
-        turns, _ = plan_best(scenario, base, watch)
+        turns = plan_best(scenario, base, watch).motions
     else:
         turns = plan_motions(scenario, base, watch)
     plans = {}
@@ -109,32 +109,32 @@ def plan_for_study(
     return {name: plan for name, plan in plans.items() if name in needed}
 
 
-def given_plans(saved: SavedPlan, policies: tuple[str, ...]) -> Plans:
+def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
     """Return the plans that some policies need, of those that a run left.
 
     Raises:
         RequestError: a policy needs another plan; names those that do not.
     """
-    could = possible_policies(saved)
+    could = possible_policies(given)
     for policy in policies:
         if policy not in could:
             raise RequestError(
                 f"policy {policy!r} needs the plan {NAMED_POLICIES[policy].plan}, the given one"
-                f" is {saved.variant}",
+                f" is {given.name}",
                 choices=could,
             )
-    there = _plans_of(saved)
+    there = _plans_of(given)
     return {
         name: there[name]
         for name in dict.fromkeys(NAMED_POLICIES[policy].plan for policy in policies)
     }
 
 
-def possible_policies(saved: SavedPlan) -> tuple[str, ...]:
+def possible_policies(given: PlanResult) -> tuple[str, ...]:
     """Return the policies that a plan left by a run can be studied under."""
-    there = _plans_of(saved)
+    there = _plans_of(given)
     # What is left of the plan in turns beside one in slots is its tasks, not what waits for what.
-    bare = {IN_TURNS} if saved.variant in (IN_SLOTS, SLOTS_SHORTENED) else set()
+    bare = {IN_TURNS} if given.name in (IN_SLOTS, SLOTS_SHORTENED) else set()
     return tuple(
         name
         for name, (plan, release) in NAMED_POLICIES.items()
@@ -142,10 +142,10 @@ def possible_policies(saved: SavedPlan) -> tuple[str, ...]:
     )
 
 
-def _plans_of(saved: SavedPlan) -> Plans:
-    variant = IN_TURNS if saved.variant == AT_ONCE else saved.variant
-    plans = {variant: saved.tpg}
-    return plans if saved.turns is None else {IN_TURNS: saved.turns, **plans}
+def _plans_of(given: PlanResult) -> Plans:
+    variant = IN_TURNS if given.name == AT_ONCE else given.name
+    plans = {variant: given.tpg}
+    return plans if given.turns is None else {IN_TURNS: given.turns, **plans}
 
 
 def save_plans(plans: Plans, folder: Path) -> None:

@@ -19,7 +19,7 @@ from tests.shipped_runs import ShippedRuns
 
 @pytest.fixture(scope="module")
 def cliff(shipped: ShippedRuns) -> TemporalPlanGraph:
-    return build_tpg(shipped("lego/cliff").planned.motion_plan)
+    return build_tpg(shipped("lego/cliff").planned.motions.motion_plan)
 
 
 def the_gift(tpg: TemporalPlanGraph) -> Rest:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +18,18 @@ FILE = Path(__file__).parents[3] / "scenarios/multi_arm/rearrangement.yaml"
 
 
 @pytest.fixture(scope="module")
-def plan(shipped: ShippedRuns) -> twin.Plan:
-    return twin.Plan(twin.load(FILE), shipped("multi_arm/rearrangement").planned)
+def plan(shipped: ShippedRuns) -> twin.PlanResult:
+    planned = shipped("multi_arm/rearrangement").planned
+    return replace(planned, scenario=twin.load(FILE))
 
 
 @pytest.fixture(scope="module")
-def simulated(plan: twin.Plan) -> twin.SimulatedRun:
+def simulated(plan: twin.PlanResult) -> twin.RunResult:
     return twin.simulate(plan)
 
 
 @pytest.fixture(scope="module")
-def written(plan: twin.Plan, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(plan: twin.PlanResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("api") / "run"
     done = twin.run(plan, out=folder, recording=False)
     assert done.folder == folder
@@ -72,7 +74,7 @@ def test_a_check_finds_the_same_as_the_program(tmp_path: Path) -> None:
 
 
 def test_a_simulation_is_the_run_that_the_program_writes(
-    simulated: twin.SimulatedRun, written: Path
+    simulated: twin.RunResult, written: Path
 ) -> None:
     summary = json.loads((written / "summary.json").read_text())
     assert simulated.makespan_s == summary["makespan_s"]
@@ -89,7 +91,7 @@ def test_a_simulation_is_the_run_that_the_program_writes(
     assert simulated.events.num_rows == len(lines)
 
 
-def test_a_run_is_read_as_it_was(written: Path, simulated: twin.SimulatedRun) -> None:
+def test_a_run_is_read_as_it_was(written: Path, simulated: twin.RunResult) -> None:
     found = twin.read_run(written)
     assert found.passed
     assert found.makespan_s == simulated.makespan_s
@@ -102,7 +104,7 @@ def test_a_run_is_read_as_it_was(written: Path, simulated: twin.SimulatedRun) ->
         twin.read_run(written / "nowhere")
 
 
-def test_activities_fill_the_time_of_each_robot(simulated: twin.SimulatedRun) -> None:
+def test_activities_fill_the_time_of_each_robot(simulated: twin.RunResult) -> None:
     rows = simulated.activities.to_pylist()
     for robot, waited in simulated.wait_s.items():
         lane = [row for row in rows if row["robot"] == robot]
@@ -114,7 +116,9 @@ def test_activities_fill_the_time_of_each_robot(simulated: twin.SimulatedRun) ->
     assert max(row["end_s"] for row in rows) == simulated.makespan_s
 
 
-def test_another_seed_and_other_values_need_no_other_plan(plan: twin.Plan) -> None:
+def test_another_seed_and_other_values_need_no_other_plan(
+    plan: twin.PlanResult,
+) -> None:
     first, second = twin.simulate(plan, seed=5), twin.simulate(plan, seed=5)
     assert first.history == second.history
     assert first.seed == 5
@@ -130,7 +134,7 @@ def test_another_seed_and_other_values_need_no_other_plan(plan: twin.Plan) -> No
 
 
 def test_the_audit_of_a_simulation_is_that_of_the_run(
-    simulated: twin.SimulatedRun, written: Path
+    simulated: twin.RunResult, written: Path
 ) -> None:
     found, again = twin.audit(simulated), twin.audit(written)
     assert found.clean
@@ -140,7 +144,7 @@ def test_the_audit_of_a_simulation_is_that_of_the_run(
     assert found.report.content() == summary["audit"]
 
 
-def test_an_audit_tells_what_it_finds(plan: twin.Plan) -> None:
+def test_an_audit_tells_what_it_finds(plan: twin.PlanResult) -> None:
     # Nobody waits for anybody: with a skill that takes three times as long they meet.
     late = twin.simulate(plan, {"skills.pick.scale": 3}, policy="open-loop")
     found = twin.audit(late)
@@ -150,7 +154,7 @@ def test_an_audit_tells_what_it_finds(plan: twin.Plan) -> None:
 
 
 def test_a_study_has_a_row_a_policy_and_variant(
-    plan: twin.Plan, tmp_path: Path
+    plan: twin.PlanResult, tmp_path: Path
 ) -> None:
     found = twin.study(
         plan,
@@ -179,7 +183,7 @@ def test_a_study_has_a_row_a_policy_and_variant(
         twin.resume_study(found.folder, FILE.with_name("assembly.yaml"))
 
 
-def test_a_replay_needs_no_folder(simulated: twin.SimulatedRun, tmp_path: Path) -> None:
+def test_a_replay_needs_no_folder(simulated: twin.RunResult, tmp_path: Path) -> None:
     (file,) = twin.replay(simulated, out=tmp_path / "run.rrd")
     assert file.stat().st_size > 10_000
     (copy,) = twin.replay(file, out=tmp_path / "copy.rrd")
@@ -190,7 +194,9 @@ def test_a_replay_needs_no_folder(simulated: twin.SimulatedRun, tmp_path: Path) 
         twin.replay(tmp_path / "nothing")
 
 
-def test_a_plan_tells_its_tasks_and_is_kept(plan: twin.Plan, tmp_path: Path) -> None:
+def test_a_plan_tells_its_tasks_and_is_kept(
+    plan: twin.PlanResult, tmp_path: Path
+) -> None:
     assert plan.makespan_s > 0
     rows = plan.tasks.to_pylist()
     assert [row["task"] for row in rows] == list(range(len(rows)))

@@ -15,13 +15,16 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.comparison.bounds import straight_line_ratio, straight_line_s
 from twin.durations import NANOSECONDS
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.summary import lower_bound_s
 from twin.uncertainty.skill_durations import SkillDurations
 
 
 def slow_straight_line_s(
-    tpg: TemporalPlanGraph, run: Run, speeds: dict[str, SpeedModel], past_home: bool
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    speeds: dict[str, SpeedModel],
+    past_home: bool,
 ) -> float:
     """Walk each chain node by node, and close a stretch where one has to end."""
     best = 0.0
@@ -46,7 +49,7 @@ def slow_straight_line_s(
     return best
 
 
-def sequential(tpg: TemporalPlanGraph, seed: int = 0) -> Run:
+def sequential(tpg: TemporalPlanGraph, seed: int = 0) -> ExecutionRecord:
     return simulate(tpg, SkillDurations({}), seed=seed, policy="sequential")
 
 

@@ -25,9 +25,10 @@ from twin.comparison.comparison import (
     Measurement,
     measure_policies,
 )
-from twin.planning.pipeline import motion_settings, plan_scenario
+from twin.planning.pipeline import motion_settings
 from twin.scenario.file import load_scenario
-from twin.trial.trial import execute
+from twin.trial.planning import plan_scenario
+from twin.trial.simulation import execute
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
@@ -211,7 +212,7 @@ def test_every_key_is_documented(goals: Path, tmp_path: Path) -> None:
 def test_shortcuts_pass_by_no_goal(goals: Path) -> None:
     scenario = load_scenario(goals)
     planned = plan_scenario(scenario, goals.parent)
-    settings = motion_settings(scenario, planned.cell, goals.parent)
+    settings = motion_settings(scenario, planned.motions.cell, goals.parent)
     tpg = shorten_tpg(
         planned.tpg, settings.speeds, step=settings.step, candidates=60, seed=1
     )

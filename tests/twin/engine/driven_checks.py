@@ -14,7 +14,7 @@ from twin.durations import NANOSECONDS, Fixed, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
@@ -54,7 +54,7 @@ def path_borders(tpg: TemporalPlanGraph, k: int) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(way)])[chain.first]
 
 
-def assert_within_limits(tpg: TemporalPlanGraph, run: Run) -> None:
+def assert_within_limits(tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
     """Check speeds, accelerations and jerks of all motions, and that rows say what positions do."""
     for motion in robot_trajectories(tpg, run):
         limits = tpg.cell.robot(motion.robot).limits
@@ -74,7 +74,7 @@ def assert_within_limits(tpg: TemporalPlanGraph, run: Run) -> None:
 
 
 def assert_inside_cleared_nodes(
-    tpg: TemporalPlanGraph, run: Run, late_ns: int = 0
+    tpg: TemporalPlanGraph, run: ExecutionRecord, late_ns: int = 0
 ) -> None:
     """Check of every edge that the first is left, and known to be, before the second is entered."""
     motions = {motion.robot: motion for motion in robot_trajectories(tpg, run)}

@@ -20,7 +20,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
-from twin.run.run_record import DeadlockError, Run
+from twin.run.run_record import DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
@@ -28,7 +28,7 @@ from twin.uncertainty.skill_durations import SkillDurations
 NOMINAL = SkillDurations({})
 
 
-def same_times(run: Run, start: tuple, end: tuple) -> bool:
+def same_times(run: ExecutionRecord, start: tuple, end: tuple) -> bool:
     return all(map(np.array_equal, run.start_ns, start)) and all(
         map(np.array_equal, run.end_ns, end)
     )

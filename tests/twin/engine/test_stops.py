@@ -21,7 +21,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import FAILED, STOPPED
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,
@@ -222,7 +222,7 @@ def test_watched_and_contracted_runs_are_the_same(
     _check_trajectories(tpg, watched)
 
 
-def _check_trajectories(tpg: TemporalPlanGraph, run: Run) -> None:
+def _check_trajectories(tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
     """Robots stand while stopped, arrive when nodes end, and never jump."""
     for k, motion in enumerate(robot_trajectories(tpg, run)):
         assert (motion.t_ns[0], motion.t_ns[-1]) == (0, run.makespan_ns)
@@ -291,7 +291,9 @@ def test_lanes_show_stops_and_failures() -> None:
 # Tasks that fail
 
 
-def failing_run(retries: int = 1) -> tuple[TemporalPlanGraph, Run, MemoryRecorder]:
+def failing_run(
+    retries: int = 1,
+) -> tuple[TemporalPlanGraph, ExecutionRecord, MemoryRecorder]:
     tpg = random_tpg(16, tasks=20)
     recorder = MemoryRecorder()
     run = simulate(

@@ -10,11 +10,11 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, packaged_timings
 from twin.exports.formats import exported_files
-from twin.exports.recorded_run import RecordedRun
 from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
 from twin.recorders.observers import JsonlRecorder
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
+from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import (
     Disturbances,
     EmergencyStop,
@@ -38,7 +38,7 @@ def toy_run(
     *,
     disturbances: Disturbances = DISTURBED,
     tpg: TemporalPlanGraph | None = None,
-) -> tuple[RecordedRun, Run]:
+) -> tuple[RunResult, ExecutionRecord]:
     """Write the folder of a run of two robots, one with a joint more than the other.
 
     Toys cannot be saved as plans: the graph is put into the run by hand.
@@ -58,13 +58,13 @@ def toy_run(
     (folder / "manifest.json").write_text(json.dumps(manifest))
     summary = {"seed": seed, "policy": run.policy, "outcome": run.outcome}
     (folder / "summary.json").write_text(json.dumps(summary))
-    recorded = RecordedRun(folder)
+    recorded = RunResult(folder)
     recorded.__dict__["tpg"] = tpg
     return recorded, run
 
 
 def exported(
-    run: RecordedRun, name: str, *, nodes: bool = False, rate_hz: float | None = None
+    run: RunResult, name: str, *, nodes: bool = False, rate_hz: float | None = None
 ) -> dict[str, bytes]:
     """Return the files of a run in a format."""
     return dict(exported_files(run, name, nodes=nodes, rate_hz=rate_hz))

@@ -10,18 +10,18 @@ import pydot
 import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.recorded_run import RecordedRun
+from twin.trial.run_result import RunResult
 
 # pydot calls pyparsing by names that pyparsing wants to get rid of.
 pytestmark = pytest.mark.filterwarnings("ignore:.*deprecated - use:DeprecationWarning")
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> RecordedRun:
+def run(tmp_path: Path) -> RunResult:
     return toy_run(tmp_path)[0]
 
 
-def node_edges(run: RecordedRun) -> set[tuple[str, str]]:
+def node_edges(run: RunResult) -> set[tuple[str, str]]:
     """Return the edges of the graph by hand: type 1, then type 2."""
     robots = [chain.robot for chain in run.tpg.chains]
     edges = {
@@ -36,7 +36,7 @@ def node_edges(run: RecordedRun) -> set[tuple[str, str]]:
     return edges
 
 
-def task_edges(run: RecordedRun) -> dict[tuple[str, str], int]:
+def task_edges(run: RunResult) -> dict[tuple[str, str], int]:
     """Return how many edges there are between the nodes of two tasks, type 1 once."""
     out: dict[tuple[str, str], int] = {}
     for chain in run.tpg.chains:
@@ -52,7 +52,7 @@ def task_edges(run: RecordedRun) -> dict[tuple[str, str], int]:
     return out
 
 
-def test_graphml_of_nodes_comes_back_as_the_graph(run: RecordedRun) -> None:
+def test_graphml_of_nodes_comes_back_as_the_graph(run: RunResult) -> None:
     content = exported(run, "graphml", nodes=True)["tpg.graphml"]
     graph = nx.read_graphml(BytesIO(content))
     assert set(graph.edges) == node_edges(run)
@@ -77,7 +77,7 @@ def test_graphml_of_nodes_comes_back_as_the_graph(run: RecordedRun) -> None:
 
 
 def test_graphml_of_tasks_counts_the_edges_between_their_nodes(
-    run: RecordedRun,
+    run: RunResult,
 ) -> None:
     graph = nx.read_graphml(BytesIO(exported(run, "graphml")["tpg.graphml"]))
     expected = task_edges(run)
@@ -90,7 +90,7 @@ def test_graphml_of_tasks_counts_the_edges_between_their_nodes(
 
 
 @pytest.mark.parametrize("nodes", [False, True])
-def test_dot_comes_back_as_the_graph(run: RecordedRun, nodes: bool) -> None:
+def test_dot_comes_back_as_the_graph(run: RunResult, nodes: bool) -> None:
     text = exported(run, "dot", nodes=nodes)["tpg.dot"].decode()
     (graph,) = pydot.graph_from_dot_data(text)
     assert graph.get_type() == "digraph"
@@ -107,7 +107,7 @@ def test_dot_comes_back_as_the_graph(run: RecordedRun, nodes: bool) -> None:
         assert found == (named if nodes else {f"task {m}" for m in chain.task})
 
 
-def test_names_with_quotes_survive_in_dot(run: RecordedRun) -> None:
+def test_names_with_quotes_survive_in_dot(run: RunResult) -> None:
     text = exported(run, "dot")["tpg.dot"].decode()
     assert text.startswith('digraph "toy: \\"run\\"" {')
     assert pydot.graph_from_dot_data(text)[0].get_name() == '"toy: \\"run\\""'

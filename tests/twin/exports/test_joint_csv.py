@@ -14,19 +14,19 @@ import pytest
 from planning.errors import OutputError
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.recorded_run import RecordedRun
+from twin.trial.run_result import RunResult
 
 Rows = list[dict[str, str]]
 
 
 @pytest.fixture(params=["limits", "full speed"])
-def run(request: pytest.FixtureRequest, tmp_path: Path) -> RecordedRun:
+def run(request: pytest.FixtureRequest, tmp_path: Path) -> RunResult:
     smooth = request.param == "limits"
     tpg = driven_tpg(8, tasks=10, edges=20) if smooth else None
     return toy_run(tmp_path, 8, tpg=tpg)[0]
 
 
-def tables_of(run: RecordedRun, rate_hz: float | None = None) -> dict[str, Rows]:
+def tables_of(run: RunResult, rate_hz: float | None = None) -> dict[str, Rows]:
     files = exported(run, "joint-csv", rate_hz=rate_hz)
     return {
         name.removeprefix("joints_").removesuffix(".csv"): list(
@@ -36,7 +36,7 @@ def tables_of(run: RecordedRun, rate_hz: float | None = None) -> dict[str, Rows]
     }
 
 
-def segments_of(run: RecordedRun, rate_hz: float | None = None) -> list[dict[str, Any]]:
+def segments_of(run: RunResult, rate_hz: float | None = None) -> list[dict[str, Any]]:
     files = exported(run, "joint-trajectory", rate_hz=rate_hz)
     found: list[dict[str, Any]] = json.loads(files["joint_trajectories.json"])
     return found["segments"]  # type: ignore[call-overload,no-any-return]
@@ -48,9 +48,7 @@ def numbers(rows: Rows, letter: str) -> list[list[float]]:
 
 
 @pytest.mark.parametrize("rate_hz", [None, 1000.0])
-def test_rows_are_the_points_of_segments(
-    rate_hz: float | None, run: RecordedRun
-) -> None:
+def test_rows_are_the_points_of_segments(rate_hz: float | None, run: RunResult) -> None:
     tables = tables_of(run, rate_hz)
     assert set(tables) == {chain.robot for chain in run.tpg.chains}
     done = 0
@@ -69,7 +67,7 @@ def test_rows_are_the_points_of_segments(
     assert done == sum(map(len, tables.values()))
 
 
-def test_columns_name_joints_and_units(run: RecordedRun) -> None:
+def test_columns_name_joints_and_units(run: RunResult) -> None:
     smooth = bool(run.smooth_motions)
     for robot, rows in tables_of(run).items():
         model = run.tpg.cell.robot(robot).model
@@ -88,7 +86,7 @@ def test_columns_name_joints_and_units(run: RecordedRun) -> None:
         assert names[2:-2] == wanted
 
 
-def test_the_first_row_of_a_segment_says_what_it_waits_for(run: RecordedRun) -> None:
+def test_the_first_row_of_a_segment_says_what_it_waits_for(run: RunResult) -> None:
     tables = tables_of(run)
     causes = set()
     for segment in segments_of(run):
@@ -114,7 +112,7 @@ def test_the_first_row_of_a_segment_says_what_it_waits_for(run: RecordedRun) -> 
     assert causes == {"same robot", "motion conflict"}
 
 
-def test_speeds_are_known_where_robots_keep_to_limits(run: RecordedRun) -> None:
+def test_speeds_are_known_where_robots_keep_to_limits(run: RunResult) -> None:
     smooth = bool(run.smooth_motions)
     for rows in tables_of(run).values():
         speeds = numbers(rows, "v")
@@ -122,6 +120,6 @@ def test_speeds_are_known_where_robots_keep_to_limits(run: RecordedRun) -> None:
         assert not smooth or np.max(np.abs(np.array(speeds))) > 0.1
 
 
-def test_a_rate_that_controllers_do_not_take_is_refused(run: RecordedRun) -> None:
+def test_a_rate_that_controllers_do_not_take_is_refused(run: RunResult) -> None:
     with pytest.raises(OutputError, match="50 is not from 125 to 1000"):
         exported(run, "joint-csv", rate_hz=50.0)

@@ -13,18 +13,20 @@ import pytest
 from scheduling.graph.rollout import earliest_times
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.durations import to_nanoseconds
-from twin.exports.recorded_run import RecordedRun
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
+from twin.trial.run_result import RunResult
 
 POINT = {"positions", "velocities", "accelerations", "effort", "time_from_start"}
 
 
 @pytest.fixture(params=[3, 8, 21])
-def case(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[RecordedRun, Run]:
+def case(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> tuple[RunResult, ExecutionRecord]:
     return toy_run(tmp_path, request.param)
 
 
-def segments_of(run: RecordedRun) -> list[dict[str, Any]]:
+def segments_of(run: RunResult) -> list[dict[str, Any]]:
     document = json.loads(exported(run, "joint-trajectory")["joint_trajectories.json"])
     assert document["format"] == "assembly-twin joint trajectories"
     found: list[dict[str, Any]] = document["segments"]
@@ -41,7 +43,9 @@ def of_robot(segments: list[dict[str, Any]], robot: str) -> Iterator[dict[str, A
     return (s for s in segments if s["robot"] == robot)
 
 
-def test_segments_have_the_shape_of_the_message(case: tuple[RecordedRun, Run]) -> None:
+def test_segments_have_the_shape_of_the_message(
+    case: tuple[RunResult, ExecutionRecord],
+) -> None:
     run, _ = case
     segments = segments_of(run)
     assert len({s["id"] for s in segments}) == len(segments) > 5
@@ -61,7 +65,7 @@ def test_segments_have_the_shape_of_the_message(case: tuple[RecordedRun, Run]) -
             )
 
 
-def test_the_points_are_the_path(case: tuple[RecordedRun, Run]) -> None:
+def test_the_points_are_the_path(case: tuple[RunResult, ExecutionRecord]) -> None:
     run, _ = case
     segments = segments_of(run)
     for chain in run.tpg.chains:
@@ -82,7 +86,7 @@ def test_the_points_are_the_path(case: tuple[RecordedRun, Run]) -> None:
 
 
 def test_whoever_keeps_to_the_order_of_segments_keeps_to_the_graph(
-    case: tuple[RecordedRun, Run],
+    case: tuple[RunResult, ExecutionRecord],
 ) -> None:
     """Every segment as early as its ``after`` lets it: the same as the graph's rollout."""
     run, _ = case
@@ -114,7 +118,9 @@ def test_whoever_keeps_to_the_order_of_segments_keeps_to_the_graph(
     assert causes == {"same robot", "motion conflict"}
 
 
-def test_segments_tell_when_they_were_executed(case: tuple[RecordedRun, Run]) -> None:
+def test_segments_tell_when_they_were_executed(
+    case: tuple[RunResult, ExecutionRecord],
+) -> None:
     recorded, run = case
     robots = [chain.robot for chain in recorded.tpg.chains]
     for segment in segments_of(recorded):
@@ -126,7 +132,9 @@ def test_segments_tell_when_they_were_executed(case: tuple[RecordedRun, Run]) ->
         assert (begun, done) == (run.start_ns[k][first], run.end_ns[k][last])
 
 
-def test_objects_change_hands_within_segments(case: tuple[RecordedRun, Run]) -> None:
+def test_objects_change_hands_within_segments(
+    case: tuple[RunResult, ExecutionRecord],
+) -> None:
     run, _ = case
     told = [h for s in segments_of(run) for h in s["handlings"]]
     assert sorted(h["object"] for h in told) == sorted(

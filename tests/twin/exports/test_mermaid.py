@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.recorded_run import RecordedRun
 from twin.exports.timelines import _plain
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
+from twin.trial.run_result import RunResult
 
 _TIME = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}"
 _TEXT = r"[^:;#,%{}\n]+"
@@ -59,11 +59,11 @@ def _ms(text: str) -> int:
 
 
 @pytest.fixture
-def case(tmp_path: Path) -> tuple[RecordedRun, Run]:
+def case(tmp_path: Path) -> tuple[RunResult, ExecutionRecord]:
     return toy_run(tmp_path)
 
 
-def test_bars_show_what_robots_did(case: tuple[RecordedRun, Run]) -> None:
+def test_bars_show_what_robots_did(case: tuple[RunResult, ExecutionRecord]) -> None:
     recorded, run = case
     sections = read_chart(exported(recorded, "mermaid")["gantt.mmd"])
     assert list(sections) == [chain.robot for chain in recorded.tpg.chains]

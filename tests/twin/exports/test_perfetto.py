@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.recorded_run import RecordedRun
 from twin.run.activities import STANDING
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
+from twin.trial.run_result import RunResult
 
 REQUIRED = {
     "M": {"name", "pid", "tid", "args"},
@@ -56,13 +56,13 @@ def read_trace(content: bytes) -> Trace:
 
 
 @pytest.fixture
-def case(tmp_path: Path) -> tuple[RecordedRun, Run]:
+def case(tmp_path: Path) -> tuple[RunResult, ExecutionRecord]:
     return toy_run(tmp_path)
 
 
 @pytest.mark.parametrize("nodes", [False, True])
 def test_every_robot_has_a_lane_without_overlaps(
-    case: tuple[RecordedRun, Run], nodes: bool
+    case: tuple[RunResult, ExecutionRecord], nodes: bool
 ) -> None:
     recorded, run = case
     trace = read_trace(exported(recorded, "perfetto", nodes=nodes)["trace.json"])
@@ -88,7 +88,9 @@ def test_every_robot_has_a_lane_without_overlaps(
     assert len(trace["X"]) > (40 if nodes else 10)
 
 
-def test_arrows_join_the_nodes_of_every_edge(case: tuple[RecordedRun, Run]) -> None:
+def test_arrows_join_the_nodes_of_every_edge(
+    case: tuple[RunResult, ExecutionRecord],
+) -> None:
     recorded, run = case
     trace = read_trace(exported(recorded, "perfetto")["trace.json"])
     starts = {e["id"]: e for e in trace["s"]}
@@ -114,10 +116,12 @@ def test_arrows_join_the_nodes_of_every_edge(case: tuple[RecordedRun, Run]) -> N
             assert around
 
 
-def test_objects_that_change_hands_are_marked(case: tuple[RecordedRun, Run]) -> None:
+def test_objects_that_change_hands_are_marked(
+    case: tuple[RunResult, ExecutionRecord],
+) -> None:
     recorded, _ = case
     trace = read_trace(exported(recorded, "perfetto")["trace.json"])
-    told = [e for e in recorded.events if e.kind in ("attached", "detached")]
+    told = [e for e in recorded.history if e.kind in ("attached", "detached")]
     assert len(told) == 2
     marks = [e for e in trace["i"] if e["cat"] in ("attached", "detached")]
     assert [round(1000 * e["ts"]) for e in marks] == [e.t_ns for e in told]
@@ -130,12 +134,12 @@ def test_a_run_that_was_killed_has_a_trace_of_what_happened(tmp_path: Path) -> N
     lines = log.read_text().splitlines(keepends=True)
     log.write_text("".join(lines[: len(lines) // 2]))
     (tmp_path / "summary.json").unlink()
-    half = RecordedRun(tmp_path)
+    half = RunResult(tmp_path)
     half.__dict__["tpg"] = recorded.tpg
     trace = read_trace(exported(half, "perfetto")["trace.json"])
-    last_ns = half.events[-1].t_ns
+    last_ns = half.history[-1].t_ns
     assert max(round(1000 * (e["ts"] + e["dur"])) for e in trace["X"]) == last_ns
     assert last_ns < run.makespan_ns
     done = sum(np.count_nonzero(end >= 0) for _, end in half.node_times_ns)
-    assert done == sum(e.kind == "completed" for e in half.events)
+    assert done == sum(e.kind == "completed" for e in half.history)
     assert len(trace["s"]) == len(trace["f"]) < len(recorded.tpg.edges)

@@ -13,9 +13,9 @@ from planning.errors import OutputError
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
+from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances
 
 CALM = Disturbances()
@@ -24,17 +24,19 @@ CALM = Disturbances()
 @pytest.fixture(
     params=[(3, CALM), (8, CALM), (21, DISTURBED)], ids=["3", "8", "disturbed"]
 )
-def case(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[RecordedRun, Run]:
+def case(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> tuple[RunResult, ExecutionRecord]:
     seed, disturbances = request.param
     tpg = driven_tpg(seed, tasks=10, edges=20)
     return toy_run(tmp_path, seed, disturbances=disturbances, tpg=tpg)
 
 
-def motions_of(run: RecordedRun, record: Run) -> dict[str, Trajectory]:
+def motions_of(run: RunResult, record: ExecutionRecord) -> dict[str, Trajectory]:
     return {m.robot: m for m in robot_trajectories(run.tpg, record)}
 
 
-def segments_of(run: RecordedRun, rate_hz: float | None = None) -> list[dict[str, Any]]:
+def segments_of(run: RunResult, rate_hz: float | None = None) -> list[dict[str, Any]]:
     text = exported(run, "joint-trajectory", rate_hz=rate_hz)["joint_trajectories.json"]
     found: list[dict[str, Any]] = json.loads(text)["segments"]
     return found
@@ -53,7 +55,7 @@ def points_of(segment: dict[str, Any]) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.parametrize("rate_hz", [125.0, 1000.0])
 def test_points_are_the_motion_at_the_rate(
-    rate_hz: float, case: tuple[RecordedRun, Run]
+    rate_hz: float, case: tuple[RunResult, ExecutionRecord]
 ) -> None:
     run, record = case
     motions = motions_of(run, record)
@@ -66,7 +68,7 @@ def test_points_are_the_motion_at_the_rate(
 
 
 def test_speeds_and_accelerations_are_derivatives(
-    case: tuple[RecordedRun, Run],
+    case: tuple[RunResult, ExecutionRecord],
 ) -> None:
     run, record = case
     motions = motions_of(run, record)
@@ -90,7 +92,7 @@ def test_speeds_and_accelerations_are_derivatives(
     assert checked > 100
 
 
-def test_segments_join_where_nodes_do(case: tuple[RecordedRun, Run]) -> None:
+def test_segments_join_where_nodes_do(case: tuple[RunResult, ExecutionRecord]) -> None:
     run, _ = case
     segments = segments_of(run)
     at_speed = 0
@@ -114,7 +116,9 @@ def test_segments_join_where_nodes_do(case: tuple[RecordedRun, Run]) -> None:
     assert at_speed > 0
 
 
-def test_handlings_are_within_the_motion(case: tuple[RecordedRun, Run]) -> None:
+def test_handlings_are_within_the_motion(
+    case: tuple[RunResult, ExecutionRecord],
+) -> None:
     run, _ = case
     for segment in segments_of(run):
         end = points_of(segment)[0][-1]
@@ -125,7 +129,7 @@ def test_handlings_are_within_the_motion(case: tuple[RecordedRun, Run]) -> None:
 
 @pytest.mark.parametrize("rate_hz", [124.0, 1001.0, float("nan")])
 def test_a_rate_that_controllers_do_not_take_is_refused(
-    rate_hz: float, case: tuple[RecordedRun, Run]
+    rate_hz: float, case: tuple[RunResult, ExecutionRecord]
 ) -> None:
     with pytest.raises(OutputError, match="is not from 125 to 1000"):
         exported(case[0], "joint-trajectory", rate_hz=rate_hz)

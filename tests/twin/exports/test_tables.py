@@ -13,14 +13,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.exports.recorded_run import RecordedRun
 from twin.run.events import Event, event_line
+from twin.trial.run_result import RunResult
 
 KEYS = ["t_s", "robot", "kind", "task", "node", "object", "detail"]
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> RecordedRun:
+def run(tmp_path: Path) -> RunResult:
     return toy_run(tmp_path)[0]
 
 
@@ -28,7 +28,7 @@ def rows_of(content: bytes) -> list[dict[str, str]]:
     return list(csv.DictReader(StringIO(content.decode("utf-8")), strict=True))
 
 
-def test_csv_holds_every_event_exactly(run: RecordedRun) -> None:
+def test_csv_holds_every_event_exactly(run: RunResult) -> None:
     rows = rows_of(exported(run, "csv")["events.csv"])
     lines = (run.folder / "events.jsonl").read_text().splitlines()
     assert len(rows) == len(lines) > 50
@@ -39,7 +39,7 @@ def test_csv_holds_every_event_exactly(run: RecordedRun) -> None:
         assert [row[k] for k in KEYS[1:]] == [str(event[k]) for k in KEYS[1:]]
 
 
-def test_csv_holds_the_tables_exactly(run: RecordedRun) -> None:
+def test_csv_holds_the_tables_exactly(run: RunResult) -> None:
     files = exported(run, "csv")
     moves = pq.read_table(run.folder / "trajectory.parquet").to_pylist()
     rows = rows_of(files["trajectory.csv"])
@@ -60,7 +60,7 @@ def test_csv_holds_the_tables_exactly(run: RecordedRun) -> None:
         assert (row["object"], row["parent"]) == (place["object"], place["parent"])
 
 
-def test_csv_is_read_by_arrow_with_the_same_types(run: RecordedRun) -> None:
+def test_csv_is_read_by_arrow_with_the_same_types(run: RunResult) -> None:
     files = exported(run, "csv")
     table = pyarrow.csv.read_csv(BytesIO(files["trajectory.csv"]))
     moves = pq.read_table(run.folder / "trajectory.parquet")
@@ -69,7 +69,7 @@ def test_csv_is_read_by_arrow_with_the_same_types(run: RecordedRun) -> None:
         assert table.column(name).to_pylist() == moves.column(name).to_pylist()
 
 
-def test_parquet_comes_back_as_it_was(run: RecordedRun) -> None:
+def test_parquet_comes_back_as_it_was(run: RunResult) -> None:
     files = exported(run, "parquet")
     for name in ("trajectory", "objects"):
         source = pq.read_table(run.folder / f"{name}.parquet")
@@ -84,14 +84,14 @@ def test_parquet_comes_back_as_it_was(run: RecordedRun) -> None:
     assert "".join(lines) == (run.folder / "events.jsonl").read_text()
 
 
-def test_texts_with_commas_quotes_and_line_ends_survive(run: RecordedRun) -> None:
+def test_texts_with_commas_quotes_and_line_ends_survive(run: RunResult) -> None:
     detail = 'a, "b"\nc'
     log = run.folder / "events.jsonl"
     log.write_text(event_line(Event(1, "robot_0", "waiting", 0, 0, "", detail)))
     assert rows_of(exported(run, "csv")["events.csv"])[0]["detail"] == detail
 
 
-def test_a_torn_last_line_is_left_out(run: RecordedRun) -> None:
+def test_a_torn_last_line_is_left_out(run: RunResult) -> None:
     log = run.folder / "events.jsonl"
     whole = log.read_text()
     log.write_text(whole[:-20])

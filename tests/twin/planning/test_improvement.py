@@ -19,9 +19,11 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
-from twin.planning.pipeline import Planned, nominal_s, plan_motions, plan_scenario
+from twin.planning.pipeline import plan_motions
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_scenario
 
 SCENARIO = (
     FACING_ARMS
@@ -74,7 +76,7 @@ def first(scenario: Scenario) -> PlannedMotions:
 
 
 @pytest.fixture(scope="module")
-def plain(scenario: Scenario) -> Planned:
+def plain(scenario: Scenario) -> PlanResult:
     """Return the plan that nothing improves."""
     return plan_scenario(scenario)
 
@@ -208,10 +210,10 @@ def _of_robot(
 
 
 def test_an_improved_plan_is_safe_and_no_worse(
-    scenario: Scenario, plain: Planned
+    scenario: Scenario, plain: PlanResult
 ) -> None:
     better = plan_scenario(_changed(scenario, improve_tries=6))
-    assert nominal_s(better.tpg) <= nominal_s(plain.tpg)
+    assert better.makespan_s <= plain.makespan_s
     assert verify_plan(better.tpg).problems == ()
     assert "improve" in better.planning_s
     assert "improve" not in plain.planning_s
@@ -228,10 +230,10 @@ def test_what_cannot_be_improved_is_refused(scenario: Scenario) -> None:
 
 
 def test_no_plan_is_below_the_bound_of_load(
-    plain: Planned, first: PlannedMotions
+    plain: PlanResult, first: PlannedMotions
 ) -> None:
     assert plain.load_bound_s is not None
-    assert 0.0 < plain.load_bound_s <= nominal_s(plain.tpg)
+    assert 0.0 < plain.load_bound_s <= plain.makespan_s
     rater = _rater(first, shortcuts=True)
     for work, plan in _walk(_work(first), first.task_plan, 4):
         if work.order != _work(first).order:
@@ -241,9 +243,9 @@ def test_no_plan_is_below_the_bound_of_load(
 
 
 def test_steps_stay_in_their_order_where_that_is_asked_for(
-    scenario: Scenario, plain: Planned
+    scenario: Scenario, plain: PlanResult
 ) -> None:
     kept = plan_scenario(_changed(scenario, improve_tries=6, improve_order=False))
     assert kept.step_order == ()
-    assert [choice.step for choice in kept.task_plan.choices] == [1, 2, 3, 4]
-    assert kept.assembly.steps == plain.assembly.steps
+    assert [choice.step for choice in kept.motions.task_plan.choices] == [1, 2, 3, 4]
+    assert kept.motions.assembly.steps == plain.motions.assembly.steps

@@ -17,12 +17,13 @@ from scheduling.invariant import check_invariant
 from twin.comparison.comparison import measure_policies
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.line import slots, written_out
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import execute
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_scenario
+from twin.trial.simulation import execute
 
 KITTING = Path("scenarios/assembly/kitting.yaml")
 
@@ -41,7 +42,7 @@ def scenario(tmp_path: Path, **assembly: Any) -> Scenario:
     return load_scenario(path)
 
 
-def planned(tmp_path: Path, **assembly: Any) -> Planned:
+def planned(tmp_path: Path, **assembly: Any) -> PlanResult:
     """Return the plan of that line, proved as a whole."""
     found = plan_scenario(scenario(tmp_path, **assembly), tmp_path)
     check_invariant(DerivedTpg(found.tpg))

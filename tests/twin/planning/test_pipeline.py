@@ -11,9 +11,12 @@ from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.planning.in_turns import MOTION
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 SCENARIO = (
     FACING_ARMS
@@ -39,25 +42,27 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def planned(folder: Path) -> Planned:
+def planned(folder: Path) -> PlanResult:
     return plan_scenario(load_scenario(folder / "three.yaml"), folder)
 
 
 @pytest.fixture(scope="module")
-def trial(planned: Planned, folder: Path) -> Trial:
+def trial(planned: PlanResult, folder: Path) -> RunResult:
     out = folder / "run"
     out.mkdir()
     scenario = load_scenario(folder / "three.yaml")
-    return try_plan(scenario, planned.tpg, out, recording=False)
+    return try_plan(
+        given_plan(LoadedScenario(scenario), planned.tpg), out, recording=False
+    )
 
 
-def test_the_plan_uses_the_stock_that_is_prescribed(planned: Planned) -> None:
-    assert planned.task_plan[2].object == "left_b"
-    assert len({planned.task_plan[k].object for k in (1, 2, 3)}) == 3
+def test_the_plan_uses_the_stock_that_is_prescribed(planned: PlanResult) -> None:
+    assert planned.motions.task_plan[2].object == "left_b"
+    assert len({planned.motions.task_plan[k].object for k in (1, 2, 3)}) == 3
     assert set(planned.planning_s) == {"assignment", "motion", "tpg", "shortcut"}
 
 
-def test_the_same_seed_gives_the_same_plan(planned: Planned, folder: Path) -> None:
+def test_the_same_seed_gives_the_same_plan(planned: PlanResult, folder: Path) -> None:
     seen: list[tuple[str, float, float]] = []
     scenario = load_scenario(folder / "three.yaml")
     again = plan_scenario(scenario, folder, lambda *stage: seen.append(stage))
@@ -68,13 +73,13 @@ def test_the_same_seed_gives_the_same_plan(planned: Planned, folder: Path) -> No
     assert [s[1:] for s in seen if s[0] == MOTION] == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
-def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
+def test_the_plan_is_safe_by_the_other_proof(planned: PlanResult) -> None:
     report = verify_plan(planned.tpg)
     assert report.problems == ()
 
 
 def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
-    planned: Planned, trial: Trial
+    planned: PlanResult, trial: RunResult
 ) -> None:
     import pyarrow.parquet as pq
 
@@ -83,21 +88,21 @@ def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
     last = {}
     for row in pq.read_table(trial.folder / "objects.parquet").to_pylist():
         last[row["object"]] = row
-    for choice in planned.task_plan.choices:
-        step = planned.assembly.steps[choice.step - 1]
+    for choice in planned.motions.task_plan.choices:
+        step = planned.motions.assembly.steps[choice.step - 1]
         kind = step.brick
-        goal = box_pose(planned.assembly.plate, step.cell, kind)
+        goal = box_pose(planned.motions.assembly.plate, step.cell, kind)
         assert last[choice.object]["parent"] == "world"
         np.testing.assert_allclose(last[choice.object]["xyz"], goal[:3, 3], atol=1e-9)
-    untouched = {o.name for o in planned.cell.objects} - {
-        c.object for c in planned.task_plan.choices
+    untouched = {o.name for o in planned.motions.cell.objects} - {
+        c.object for c in planned.motions.task_plan.choices
     }
     for name in untouched:
-        start = planned.cell.object(name).start
+        start = planned.motions.cell.object(name).start
         np.testing.assert_allclose(last[name]["xyz"], start[:3, 3], atol=1e-12)
 
 
-def test_asynchronous_execution_is_between_its_bounds(trial: Trial) -> None:
+def test_asynchronous_execution_is_between_its_bounds(trial: RunResult) -> None:
     summary = trial.summary
     assert summary["lower_bound_s"] <= summary["makespan_s"] + 1e-9
     assert summary["makespan_s"] < summary["makespan_sequential_s"]

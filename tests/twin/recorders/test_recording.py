@@ -31,7 +31,7 @@ from twin.recorders.rerun.recorder import write_recording
 from twin.recorders.rerun.robots import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
 from twin.run.gantt import gantt_figure
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -51,7 +51,7 @@ def gp4_tpg() -> TemporalPlanGraph:
 @pytest.fixture(scope="module")
 def recorded(
     tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[TemporalPlanGraph, Run, MemoryRecorder, Path]:
+) -> tuple[TemporalPlanGraph, ExecutionRecord, MemoryRecorder, Path]:
     tpg, memory = gp4_tpg(), MemoryRecorder()
     run = simulate(tpg, VARIED, seed=1, recorders=[memory])
     path = tmp_path_factory.mktemp("recording") / "run.rrd"

@@ -22,14 +22,14 @@ from twin.recorders.rerun.camera import camera, eye_on, site_points
 from twin.recorders.rerun.event_rows import long_waits
 from twin.recorders.rerun.recorder import write_recording
 from twin.run.events import Event
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.team_colours import rgb, team_colours
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),
     "site": toy_of(["mobile-manipulator", "mobile-iiwa14"]),
 }
-Recorded = tuple[TemporalPlanGraph, Run, MemoryRecorder, Path]
+Recorded = tuple[TemporalPlanGraph, ExecutionRecord, MemoryRecorder, Path]
 
 
 @pytest.fixture(scope="module", params=list(TEAMS))

@@ -9,7 +9,7 @@ import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Lane:
     spans: tuple[Span, ...]
 
 
-def robot_lanes(tpg: TemporalPlanGraph, run: Run) -> tuple[Lane, ...]:
+def robot_lanes(tpg: TemporalPlanGraph, run: ExecutionRecord) -> tuple[Lane, ...]:
     """Return the lane of every robot of the cell, in the cell's order."""
     chains = {chain.robot: k for k, chain in enumerate(tpg.chains)}
     return tuple(
@@ -53,7 +53,7 @@ def robot_lanes(tpg: TemporalPlanGraph, run: Run) -> tuple[Lane, ...]:
 _STANDS = {"stall": STALLED, "breakdown": STOPPED, "retry": RETRYING}
 
 
-def _spans(tpg: TemporalPlanGraph, run: Run, k: int) -> list[Span]:
+def _spans(tpg: TemporalPlanGraph, run: ExecutionRecord, k: int) -> list[Span]:
     chain, pace = tpg.chains[k], run.pace(k)
     start, stall, end = run.start_ns[k], run.stall_ns[k], run.end_ns[k]
     reasons: dict[int, list[tuple[str, int]]] = {}

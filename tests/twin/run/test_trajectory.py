@@ -12,12 +12,12 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.execution_model import Messages
 from twin.recorders.motion_tables import objects_table, trajectory_table
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
 
-def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> Run:
+def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> ExecutionRecord:
     return simulate(
         tpg,
         VARIED,
@@ -29,7 +29,9 @@ def executed(tpg: TemporalPlanGraph, seed: int, latency: float) -> Run:
     )
 
 
-def position(tpg: TemporalPlanGraph, run: Run, k: int, t: float) -> np.ndarray:
+def position(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, k: int, t: float
+) -> np.ndarray:
     """Where a robot is, from the definition: look up the node, then the waypoints."""
     chain = tpg.chains[k]
     q = chain.start

@@ -16,7 +16,7 @@ from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.run.written import hashes_as_written, require_as_written
 from twin.scenario.file import load_scenario
-from twin.trial.saved_plan import plan_of_run
+from twin.trial.plan_result import plan_of_run
 
 
 def invoke(*arguments: object) -> tuple[int, str]:

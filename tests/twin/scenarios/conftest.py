@@ -6,11 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 
 @pytest.fixture(scope="module")
@@ -19,17 +22,21 @@ def scenario(file: Path) -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(scenario: Scenario, file: Path) -> Planned:
+def planned(scenario: Scenario, file: Path) -> PlanResult:
     return plan_scenario(scenario, file.parent)
 
 
 @pytest.fixture(scope="module")
 def trial(
     scenario: Scenario,
-    planned: Planned,
+    planned: PlanResult,
     file: Path,
     tmp_path_factory: pytest.TempPathFactory,
-) -> Trial:
+) -> RunResult:
     folder = tmp_path_factory.mktemp(scenario.name)
     folder = prepare_run_folder(folder / "run", scenario.name)
-    return try_plan(scenario, planned.tpg, folder, base=file.parent, recording=False)
+    return try_plan(
+        given_plan(LoadedScenario(scenario, file.parent), planned.tpg),
+        folder,
+        recording=False,
+    )

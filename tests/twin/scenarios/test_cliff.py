@@ -11,10 +11,10 @@ from benchmarks.stalled_runs import run_with_stalls
 from planning.tasks.task import TRANSIT
 from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
-from twin.planning.pipeline import Planned
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.adversary import audit_standing_states
-from twin.trial.trial import Trial
+from twin.trial.plan_result import PlanResult
+from twin.trial.run_result import RunResult
 
 FILE = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
@@ -25,17 +25,17 @@ def file() -> Path:
 
 
 @pytest.fixture(scope="module")
-def planned(shipped: ShippedRuns) -> Planned:
+def planned(shipped: ShippedRuns) -> PlanResult:
     return shipped("lego/cliff").planned
 
 
-def test_it_is_what_it_says(planned: Planned) -> None:
+def test_it_is_what_it_says(planned: PlanResult) -> None:
     kinds = {task.kind for task in planned.tpg.tasks}
-    assert len(planned.assembly.steps) == 11
+    assert len(planned.motions.assembly.steps) == 11
     assert {"support-bottom", "place-up", "handover", "support-top"} <= kinds
 
 
-def test_the_run_is_complete_clean_and_a_quarter_faster(trial: Trial) -> None:
+def test_the_run_is_complete_clean_and_a_quarter_faster(trial: RunResult) -> None:
     summary = trial.summary
     assert summary["outcome"] == "completed"
     assert summary["audit"]["configurations"] > 2_000
@@ -43,10 +43,14 @@ def test_the_run_is_complete_clean_and_a_quarter_faster(trial: Trial) -> None:
     assert summary["makespan_s"] <= 0.75 * summary["makespan_sequential_s"]
 
 
-def test_the_sequential_baseline_is_close_to_straight_lines(planned: Planned) -> None:
+def test_the_sequential_baseline_is_close_to_straight_lines(
+    planned: PlanResult,
+) -> None:
     taken = straight = 0.0
     for task, motion in zip(
-        planned.motion_plan.tasks, planned.motion_plan.motions, strict=True
+        planned.motions.motion_plan.tasks,
+        planned.motions.motion_plan.motions,
+        strict=True,
     ):
         seconds = motion.time[-1] - motion.time[0]
         taken += seconds
@@ -58,13 +62,13 @@ def test_the_sequential_baseline_is_close_to_straight_lines(planned: Planned) ->
     assert taken <= 1.1 * straight
 
 
-def test_every_pair_that_may_happen_at_once_is_apart(planned: Planned) -> None:
+def test_every_pair_that_may_happen_at_once_is_apart(planned: PlanResult) -> None:
     report = verify_plan(planned.tpg)
     assert report.pairs_checked > 100_000
     assert report.problems == ()
 
 
-def test_a_robot_that_never_goes_on_is_not_run_into(planned: Planned) -> None:
+def test_a_robot_that_never_goes_on_is_not_run_into(planned: PlanResult) -> None:
     report = audit_standing_states(planned.tpg)
     assert report.states >= len(planned.tpg.edges)
     assert report.violations == ()
@@ -72,7 +76,7 @@ def test_a_robot_that_never_goes_on_is_not_run_into(planned: Planned) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_stalls_neither_block_it_nor_make_anything_touch(
-    scenario: Scenario, planned: Planned, trial: Trial, seed: int
+    scenario: Scenario, planned: PlanResult, trial: RunResult, seed: int
 ) -> None:
     run = run_with_stalls(scenario, planned.tpg, FILE.parent, seed, stalls=20)
     assert run.outcome == "completed"

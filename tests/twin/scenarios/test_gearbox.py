@@ -8,9 +8,11 @@ import pytest
 
 from planning.tasks.task import HOLD, LEAVE_TOOL, TAKE_TOOL
 from scheduling.verification.verify import verify_plan
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 pytestmark = pytest.mark.expensive
@@ -24,19 +26,21 @@ def gearbox() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(gearbox: Scenario) -> Planned:
+def planned(gearbox: Scenario) -> PlanResult:
     return plan_scenario(gearbox, FILE.parent)
 
 
 def test_it_is_built_and_found_clean(
-    gearbox: Scenario, planned: Planned, tmp_path: Path
+    gearbox: Scenario, planned: PlanResult, tmp_path: Path
 ) -> None:
-    trial = try_plan(gearbox, planned.tpg, tmp_path, base=FILE.parent)
+    trial = try_plan(
+        given_plan(LoadedScenario(gearbox, FILE.parent), planned.tpg), tmp_path
+    )
     assert trial.passed
     assert verify_plan(planned.tpg).ok
 
 
-def test_the_driver_screws_while_the_gripper_holds(planned: Planned) -> None:
+def test_the_driver_screws_while_the_gripper_holds(planned: PlanResult) -> None:
     tasks = planned.tpg.tasks
     assert {t.robot for t in tasks if t.kind == "screw"} == {"right"}
     assert {t.robot for t in tasks if t.kind == HOLD} == {"left"}
@@ -46,7 +50,7 @@ def test_the_driver_screws_while_the_gripper_holds(planned: Planned) -> None:
 
 
 def test_the_tool_is_changed_once_after_the_last_part_of_its_arm(
-    planned: Planned,
+    planned: PlanResult,
 ) -> None:
     own = [t for t in planned.tpg.tasks if t.robot == "right"]
     kinds = [t.kind for t in own]
@@ -65,7 +69,7 @@ def test_a_run_remembers_its_scenario(gearbox: Scenario) -> None:
     assert restored(resolved(gearbox)) == gearbox
 
 
-def test_pins_are_put_in_before_the_gears_on_them(planned: Planned) -> None:
+def test_pins_are_put_in_before_the_gears_on_them(planned: PlanResult) -> None:
     order = [t.object for t in planned.tpg.tasks if t.kind == "place-down"]
     for side in "ab":
         assert order.index(f"pin_{side}") < order.index(f"gear_{side}")

@@ -31,7 +31,6 @@ from twin.durations import NANOSECONDS, Fixed, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.kind import assembly_kind
-from twin.planning.pipeline import plan_scenario
 from twin.run.summary import summarise
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
@@ -39,8 +38,12 @@ from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
-from twin.trial.simulation import skill_durations
-from twin.trial.trial import Trial, audit_execution, execute, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.simulation import execute, skill_durations
+from twin.trial.trial import audit_execution, try_plan
 from twin.uncertainty.disturbances import (
     Disturbances,
     MachineBreakdowns,
@@ -123,10 +126,14 @@ def scenario(folder: Path, **assembly: Any) -> Scenario:
     return load_scenario(path)
 
 
-def tried(own: Scenario, folder: Path) -> Trial:
+def tried(own: Scenario, folder: Path) -> RunResult:
     """Return a trial of a scenario whose audit found nothing."""
     folder.mkdir()
-    trial = try_plan(own, plan_scenario(own, folder).tpg, folder, recording=False)
+    trial = try_plan(
+        given_plan(LoadedScenario(own), plan_scenario(own, folder).tpg),
+        folder,
+        recording=False,
+    )
     assert trial.passed
     return trial
 
@@ -341,7 +348,7 @@ def test_nobody_passes_through_a_door_that_is_shut(tmp_path: Path) -> None:
         )
         trial = tried(own, tmp_path / f"run{door is None}")
         begun, done, put = (
-            next(e.t_ns for e in trial.events if (e.robot, e.kind) == what)
+            next(e.t_ns for e in trial.history if (e.robot, e.kind) == what)
             for what in (
                 ("mill", "started"),
                 ("mill", "completed"),
@@ -658,7 +665,9 @@ def test_an_order_that_is_found_waits_for_what_cures(tmp_path: Path) -> None:
     )
     trial = tried(own, tmp_path / "run")
     (cured,) = (
-        e.t_ns for e in trial.events if (e.robot, e.kind) == ("curing", "completed")
+        e.t_ns for e in trial.history if (e.robot, e.kind) == ("curing", "completed")
     )
-    (put,) = (e.t_ns for e in trial.events if (e.kind, e.object) == ("detached", "lid"))
+    (put,) = (
+        e.t_ns for e in trial.history if (e.kind, e.object) == ("detached", "lid")
+    )
     assert put > cured >= 50 * NANOSECONDS

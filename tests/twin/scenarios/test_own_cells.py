@@ -19,8 +19,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from twin.check.check import check_scenario
 from twin.planning.build_workcell import build_workcell
-from twin.planning.pipeline import plan_scenario
 from twin.scenario.file import load_scenario, read_scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 END = """\
@@ -70,7 +72,9 @@ def done(folder: Path, text: str) -> TemporalPlanGraph:
     planned = plan_scenario(scenario, folder)
     out = folder / "run"
     out.mkdir()
-    trial = try_plan(scenario, planned.tpg, out, recording=False, base=folder)
+    trial = try_plan(
+        given_plan(LoadedScenario(scenario, folder), planned.tpg), out, recording=False
+    )
     assert trial.summary["audit"]["violations"] == []
     assert trial.passed
     assert verify_plan(planned.tpg).problems == ()

@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from scheduling.verification.verify import verify_plan
 from twin.cli import app
-from twin.planning.pipeline import Planned
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import build_transform
-from twin.trial.trial import Trial
+from twin.trial.plan_result import PlanResult
+from twin.trial.run_result import RunResult
 
 SCENARIO = """\
 version: 1
@@ -62,15 +62,18 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_both_robots_work_and_the_plan_is_safe_by_the_other_proof(
-    planned: Planned,
+    planned: PlanResult,
 ) -> None:
-    assert {choice.robot for choice in planned.task_plan.choices} == {"west", "east"}
+    assert {choice.robot for choice in planned.motions.task_plan.choices} == {
+        "west",
+        "east",
+    }
     assert set(planned.planning_s) == {"assignment", "motion", "tpg", "shortcut"}
     assert verify_plan(planned.tpg).problems == ()
 
 
 def test_parts_end_at_their_goals_and_the_audit_is_clean(
-    scenario: Scenario, trial: Trial
+    scenario: Scenario, trial: RunResult
 ) -> None:
     import pyarrow.parquet as pq
 
@@ -85,7 +88,7 @@ def test_parts_end_at_their_goals_and_the_audit_is_clean(
         np.testing.assert_allclose(last[part.name]["xyz"], goal[:3, 3], atol=1e-9)
 
 
-def test_the_robots_work_at_the_same_time(trial: Trial) -> None:
+def test_the_robots_work_at_the_same_time(trial: RunResult) -> None:
     summary = trial.summary
     assert summary["lower_bound_s"] <= summary["makespan_s"] + 1e-9
     assert summary["makespan_s"] < 0.9 * summary["makespan_sequential_s"]

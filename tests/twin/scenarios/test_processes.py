@@ -22,12 +22,15 @@ from twin.check.lying import check_goals
 from twin.check.reach import check_reach
 from twin.cli import app
 from twin.planning.kind import assembly_kind
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.variations import varied
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 SCENARIO = """\
 version: 1
@@ -88,7 +91,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
+def test_the_plan_is_safe_by_the_other_proof(planned: PlanResult) -> None:
     assert verify_plan(planned.tpg).problems == ()
     kinds = [task.kind for task in planned.tpg.tasks]
     assert kinds.count("screw") == 2
@@ -96,13 +99,13 @@ def test_the_plan_is_safe_by_the_other_proof(planned: Planned) -> None:
     assert kinds.count(HOLD) == 3
 
 
-def test_a_run_with_stalls_does_what_the_scenario_says(trial: Trial) -> None:
+def test_a_run_with_stalls_does_what_the_scenario_says(trial: RunResult) -> None:
     """The audit takes its places from the scenario and measures with an engine of its own."""
     assert trial.passed
     assert trial.summary["audit"]["violations"] == []
 
 
-def test_pins_and_precedence_are_kept(planned: Planned) -> None:
+def test_pins_and_precedence_are_kept(planned: PlanResult) -> None:
     tasks = {(task.kind, task.step): task for task in planned.tpg.tasks}
     assert tasks["screw", 3].robot == "right"
     assert tasks[HOLD, 3].robot == "left"
@@ -125,7 +128,7 @@ def test_pins_and_precedence_are_kept(planned: Planned) -> None:
 
 
 def test_processes_take_their_own_time_in_studies_and_plans(
-    scenario: Scenario, planned: Planned
+    scenario: Scenario, planned: PlanResult
 ) -> None:
     models = scenario.execution.skill_models()
     assert models["seal"].mean == pytest.approx(4.0)
@@ -160,7 +163,12 @@ Change = Callable[[WantedProcess], WantedProcess]
     ],
 )
 def test_the_audit_finds_what_was_not_done_as_wanted(
-    scenario: Scenario, trial: Trial, step: int, change: Change, kind: str, says: str
+    scenario: Scenario,
+    trial: RunResult,
+    step: int,
+    change: Change,
+    kind: str,
+    says: str,
 ) -> None:
     """The run is as it was; the scenario is said to have wanted something else."""
     wanted = assembly_kind(scenario.assembly).wanted(scenario.cell)
@@ -224,7 +232,7 @@ def test_an_order_is_found_for_steps_in_any_order(tmp_path: Path) -> None:
     tpg = plan_scenario(scenario).tpg
     out = tmp_path / "run"
     out.mkdir()
-    trial = try_plan(scenario, tpg, out, recording=False)
+    trial = try_plan(given_plan(LoadedScenario(scenario), tpg), out, recording=False)
     assert trial.summary["audit"]["violations"] == []
 
 

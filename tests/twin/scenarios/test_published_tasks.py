@@ -10,9 +10,11 @@ from typer.testing import CliRunner
 
 from scheduling.verification.verify import verify_plan
 from twin.cli import app
-from twin.planning.pipeline import plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 DATA = Path(
@@ -38,7 +40,9 @@ def test_a_published_task_runs_clean(task: str, most: float, tmp_path: Path) -> 
     planned = plan_scenario(scenario, tmp_path)
     assert verify_plan(planned.tpg).problems == ()
     folder = prepare_run_folder(tmp_path / "run", task)
-    trial = try_plan(scenario, planned.tpg, folder, recording=False)
+    trial = try_plan(
+        given_plan(LoadedScenario(scenario), planned.tpg), folder, recording=False
+    )
     summary = trial.summary
     assert summary["outcome"] == "completed"
     assert summary["audit"]["violations"] == []

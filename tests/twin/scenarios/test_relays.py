@@ -9,8 +9,10 @@ import yaml
 
 from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
-from twin.planning.pipeline import plan_scenario
 from twin.scenario.file import load_scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 FAR_APART = """\
@@ -123,7 +125,7 @@ def test_a_part_is_laid_down_in_between_and_the_audit_is_clean(
     ]
     out = tmp_path / "run"
     out.mkdir()
-    trial = try_plan(scenario, tpg, out, recording=False)
+    trial = try_plan(given_plan(LoadedScenario(scenario), tpg), out, recording=False)
     assert trial.passed
     assert trial.summary["audit"]["violations"] == []
 
@@ -147,7 +149,7 @@ def test_across_a_gap_parts_are_handed_over_and_the_audit_is_clean(
         ]
     out = tmp_path / "run"
     out.mkdir()
-    trial = try_plan(scenario, tpg, out, recording=False)
+    trial = try_plan(given_plan(LoadedScenario(scenario), tpg), out, recording=False)
     assert trial.passed
     assert trial.summary["audit"]["violations"] == []
 

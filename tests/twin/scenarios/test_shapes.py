@@ -14,11 +14,14 @@ from planning.errors import OutputError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.verification.verify import verify_plan
 from twin.planning.build_workcell import build_workcell
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "shapes.yaml"
 
@@ -29,19 +32,21 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> Planned:
+def planned(scenario: Scenario) -> PlanResult:
     return plan_scenario(scenario, folder=FILE.parent)
 
 
 @pytest.fixture(scope="module")
 def trial(
-    scenario: Scenario, planned: Planned, tmp_path_factory: pytest.TempPathFactory
-) -> Trial:
+    scenario: Scenario, planned: PlanResult, tmp_path_factory: pytest.TempPathFactory
+) -> RunResult:
     folder = prepare_run_folder(tmp_path_factory.mktemp("shapes") / "run", "shapes")
-    return try_plan(scenario, planned.tpg, folder, base=FILE.parent)
+    return try_plan(
+        given_plan(LoadedScenario(scenario, FILE.parent), planned.tpg), folder
+    )
 
 
-def test_the_cell_is_as_the_file_says(planned: Planned) -> None:
+def test_the_cell_is_as_the_file_says(planned: PlanResult) -> None:
     cell = planned.tpg.cell
     form = {item.name: item.shape.elements[0].form for item in cell.objects}
     assert isinstance(form["housing"], Mesh)
@@ -54,16 +59,16 @@ def test_the_cell_is_as_the_file_says(planned: Planned) -> None:
     np.testing.assert_allclose(housing.size, [0.08, 0.036, 0.02], atol=1e-6)
 
 
-def test_it_is_safe_for_any_delays(planned: Planned) -> None:
+def test_it_is_safe_for_any_delays(planned: PlanResult) -> None:
     assert verify_plan(planned.tpg).ok
 
 
-def test_it_is_executed_and_the_audit_is_clean(trial: Trial) -> None:
+def test_it_is_executed_and_the_audit_is_clean(trial: RunResult) -> None:
     assert trial.passed
     assert trial.summary["audit"]["configurations"] > 500
 
 
-def test_meshes_are_in_the_recording(trial: Trial) -> None:
+def test_meshes_are_in_the_recording(trial: RunResult) -> None:
     from tests.twin.recorders.recorded_toys import static
 
     recording = trial.folder / "run.rrd"
@@ -72,7 +77,7 @@ def test_meshes_are_in_the_recording(trial: Trial) -> None:
 
 
 def test_the_plan_comes_back_with_its_shapes(
-    scenario: Scenario, planned: Planned, tmp_path: Path
+    scenario: Scenario, planned: PlanResult, tmp_path: Path
 ) -> None:
     save_plan(planned.tpg, tmp_path)
     loaded = load_plan(tmp_path)

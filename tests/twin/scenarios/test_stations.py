@@ -18,12 +18,15 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.recorders.transform_chains import broken_chains
 from twin.audit.audit import audit_run
 from twin.exports.graphs import task_graph
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.run.trajectory import object_placements
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.adversary import audit_standing_states
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 SCENARIO = """\
 version: 1
@@ -66,27 +69,31 @@ def scenario(folder: Path) -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(scenario: Scenario, folder: Path) -> Planned:
+def planned(scenario: Scenario, folder: Path) -> PlanResult:
     return plan_scenario(scenario, folder)
 
 
 @pytest.fixture(scope="module")
-def trial(planned: Planned, scenario: Scenario, folder: Path) -> Trial:
+def trial(planned: PlanResult, scenario: Scenario, folder: Path) -> RunResult:
     (folder / "run").mkdir()
-    return try_plan(scenario, planned.tpg, folder / "run", recording=True)
+    return try_plan(
+        given_plan(LoadedScenario(scenario), planned.tpg),
+        folder / "run",
+        recording=True,
+    )
 
 
 def test_one_more_brick_than_steps_is_made_and_only_the_first_is_there(
-    planned: Planned,
+    planned: PlanResult,
 ) -> None:
     later = {o.name: o.later for o in planned.tpg.cell.objects}
     expected = {f"{s}.{k}": k > 1 for s, n in COPIES.items() for k in range(1, n + 1)}
     assert later == {**expected, "spare": False}
     # The assignment knows each station as one thing that never runs out.
-    assert {c.object for c in planned.task_plan.choices} == set(COPIES)
+    assert {c.object for c in planned.motions.task_plan.choices} == set(COPIES)
 
 
-def test_both_robots_pick_from_the_station_between_them(planned: Planned) -> None:
+def test_both_robots_pick_from_the_station_between_them(planned: PlanResult) -> None:
     picks = [t for t in planned.tpg.tasks if t.kind == "pick"]
     assert [t.object for t in picks] == [
         "near.1",
@@ -99,13 +106,13 @@ def test_both_robots_pick_from_the_station_between_them(planned: Planned) -> Non
     between = [t for t in picks if (t.object or "").startswith("between")]
     assert len({t.robot for t in between}) == 2
     # Whoever picks waits for the pick before.
-    pairs = {tuple(p) for p in planned.motion_plan.dependencies.tolist()}
+    pairs = {tuple(p) for p in planned.motions.motion_plan.dependencies.tolist()}
     for first, second in zip(between, between[1:], strict=False):
         if first.robot != second.robot:
             assert (first.index, second.index) in pairs
 
 
-def test_the_next_brick_comes_up_at_the_end_of_a_pick(planned: Planned) -> None:
+def test_the_next_brick_comes_up_at_the_end_of_a_pick(planned: PlanResult) -> None:
     tpg = planned.tpg
     for task in tpg.tasks:
         if task.kind != "pick":
@@ -122,7 +129,7 @@ def test_the_next_brick_comes_up_at_the_end_of_a_pick(planned: Planned) -> None:
         np.testing.assert_array_equal(tpg.cell.object(comes.object).start, place)
 
 
-def test_a_brick_always_stands_at_a_station(planned: Planned) -> None:
+def test_a_brick_always_stands_at_a_station(planned: PlanResult) -> None:
     """The rests at its place follow each other without a gap, from the start to the end."""
     tpg = planned.tpg
     history = DerivedTpg(tpg).history
@@ -150,7 +157,7 @@ def test_a_brick_always_stands_at_a_station(planned: Planned) -> None:
             assert any(s.object == rest.object and s.start[0] == node for s in spans)
 
 
-def test_the_plan_is_safe_whatever_is_delayed(planned: Planned) -> None:
+def test_the_plan_is_safe_whatever_is_delayed(planned: PlanResult) -> None:
     report = verify_plan(planned.tpg)
     assert report.problems == ()
     standing = audit_standing_states(planned.tpg)
@@ -158,7 +165,7 @@ def test_the_plan_is_safe_whatever_is_delayed(planned: Planned) -> None:
     assert standing.violations == ()
 
 
-def test_picks_of_one_station_out_of_order_are_found(planned: Planned) -> None:
+def test_picks_of_one_station_out_of_order_are_found(planned: PlanResult) -> None:
     """Without the dependencies, the second proof misses an order that handling needs."""
     tpg = planned.tpg
     cut = replace(tpg, edges=tpg.edges[:0], cause=tpg.cause[:0])
@@ -168,7 +175,7 @@ def test_picks_of_one_station_out_of_order_are_found(planned: Planned) -> None:
 
 
 def test_the_run_is_clean_and_writes_when_bricks_come_up(
-    planned: Planned, trial: Trial, folder: Path
+    planned: PlanResult, trial: RunResult, folder: Path
 ) -> None:
     import pyarrow.parquet as pq
 
@@ -176,7 +183,7 @@ def test_the_run_is_clean_and_writes_when_bricks_come_up(
     assert trial.summary["audit"]["violations"] == []
     rows = pq.read_table(folder / "run" / "objects.parquet").to_pylist()
     for station, count in COPIES.items():
-        place = planned.cell.object(f"{station}.1").start
+        place = planned.motions.cell.object(f"{station}.1").start
         taken_until = 0.0
         for k in range(1, count + 1):
             first, *more = [r for r in rows if r["object"] == f"{station}.{k}"]
@@ -194,20 +201,22 @@ def test_the_run_is_clean_and_writes_when_bricks_come_up(
 
 
 def test_stalls_change_nothing_about_that(
-    planned: Planned, scenario: Scenario, folder: Path
+    planned: PlanResult, scenario: Scenario, folder: Path
 ) -> None:
     stalls = scenario.execution.stalls.model_copy(update={"count_per_robot": 4})
     execution = scenario.execution.model_copy(update={"stalls": stalls})
     stalled = scenario.model_copy(update={"execution": execution})
     out = folder / "stalled"
     out.mkdir()
-    trial = try_plan(stalled, planned.tpg, out, recording=False)
+    trial = try_plan(
+        given_plan(LoadedScenario(stalled), planned.tpg), out, recording=False
+    )
     assert trial.passed
     assert max(trial.summary["stall_s"].values()) > 0.0
 
 
 def test_plan_files_keep_what_comes_later(
-    planned: Planned, trial: Trial, folder: Path
+    planned: PlanResult, trial: RunResult, folder: Path
 ) -> None:
     save_plan(planned.tpg, folder / "saved")
     loaded = load_plan(folder / "saved")
@@ -223,7 +232,7 @@ def test_plan_files_keep_what_comes_later(
 
 
 def test_a_brick_that_comes_up_elsewhere_is_a_violation(
-    planned: Planned, trial: Trial, folder: Path
+    planned: PlanResult, trial: RunResult, folder: Path
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
     from twin.audit.audit import Auditor
@@ -243,15 +252,15 @@ def test_a_brick_that_comes_up_elsewhere_is_a_violation(
     assert jumps[0].depth_m == pytest.approx(0.2)
 
 
-def test_the_task_graph_shows_where_bricks_come_from(planned: Planned) -> None:
+def test_the_task_graph_shows_where_bricks_come_from(planned: PlanResult) -> None:
     graph = task_graph(planned.tpg)
     picks = {t.object: f"task {t.index}" for t in planned.tpg.tasks if t.kind == "pick"}
     assert graph.edges[picks["near.1"], "near.2 0"]["kind"] == "detached"
     assert graph.edges["near.2 0", picks["near.2"]]["kind"] == "attached"
 
 
-def test_nothing_is_picked_before_it_is_there(planned: Planned) -> None:
-    plan = planned.motion_plan
+def test_nothing_is_picked_before_it_is_there(planned: PlanResult) -> None:
+    plan = planned.motions.motion_plan
     tasks = tuple(
         replace(t, handlings=t.handlings[:1]) if t.object == "near.1" else t
         for t in plan.tasks
@@ -261,9 +270,9 @@ def test_nothing_is_picked_before_it_is_there(planned: Planned) -> None:
 
 
 def test_a_run_that_stops_early_never_sees_the_later_bricks(
-    planned: Planned, trial: Trial
+    planned: PlanResult, trial: RunResult
 ) -> None:
-    first = min(p.t_ns for p in object_placements(planned.tpg, trial.run) if p.t_ns)
-    early = replace(trial.run, makespan_ns=first - 1)
+    first = min(p.t_ns for p in object_placements(planned.tpg, trial.record) if p.t_ns)
+    early = replace(trial.record, makespan_ns=first - 1)
     names = {p.object for p in object_placements(planned.tpg, early)}
     assert names == {"near.1", "far.1", "between.1", "spare"}

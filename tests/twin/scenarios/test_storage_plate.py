@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from scheduling.verification.verify import verify_plan
-from twin.planning.pipeline import Planned
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.trial import try_plan
 
 SCENARIO = """\
@@ -45,8 +46,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_stock_and_scaffolding_stand_on_their_plates(planned: Planned) -> None:
-    cell = planned.cell
+def test_stock_and_scaffolding_stand_on_their_plates(planned: PlanResult) -> None:
+    cell = planned.motions.cell
     assert [f.name for f in cell.fixtures] == ["table", "plate", "storage-plate"]
     # The same grid place on two plates: 34 studs of 8 mm and half a brick from each corner.
     away = np.array([34 * 0.008 + 0.008 - 0.192, 4 * 0.008 + 0.016])
@@ -64,19 +65,18 @@ def test_stock_and_scaffolding_stand_on_their_plates(planned: Planned) -> None:
     assert cell.object("high").start[2, 3] == pytest.approx(1.1045 + 0.0144)
 
 
-def test_the_plan_is_safe_and_the_run_clean(planned: Planned, file: Path) -> None:
+def test_the_plan_is_safe_and_the_run_clean(planned: PlanResult, file: Path) -> None:
     assert verify_plan(planned.tpg).problems == ()
     (file.parent / "run").mkdir()
     trial = try_plan(
-        load_scenario(file),
-        planned.tpg,
+        given_plan(LoadedScenario(load_scenario(file)), planned.tpg),
         file.parent / "run",
         recording=False,
     )
     assert trial.passed
 
 
-def test_bricks_of_two_plates_are_no_neighbours(planned: Planned) -> None:
+def test_bricks_of_two_plates_are_no_neighbours(planned: PlanResult) -> None:
     """The picked brick may touch what stands below it, not what has the same place elsewhere."""
     pick = next(t for t in planned.tpg.tasks if t.kind == "pick" and t.object == "high")
     pairs = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,46 +11,52 @@ import pytest
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.verify import verify_plan
 from twin.durations import NANOSECONDS
-from twin.planning.pipeline import Planned, plan_scenario
+from twin.host.progress import StageWatch
+from twin.planning.pipeline import plan_in_slots
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
-from twin.trial.trial import Origin, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_scenario
+from twin.trial.trial import try_plan
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "multi_arm"
 NAMES = ("rearrangement", "multi_goal")
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def planned(request: pytest.FixtureRequest) -> tuple[Scenario, Planned]:
+def planned(request: pytest.FixtureRequest) -> tuple[Scenario, PlanResult]:
     scenario = load_scenario(FOLDER / f"{request.param}.yaml")
     planning = scenario.planning.model_copy(update={"shortcut_candidates": 0})
     scenario = scenario.model_copy(update={"planning": planning})
     return scenario, plan_scenario(scenario, FOLDER)
 
 
-def test_robots_do_move_at_once(planned: tuple[Scenario, Planned]) -> None:
+def test_robots_do_move_at_once(planned: tuple[Scenario, PlanResult]) -> None:
     scenario, plan = planned
     robots = len(scenario.cell.robots)
     counts = np.bincount(plan.tpg.slots)
     assert counts.max() == robots
     assert plan.turns is not None
     alone = sum(float(np.sum(chain.duration)) for chain in plan.turns.chains)
-    together = max(float(motion.time[-1]) for motion in plan.motion_plan.motions)
+    slots = plan_in_slots(plan.motions, StageWatch()).motion_plan
+    together = max(float(motion.time[-1]) for motion in slots.motions)
     assert 40.0 < together < 100.0
     assert together < 0.5 * alone
 
 
 @pytest.mark.parametrize("policy", ["asynchronous", "synchronous"])
 def test_stalled_runs_are_clean(
-    planned: tuple[Scenario, Planned], policy: str, tmp_path: Path
+    planned: tuple[Scenario, PlanResult], policy: str, tmp_path: Path
 ) -> None:
     scenario, plan = planned
     content = resolved(scenario)
     content["execution"]["policy"] = policy
     content["execution"]["stalls"]["count_per_robot"] = 2
     changed = type(scenario).model_validate(content, strict=False)
-    trial = try_plan(changed, plan.tpg, tmp_path, origin=Origin(plan), recording=False)
+    changed_plan = replace(plan, scenario=LoadedScenario(changed))
+    trial = try_plan(changed_plan, tmp_path, recording=False)
     assert trial.passed
     assert trial.summary["makespan_s"] < trial.summary["makespan_sequential_s"]
     if policy == "synchronous":
@@ -61,21 +68,21 @@ def test_stalled_runs_are_clean(
             starts, ends = [], []
             for k, chain in enumerate(plan.tpg.chains):
                 own = np.array([slot[t] for t in chain.task.tolist()]) == number
-                starts += trial.run.start_ns[k][own].tolist()
-                ends += trial.run.end_ns[k][own].tolist()
+                starts += trial.record.start_ns[k][own].tolist()
+                ends += trial.record.end_ns[k][own].tolist()
             assert not starts or min(starts) >= last
             last = max([last, *ends])
         assert last == round(trial.summary["makespan_s"] * NANOSECONDS)
 
 
-def test_the_proof_apart_agrees(planned: tuple[Scenario, Planned]) -> None:
-    if len(planned[1].cell.robots) > 3:
+def test_the_proof_apart_agrees(planned: tuple[Scenario, PlanResult]) -> None:
+    if len(planned[1].tpg.cell.robots) > 3:
         pytest.skip("takes too long for the tests")
     assert verify_plan(planned[1].tpg).ok
 
 
 def test_slots_are_saved_with_the_plan(
-    planned: tuple[Scenario, Planned], tmp_path: Path
+    planned: tuple[Scenario, PlanResult], tmp_path: Path
 ) -> None:
     save_plan(planned[1].tpg, tmp_path)
     assert np.array_equal(load_plan(tmp_path).slots, planned[1].tpg.slots)

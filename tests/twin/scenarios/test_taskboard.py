@@ -8,9 +8,11 @@ import pytest
 
 from planning.tasks.task import HOLD
 from scheduling.verification.verify import verify_plan
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "taskboard.yaml"
@@ -22,11 +24,11 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> Planned:
+def planned(scenario: Scenario) -> PlanResult:
     return plan_scenario(scenario, folder=FILE.parent)
 
 
-def test_who_does_what_is_by_the_tools(planned: Planned) -> None:
+def test_who_does_what_is_by_the_tools(planned: PlanResult) -> None:
     tasks = planned.tpg.tasks
     by_driver = {task.kind for task in tasks if task.robot == "back"}
     assert {"screw", "tighten", "inspect"} < by_driver
@@ -39,7 +41,7 @@ def test_who_does_what_is_by_the_tools(planned: Planned) -> None:
     assert [task.label for task in tasks if task.kind == HOLD] == ["hold cover"] * 2
 
 
-def test_every_text_of_a_lane_tells_of_one_kind_of_task(planned: Planned) -> None:
+def test_every_text_of_a_lane_tells_of_one_kind_of_task(planned: PlanResult) -> None:
     """A lane has the colour of its text: an approach must not be called as its process is."""
     kinds: dict[str, set[str]] = {}
     for task in planned.tpg.tasks:
@@ -47,7 +49,7 @@ def test_every_text_of_a_lane_tells_of_one_kind_of_task(planned: Planned) -> Non
     assert all(len(found) == 1 for found in kinds.values())
 
 
-def test_the_order_is_one_in_which_it_can_be_built(planned: Planned) -> None:
+def test_the_order_is_one_in_which_it_can_be_built(planned: PlanResult) -> None:
     step = {task.label: task.step for task in planned.tpg.tasks if task.object}
     step |= {
         task.label: task.step for task in planned.tpg.tasks if task.kind == "inspect"
@@ -58,9 +60,13 @@ def test_the_order_is_one_in_which_it_can_be_built(planned: Planned) -> None:
 
 
 def test_it_is_safe_by_the_other_proof_and_its_run_is_clean(
-    scenario: Scenario, planned: Planned, tmp_path: Path
+    scenario: Scenario, planned: PlanResult, tmp_path: Path
 ) -> None:
     assert verify_plan(planned.tpg).problems == ()
-    trial = try_plan(scenario, planned.tpg, tmp_path, base=FILE.parent, recording=False)
+    trial = try_plan(
+        given_plan(LoadedScenario(scenario, FILE.parent), planned.tpg),
+        tmp_path,
+        recording=False,
+    )
     assert trial.passed
     assert trial.summary["audit"]["violations"] == []

@@ -18,10 +18,12 @@ from scheduling.build_nodes import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 TOOLS = ("gripper", "driver", "nozzle")
@@ -89,7 +91,7 @@ def scenario_text(steps: list[str]) -> str:
     return SCENARIO.replace("STEPS", ", ".join(written))
 
 
-def planned_steps(steps: list[str], folder: Path) -> Planned:
+def planned_steps(steps: list[str], folder: Path) -> PlanResult:
     file = folder / "changer.yaml"
     file.write_text(scenario_text(steps))
     return plan_scenario(load_scenario(file), folder)
@@ -144,7 +146,7 @@ def test_every_step_is_done_with_its_tool(
     needs |= {kind: {"gripper"} for kind in ("pick", "place-down")}
     done: list[str] = []
     kinds = []
-    for task, tool in tools_on(planned.motion_plan):
+    for task, tool in tools_on(planned.motions.motion_plan):
         kinds.append(task.kind)
         if task.kind in needs:
             assert tool in needs[task.kind]
@@ -162,32 +164,40 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def planned(folder: Path) -> Planned:
+def planned(folder: Path) -> PlanResult:
     return planned_steps(["screw", "block", "seal"], folder)
 
 
-def audited(planned: Planned, folder: Path, name: str, **changed: object) -> list[str]:
+def audited(
+    planned: PlanResult, folder: Path, name: str, **changed: object
+) -> list[str]:
     """Return what the audit finds in a run of a plan with some fields changed."""
     out = folder / name
     out.mkdir()
     scenario = load_scenario(folder / "changer.yaml")
     tpg = replace(planned.tpg, **changed)
-    trial = try_plan(scenario, tpg, out, base=folder, recording=False)
+    trial = try_plan(
+        given_plan(LoadedScenario(scenario, folder), tpg), out, recording=False
+    )
     return [
         f"{v['kind']}: {v['first']} {v['detail']}"
         for v in trial.summary["audit"]["violations"]
     ]
 
 
-def test_a_plan_with_changes_is_clean_and_safe(planned: Planned, folder: Path) -> None:
+def test_a_plan_with_changes_is_clean_and_safe(
+    planned: PlanResult, folder: Path
+) -> None:
     assert audited(planned, folder, "good") == []
     assert verify_plan(planned.tpg).ok
 
 
-def test_changes_take_the_time_of_their_racks(planned: Planned) -> None:
+def test_changes_take_the_time_of_their_racks(planned: PlanResult) -> None:
     took = {}
     for task, motion in zip(
-        planned.motion_plan.tasks, planned.motion_plan.motions, strict=True
+        planned.motions.motion_plan.tasks,
+        planned.motions.motion_plan.motions,
+        strict=True,
     ):
         if task.kind in (TAKE_TOOL, LEAVE_TOOL):
             took[task.object] = motion.time[-1] - motion.time[0]
@@ -195,7 +205,7 @@ def test_changes_take_the_time_of_their_racks(planned: Planned) -> None:
 
 
 def test_the_audit_finds_work_with_the_wrong_tool(
-    planned: Planned, folder: Path
+    planned: PlanResult, folder: Path
 ) -> None:
     """The arm goes to the racks and changes nothing there: it screws with its gripper."""
     kept = tuple(
@@ -209,7 +219,9 @@ def test_the_audit_finds_work_with_the_wrong_tool(
     assert any("was done with gripper, not nozzle" in line for line in found)
 
 
-def test_the_audit_finds_two_tools_on_one_robot(planned: Planned, folder: Path) -> None:
+def test_the_audit_finds_two_tools_on_one_robot(
+    planned: PlanResult, folder: Path
+) -> None:
     both = tuple(
         h
         for h in planned.tpg.handlings
@@ -222,7 +234,7 @@ def test_the_audit_finds_two_tools_on_one_robot(planned: Planned, folder: Path) 
 
 
 def test_the_audit_finds_a_tool_that_is_left_elsewhere(
-    planned: Planned, folder: Path
+    planned: PlanResult, folder: Path
 ) -> None:
     moved = []
     for handling in planned.tpg.handlings:

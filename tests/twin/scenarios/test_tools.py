@@ -15,8 +15,10 @@ from scheduling.verification.verify import verify_plan
 from tests.planning.robots.descriptions.test_mjcf import HAND
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e, vendor_file
 from twin.check.tools import finger_gap
-from twin.planning.pipeline import plan_scenario
 from twin.scenario.file import load_scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 CELL = """\
@@ -77,7 +79,9 @@ def done(folder: Path, tools: str, robots: str) -> TemporalPlanGraph:
     planned = plan_scenario(scenario, folder)
     out = folder / "run"
     out.mkdir()
-    trial = try_plan(scenario, planned.tpg, out, recording=False)
+    trial = try_plan(
+        given_plan(LoadedScenario(scenario), planned.tpg), out, recording=False
+    )
     assert trial.summary["audit"]["violations"] == []
     assert trial.passed
     assert verify_plan(planned.tpg).problems == ()

@@ -15,10 +15,13 @@ from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
 from twin.audit.audit import AuditReport, audit_run
 from twin.planning.kind import assembly_kind
-from twin.planning.pipeline import Planned, plan_scenario
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.trial.trial import Trial, try_plan
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
 NODE = """\
 version: 1
@@ -60,7 +63,9 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     planned = plan_scenario(given)
     out = tmp_path / "run"
     out.mkdir()
-    assert try_plan(given, planned.tpg, out, recording=False).passed
+    assert try_plan(
+        given_plan(LoadedScenario(given), planned.tpg), out, recording=False
+    ).passed
     wanted = assembly_kind(given.assembly).wanted(given.cell)
     strict = audit_run(out, wanted=replace(wanted, joined_overlap_m=0.002))
     assert {v.kind for v in strict.violations} == {"contact"}
@@ -119,17 +124,19 @@ planning: {shortcut_candidates: 20}
 
 
 @pytest.fixture(scope="module")
-def kept_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Planned, Trial]:
+def kept_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[PlanResult, RunResult]:
     folder = tmp_path_factory.mktemp("kept")
     given = load_scenario(write(folder, KEPT))
     planned = plan_scenario(given)
     out = folder / "run"
     out.mkdir()
-    return planned, try_plan(given, planned.tpg, out, recording=False)
+    return planned, try_plan(
+        given_plan(LoadedScenario(given), planned.tpg), out, recording=False
+    )
 
 
 def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
-    kept_run: tuple[Planned, Trial],
+    kept_run: tuple[PlanResult, RunResult],
 ) -> None:
     planned, trial = kept_run
     assert trial.summary["audit"]["violations"] == []
@@ -153,7 +160,7 @@ def kept_report(folder: Path, **keeps: str) -> AuditReport:
 
 
 def test_the_audit_finds_what_is_let_go_of_too_early(
-    kept_run: tuple[Planned, Trial], tmp_path: Path
+    kept_run: tuple[PlanResult, RunResult], tmp_path: Path
 ) -> None:
     """The arm that keeps hold goes away a second before the weld is done: no edge tells."""
     planned, trial = kept_run
@@ -185,7 +192,7 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
 
 
 def test_the_audit_takes_from_the_scenario_how_long_a_part_is_kept_hold_of(
-    kept_run: tuple[Planned, Trial],
+    kept_run: tuple[PlanResult, RunResult],
 ) -> None:
     folder = kept_run[1].folder
     assert kept_report(folder, beam="neck").violations == ()

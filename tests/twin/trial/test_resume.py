@@ -21,7 +21,7 @@ from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import locked
 from twin.scenario.file import load_scenario
-from twin.trial.resume import ResumeError, resume_run
+from twin.trial.trial import ResumeError, resume_run
 
 ROOT = Path(__file__).parents[3]
 DISTURBED = """\
@@ -118,10 +118,9 @@ def test_a_log_may_be_torn_anywhere(whole: Path, tmp_path: Path, share: float) -
     done = resume_run(out)
     assert contents(out) == contents(whole)
     lines = (whole / "events.jsonl").read_bytes()[:size].count(b"\n")
-    assert done.agreed == lines
-    assert done.agreed + done.added == len(
-        (whole / "events.jsonl").read_text().splitlines()
-    )
+    assert done.resumed is not None
+    assert done.resumed.agreed == lines
+    assert sum(done.resumed) == len((whole / "events.jsonl").read_text().splitlines())
 
 
 def test_a_run_killed_before_its_first_event_is_resumed(
@@ -129,7 +128,9 @@ def test_a_run_killed_before_its_first_event_is_resumed(
 ) -> None:
     out = cut(whole, tmp_path / "run", 0)
     (out / "events.jsonl").unlink()
-    assert resume_run(out).agreed == 0
+    done = resume_run(out)
+    assert done.resumed is not None
+    assert done.resumed.agreed == 0
     assert contents(out) == contents(whole)
 
 

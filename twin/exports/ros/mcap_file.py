@@ -16,7 +16,6 @@ from twin.drawing.drawn_robot import DrawnRobot, drawn_robot
 from twin.drawing.fixture_colours import coloured_fixtures
 from twin.drawing.triangles import corners_of_shape
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.exports.recorded_run import RecordedRun
 from twin.exports.ros.bag import Message, Topic, bag
 from twin.exports.ros.definitions import (
     JOINT_STATE,
@@ -44,6 +43,7 @@ from twin.exports.ros.robot_frames import (
 from twin.exports.segments import require_rate, segments
 from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import Trajectory
+from twin.trial.run_result import RunResult
 
 RATES_HZ = (1.0, 1000.0)
 RATE_HZ = 50.0
@@ -55,7 +55,7 @@ _FIXTURES = Topic("/fixtures", MARKER_ARRAY, latched=True)
 _OBJECTS = Topic("/objects", MARKER_ARRAY, latched=True)
 
 
-def mcap_files(run: RecordedRun, *, rate_hz: float = RATE_HZ) -> Mapping[str, bytes]:
+def mcap_files(run: RunResult, *, rate_hz: float = RATE_HZ) -> Mapping[str, bytes]:
     """Return ``run.mcap``.
 
     Args:
@@ -70,7 +70,7 @@ def mcap_files(run: RecordedRun, *, rate_hz: float = RATE_HZ) -> Mapping[str, by
     return {"run.mcap": bag(_messages(run, rate_hz))}
 
 
-def _messages(run: RecordedRun, rate_hz: float) -> Iterator[Message]:
+def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
     """Yield all messages, in no order but that of what is said of one time."""
     cell = run.tpg.cell
     colours = team_colours([robot.name for robot in cell.robots])
@@ -124,7 +124,7 @@ def _times(motion: Trajectory, rate_hz: float) -> Nanoseconds:
     return np.asarray(times[said])
 
 
-def _objects(run: RecordedRun) -> Iterator[Message]:
+def _objects(run: RunResult) -> Iterator[Message]:
     """Yield where objects are, whenever one changes hands and once a second, and how they look."""
     there: ObjectsThere | None = None
     shown: frozenset[str] | None = None
@@ -159,14 +159,14 @@ def _robot_markers(drawn: Mapping[str, DrawnRobot]) -> Iterator[Marker]:
             yield Marker(frame, name, number, body.corners, body.colour)
 
 
-def _fixture_markers(run: RecordedRun) -> Iterator[Marker]:
+def _fixture_markers(run: RunResult) -> Iterator[Marker]:
     for item, colour in coloured_fixtures(run.tpg.cell):
         corners = corners_of_shape(item.shape)
         frame = _fixture_frame(item.name)
         yield Marker(frame, item.name, 0, corners, _opaque(colour))
 
 
-def _object_markers(run: RecordedRun, names: frozenset[str]) -> Iterator[Marker]:
+def _object_markers(run: RunResult, names: frozenset[str]) -> Iterator[Marker]:
     for item in run.tpg.cell.objects:
         if item.name in names:
             corners: Array = corners_of_shape(item.shape)

@@ -10,10 +10,9 @@ import numpy as np
 from planning.tasks.task import GONE
 from planning.transforms import from_quat_wxyz
 from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
 from twin.exports.ros.messages import FramePose, frame_pose
 from twin.exports.ros.robot_frames import WORLD, flange_frame
-from twin.run.folder import OBJECTS
+from twin.trial.run_result import RunResult
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,9 @@ def object_frame(name: str) -> str:
     return f"objects/{name}"
 
 
-def objects_there(run: RecordedRun) -> Iterator[ObjectsThere]:
+def objects_there(run: RunResult) -> Iterator[ObjectsThere]:
     """Yield which objects are where whenever that changes, by time."""
-    table = run.table(OBJECTS)
+    table = run.objects
     times = np.rint(table["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
     columns = ("object", "parent", "xyz", "quat_wxyz")
     rows = list(zip(*(table[name].to_pylist() for name in columns), strict=True))

@@ -22,7 +22,7 @@ from twin.run.activities import (
     robot_activities,
 )
 from twin.run.events import Event
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 
 
 def draw_lane(
@@ -54,7 +54,7 @@ def draw_lane(
 def log_lanes(
     rec: rr.RecordingStream,
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     events: Sequence[Event],
     words: PlanWords,
 ) -> None:
@@ -82,7 +82,9 @@ def log_lanes(
         )
 
 
-def waits_for(words: PlanWords, run: Run, chain: int, node: int, t_ns: int) -> str:
+def waits_for(
+    words: PlanWords, run: ExecutionRecord, chain: int, node: int, t_ns: int
+) -> str:
     """Return whom a node of a run waited for at a time [ns], in words; empty for nobody."""
     if run.policy == "open-loop" or node < 0:
         return ""
@@ -93,7 +95,7 @@ def waits_for(words: PlanWords, run: Run, chain: int, node: int, t_ns: int) -> s
     return words.wait(chain, node, complete)
 
 
-def _text(words: PlanWords, run: Run, chain: int, item: Activity) -> str:
+def _text(words: PlanWords, run: ExecutionRecord, chain: int, item: Activity) -> str:
     waits = ""
     if item.state == WAITING:
         waits = waits_for(words, run, chain, item.first, item.start_ns)

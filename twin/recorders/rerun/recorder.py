@@ -25,7 +25,7 @@ from twin.recorders.rerun.robots import draw_robot, move_robot
 from twin.recorders.rerun.time_and_pose import time_column
 from twin.recorders.rerun.words import PlanWords
 from twin.run.events import Event
-from twin.run.run_record import Run
+from twin.run.run_record import ExecutionRecord
 from twin.run.team_colours import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -36,7 +36,7 @@ _WAITING = (120, 128, 138)
 def write_recording(
     path: Path,
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     events: Sequence[Event],
     *,
     name: str = "run",
@@ -90,7 +90,10 @@ def write_recording(
 
 
 def _waits(
-    tpg: TemporalPlanGraph, run: Run, words: PlanWords, events: Sequence[Event]
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    words: PlanWords,
+    events: Sequence[Event],
 ) -> dict[int, Wait]:
     """Return what to say of each event that tells of a wait, by its place."""
     index = tpg.chain_index
@@ -106,7 +109,7 @@ def _waits(
 def _log_progress(
     rec: rr.RecordingStream,
     tpg: TemporalPlanGraph,
-    run: Run,
+    run: ExecutionRecord,
     colours: Mapping[str, str],
 ) -> None:
     """Plot tasks complete per robot, and how many robots wait."""

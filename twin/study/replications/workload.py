@@ -25,7 +25,7 @@ from twin.engine.bulk.max_plus import Completions, explain
 from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.run.run_record import DeadlockError, Run
+from twin.run.run_record import DeadlockError, ExecutionRecord
 from twin.run.throughput import ProductNodes, product_nodes
 from twin.study.replications.block_results import (
     ERROR,
@@ -172,7 +172,7 @@ class Engines:
     def _node_graph(self) -> PrecedenceArrays:
         return policy_graph(self.workload.tpg, self.workload.execution.policy)
 
-    def _by_event(self, rows: ReplicationRows, place: int) -> Run | None:
+    def _by_event(self, rows: ReplicationRows, place: int) -> ExecutionRecord | None:
         """Execute one replication with the event engine; enter its outcome and end."""
         load = self.workload
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from twin.study.report.markup import table, text
+from twin.drawing.markup import table, text
 from twin.study.summary import cell_label
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from twin.drawing.markup import estimate, paragraph, table, text
 from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
-from twin.study.report.markup import estimate, paragraph, table, text
 
 KINDS = {
     "task": "task",

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from twin.drawing.markup import bullets, table, text
 from twin.durations import NANOSECONDS
 from twin.host.pictures import INK
 from twin.run.throughput import takts_s
 from twin.study.line import Due
 from twin.study.replications.block_results import ProductTimes
 from twin.study.report.layout import one_chart
-from twin.study.report.markup import bullets, table, text
 from twin.study.summary import cell_label
 
 HEAD = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.study.report.markup import breakable, bullets, estimate, span, table, text
+from twin.drawing.markup import breakable, bullets, estimate, span, table, text
 from twin.study.study import StudyResult
 from twin.study.summary import cell_label, collisions
 

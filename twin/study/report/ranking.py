@@ -7,10 +7,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from twin.drawing.markup import breakable, table, text
 from twin.host.pictures import INK
 from twin.scenario.variations import is_of_execution
 from twin.study.report.layout import bar_chart
-from twin.study.report.markup import breakable, table, text
 
 _BEST, _OTHER, _ALIKE = "#2f7f66", "#1f5f9e", "#7fa6cf"
 

@@ -14,6 +14,14 @@ from matplotlib.figure import Figure
 
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
+from twin.drawing.markup import (
+    heading,
+    pairs,
+    paragraph,
+    picture,
+    table,
+    text,
+)
 from twin.host.atomic import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
@@ -35,14 +43,6 @@ from twin.study.report.lines import (
     has_lines,
     lateness_list,
     lines_table,
-)
-from twin.study.report.markup import (
-    heading,
-    pairs,
-    paragraph,
-    picture,
-    table,
-    text,
 )
 from twin.study.report.overview import (
     collided,

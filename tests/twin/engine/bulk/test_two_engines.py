@@ -52,7 +52,7 @@ def test_engines_agree(path: Path, policy: Policy) -> None:
 
 
 def test_the_graph_of_the_cliff_is_current(shipped: ShippedRuns) -> None:
-    plan = shipped("lego/cliff").planned.motion_plan
+    plan = shipped("lego/cliff").planned.motions.motion_plan
     assert_current("cliff", timing_graph(contract(build_tpg(plan)).tpg))
 
 

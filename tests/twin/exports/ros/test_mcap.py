@@ -26,9 +26,9 @@ from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from tests.twin.twin_toys import random_tpg
 from twin.durations import NANOSECONDS
-from twin.exports.recorded_run import RecordedRun
 from twin.exports.segments import segments
 from twin.recorders.motion_tables import write_table
+from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances
 
 MODELS = ("gp4", "mobile-manipulator")
@@ -50,7 +50,7 @@ def with_real_robots(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 @pytest.fixture(scope="module", params=["limits", "full speed"])
 def run(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> RecordedRun:
+) -> RunResult:
     smooth = request.param == "limits"
     make = driven_tpg if smooth else random_tpg
     tpg = with_real_robots(make(6, dofs=(6, 7), tasks=12, edges=20))
@@ -61,7 +61,7 @@ def run(
 
 
 @pytest.fixture(scope="module")
-def messages(run: RecordedRun) -> dict[str, list[Any]]:
+def messages(run: RunResult) -> dict[str, list[Any]]:
     return read(exported(run, "mcap", rate_hz=RATE_HZ)["run.mcap"])
 
 
@@ -124,9 +124,9 @@ def links_by_pinocchio(robot: Any, q: Array) -> dict[str, Array]:
     }
 
 
-def full_seconds(run: RecordedRun) -> list[int]:
+def full_seconds(run: RunResult) -> list[int]:
     """Times at which all robots say where they are: some at which an object is held, some others."""
-    rows = run.table("objects.parquet").to_pylist()
+    rows = run.objects.to_pylist()
     times = list(range(0, run.makespan_ns, NANOSECONDS))
     held = []
     for t_ns in times:
@@ -146,7 +146,7 @@ def joint_states(
 
 
 def test_joint_states_are_those_of_the_table(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     for robot in run.tpg.cell.robots:
         motion = run.motions[robot.name]
@@ -164,7 +164,7 @@ def test_joint_states_are_those_of_the_table(
 
 
 def test_who_interpolates_sees_the_motion(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     """What is left out is nothing: robots stand, or move as straight as the rate lets them."""
     for robot in run.tpg.cell.robots:
@@ -183,7 +183,7 @@ def test_who_interpolates_sees_the_motion(
 
 
 def test_links_are_where_pinocchio_puts_them(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     compared = 0
     for t_ns in full_seconds(run):
@@ -198,9 +198,9 @@ def test_links_are_where_pinocchio_puts_them(
 
 
 def test_objects_are_where_the_table_says(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
-    table = run.table("objects.parquet").to_pylist()
+    table = run.objects.to_pylist()
     held = 0
     for t_ns in full_seconds(run):
         frames = Frames(messages, t_ns)
@@ -222,7 +222,7 @@ def test_objects_are_where_the_table_says(
 
 
 def test_who_joins_late_knows_all_after_a_second(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     everything = Frames(messages, run.makespan_ns).names()
     late = [item for item in messages["/tf"] if item.t > 2 * NANOSECONDS]
@@ -231,7 +231,7 @@ def test_who_joins_late_knows_all_after_a_second(
 
 
 def test_what_is_seen_hangs_on_frames_that_there_are(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     frames = Frames(messages, run.makespan_ns)
     for topic in ("/robots", "/fixtures", "/objects"):
@@ -252,7 +252,7 @@ def test_what_is_seen_hangs_on_frames_that_there_are(
 
 
 def test_bodies_have_the_size_of_their_shapes(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     cell = run.tpg.cell
     (shown,) = messages["/fixtures"]
@@ -267,7 +267,7 @@ def test_bodies_have_the_size_of_their_shapes(
 
 
 def test_robots_look_as_large_as_they_are(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     """Boxes around what is seen and around what collides, of robots that have both alike."""
     robot = run.tpg.cell.robots[0]
@@ -306,7 +306,7 @@ def volume(corners: Array) -> float:
 
 
 def test_trajectories_are_the_segments(
-    run: RecordedRun, messages: dict[str, list[Any]]
+    run: RunResult, messages: dict[str, list[Any]]
 ) -> None:
     said = defaultdict(list)
     for robot in run.tpg.cell.robots:
@@ -333,7 +333,7 @@ def test_trajectories_are_the_segments(
     assert not any(said.values())
 
 
-def test_the_file_says_what_it_is(run: RecordedRun) -> None:
+def test_the_file_says_what_it_is(run: RunResult) -> None:
     reader = make_reader(BytesIO(exported(run, "mcap")["run.mcap"]))
     assert reader.get_header().profile == "ros2"
     summary = reader.get_summary()
@@ -361,7 +361,7 @@ def test_the_file_says_what_it_is(run: RecordedRun) -> None:
     assert seen == set(types)
 
 
-def test_objects_come_and_go(run: RecordedRun, tmp_path: Path) -> None:
+def test_objects_come_and_go(run: RunResult, tmp_path: Path) -> None:
     recorded, _ = toy_run(tmp_path, 6, tpg=run.tpg)
     first, second, *_ = (item.name for item in run.tpg.cell.objects)
     far = pytest.approx(np.array([0.0, 0.0, 1.0]))
@@ -395,7 +395,7 @@ def test_objects_come_and_go(run: RecordedRun, tmp_path: Path) -> None:
     assert Frames(found, 2 * NANOSECONDS)[f"objects/{second}"][:3, 3] == far
 
 
-def test_topics_have_names_that_ros_takes(run: RecordedRun, tmp_path: Path) -> None:
+def test_topics_have_names_that_ros_takes(run: RunResult, tmp_path: Path) -> None:
     tpg = run.tpg
     names = ("arm-1", "arm_1")
     robots = tuple(
@@ -421,7 +421,7 @@ def test_topics_have_names_that_ros_takes(run: RecordedRun, tmp_path: Path) -> N
 
 
 def test_without_the_package_the_extra_is_named(
-    run: RecordedRun, monkeypatch: pytest.MonkeyPatch
+    run: RunResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     with pytest.raises(OutputError, match=r"pip install 'assembly-twin\[mcap\]'"):
@@ -429,6 +429,6 @@ def test_without_the_package_the_extra_is_named(
 
 
 @pytest.mark.parametrize("rate_hz", [0.5, 1001.0, float("nan")])
-def test_a_rate_out_of_range_is_refused(rate_hz: float, run: RecordedRun) -> None:
+def test_a_rate_out_of_range_is_refused(rate_hz: float, run: RunResult) -> None:
     with pytest.raises(OutputError, match="is not from 1 to 1000"):
         exported(run, "mcap", rate_hz=rate_hz)

@@ -1,11 +1,13 @@
-"""Pieces of the report's page: tables, lists, estimates with intervals, pictures."""
+"""Pieces of pages in HTML: tables, lists, estimates with intervals, pictures, titled cards."""
 
 from __future__ import annotations
 
+import base64
 import html
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
@@ -103,3 +105,25 @@ def _digits(value: float) -> str:
     """Return a number with as many digits as say something."""
     digits = 1 if abs(value) >= 9.995 else 2
     return f"{value:.{digits}f}".replace("-0.00", "0.00")
+
+
+def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return a titled table of what is said about some things."""
+    return f"<p><strong>{text(title)}</strong></p>{pairs(rows)}"
+
+
+def drawn(figure: Figure) -> str:
+    """Return a picture as an element of its own, which needs no file."""
+    out = io.BytesIO()
+    figure.savefig(out, format="png")
+    return _image(out.getvalue())
+
+
+def shown(picture: Path) -> str:
+    """Return a picture that a run wrote as an element; nothing where it is not there."""
+    return _image(picture.read_bytes()) if picture.is_file() else ""
+
+
+def _image(png: bytes) -> str:
+    data = base64.b64encode(png).decode()
+    return f'<img style="max-width:100%" src="data:image/png;base64,{data}">'

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
 from twin.scenario.checks import find_problems
+from twin.scenario.document.validation import parsed
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.file import read_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
@@ -26,13 +29,22 @@ class LoadedScenario:
 
     Attributes:
         sections: the content: cell, assembly, planning, execution.
-        document: the file, for places in messages.
         folder: where relative paths in it start.
+        written: its file; None for one that is in no file of its own, as that of a manifest.
     """
 
     sections: Scenario
-    document: YamlDocument
-    folder: Path
+    folder: Path = Path()
+    written: YamlDocument | None = None
+
+    @cached_property
+    def document(self) -> YamlDocument:
+        """The text, for places in messages; that of its content where it is in no file."""
+        if self.written is not None:
+            return self.written
+        # JSON is YAML, too: what is found in it has the place of its key.
+        text = json.dumps(resolved(self.sections), indent=2)
+        return parsed(self.folder / f"{self.name}.yaml", text)
 
     @property
     def name(self) -> str:
@@ -81,9 +93,9 @@ class LoadedScenario:
         return resolved(self.sections)
 
     def _repr_html_(self) -> str:
-        from twin.api.html import card, drawn
         from twin.check.finding import Subject
         from twin.check.picture import cell_figure
+        from twin.drawing.markup import card, drawn
 
         rows = [
             ("robots", ", ".join(self.robots)),
@@ -115,4 +127,4 @@ def load(scenario: AnyScenario) -> LoadedScenario:
         return scenario
     path = scenario_path(Path(scenario))
     sections, document = read_scenario(path)
-    return LoadedScenario(sections, document, path.parent)
+    return LoadedScenario(sections, path.parent, document)

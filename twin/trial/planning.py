@@ -1,0 +1,194 @@
+"""From a scenario to its plan: its stages one after another, and better choices where it says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from planning.errors import PlanInvariantError, ScenarioError
+from planning.motion.load_bound import load_bound_s
+from scheduling.build_nodes import build_nodes
+from twin.host.progress import Report, StageWatch, report_nothing
+from twin.planning.kind import PlannedMotions, assembly_kind
+from twin.planning.part_assembly.pattern import repeated_plans
+from twin.planning.pipeline import (
+    order_motions,
+    plan_in_slots,
+    plan_motions,
+    planned_shortcuts,
+    shorten,
+)
+from twin.planning.timed import timed
+from twin.run.policies import (
+    AT_ONCE,
+    IN_SLOTS,
+    IN_TURNS,
+    SHORTENED,
+    SLOTS_SHORTENED,
+)
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult
+
+IMPROVEMENT = "better choices"
+"""Name of the stage for progress displays."""
+
+
+def plan_scenario(
+    scenario: Scenario, folder: Path = Path(), progress: Report = report_nothing
+) -> PlanResult:
+    """Plan a scenario from the cell to the temporal plan graph.
+
+    The seconds of its stages are sequence (where the scenario gives a structure), assignment,
+    motion, synchronous (where the plan is made in slots), tpg; of a construction checks, search,
+    keyframes, path, tpg.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start, that of its file.
+        progress: told how far each stage has come.
+
+    Raises:
+        RobotModelError: a robot description cannot be used.
+        ConstructionError: a construction for which no plan was found.
+        InfeasibleStepError: a step that no robot, brick and grasp can do.
+        TransitError: no collision-free path was found.
+        PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
+    """
+    plan = plan_best(scenario, folder, watch := StageWatch(progress))
+    first = plan.motions
+    # What other plans can be made from is no longer needed, and cannot be saved.
+    plan = replace(plan, made_of=replace(first, work=None))
+    if first.pattern is not None:
+        return _repeated(plan, watch)
+    if first.work is None:
+        return plan
+    bound = load_bound_s(first.cell, first.work, first.task_plan, first.settings)
+    order = first.work.order
+    moved = order if list(order) != sorted(order) else ()
+    return replace(plan, load_bound_s=bound, step_order=moved)
+
+
+def plan_best(scenario: Scenario, folder: Path, watch: StageWatch) -> PlanResult:
+    """Return the plan of the products that are planned, improved where the scenario says so.
+
+    See plan_scenario for the errors.
+    """
+    _refuse_improvement(scenario)
+    loaded = LoadedScenario(scenario, folder)
+    plan = _coordinated(loaded, plan_motions(scenario, folder, watch), watch)
+    improves = scenario.planning.improves
+    found = _improved_motions(scenario, plan.motions, watch) if improves else None
+    if found is None:
+        return plan
+    try:
+        other = _coordinated(loaded, found, watch)
+    except PlanInvariantError:  # no reason to go without the plan that holds
+        return plan
+    return other if other.makespan_s < plan.makespan_s else plan
+
+
+def _repeated(plan: PlanResult, watch: StageWatch) -> PlanResult:
+    """Return the plan of some products for all that there are to be; the stage is products."""
+    plans = {IN_TURNS: plan.turns or plan.tpg, plan.name: plan.tpg}
+    found = repeated_plans(plans, plan.motions.pattern, watch)
+    if (tpg := found[plan.name]) is found[IN_TURNS]:
+        return replace(plan, tpg=tpg, turns=None, name=IN_TURNS)
+    return replace(plan, tpg=tpg, turns=found[IN_TURNS])
+
+
+def _coordinated(
+    loaded: LoadedScenario, first: PlannedMotions, watch: StageWatch
+) -> PlanResult:
+    """Return planned motions with their graph, ordered and shortened as the scenario says."""
+    scenario = loaded.sections
+    motion_plan, slots, turns = first.motion_plan, None, None
+    name = AT_ONCE if assembly_kind(scenario.assembly).at_once else IN_TURNS
+    if scenario.planning.coordination == "synchronous":
+        synchronous = plan_in_slots(first, watch)
+        motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
+        turns, name = build_nodes(first.motion_plan), IN_SLOTS
+    tpg = order_motions(motion_plan, watch, slots)
+    candidates = planned_shortcuts(scenario)
+    if candidates:
+        turns = turns or tpg
+        name = SHORTENED if name != IN_SLOTS else SLOTS_SHORTENED
+        tpg = shorten(
+            tpg,
+            first.settings,
+            watch,
+            candidates=candidates,
+            seed=scenario.seed,
+            keep_slots=scenario.execution.policy == "synchronous",
+        )
+    return PlanResult(
+        loaded,
+        timed(tpg, scenario, watch),
+        name,
+        None if turns is None else timed(turns, scenario, watch),
+        watch.seconds,
+        made_of=first,
+    )
+
+
+def _refuse_improvement(scenario: Scenario) -> None:
+    """Refuse to improve what is not chosen step by step, before anything is planned.
+
+    Raises:
+        ScenarioError: says which scenarios can be improved.
+    """
+    section = scenario.planning
+    if not section.improves:
+        return
+    kind = scenario.assembly.kind
+    if kind not in ("lego", "assembly"):
+        raise ScenarioError(
+            "planning.improve_s and improve_tries search for other robots, objects, grips and"
+            f" supports of steps; the kind {kind!r} has none to choose from: leave them out",
+            choices=("lego", "assembly"),
+        )
+    if section.coordination != "sequential":
+        raise ScenarioError(
+            "planning.improve_s and improve_tries judge a plan by its temporal plan graph, not by"
+            " slots: leave them out, or the coordination 'synchronous'"
+        )
+
+
+def _improved_motions(
+    scenario: Scenario, first: PlannedMotions, watch: StageWatch
+) -> PlannedMotions | None:
+    """Search for a better task plan; the stage is improve.
+
+    Returns:
+        The motions of the best plan found, None where none is better than the one given.
+    """
+    from scheduling.improvement.rated_plans import PlanRater
+    from scheduling.improvement.search import improve_plan
+
+    if first.work is None:
+        return None
+    section = scenario.planning
+    with watch.stage("improve"):
+        watch.report(IMPROVEMENT, 0, 1)
+        shortcuts = planned_shortcuts(scenario) > 0
+        rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+        work = first.work if section.improve_order else first.work.in_this_order()
+        start = rater.rate_motions(work, first.task_plan, first.motion_plan)
+        best = improve_plan(
+            rater,
+            start,
+            seconds=section.improve_s,
+            tries=section.improve_tries,
+            seed=scenario.seed,
+            progress=watch.reporter(IMPROVEMENT),
+        )
+    if best is start:
+        return None
+    found = replace(
+        first,
+        assembly=best.work.assembly or first.assembly,
+        task_plan=best.task_plan,
+        motion_plan=best.motion_plan,
+        work=best.work,
+    )
+    return assembly_kind(scenario.assembly).finished(found)

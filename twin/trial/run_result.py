@@ -1,0 +1,342 @@
+"""An execution of a plan: the same class whether it was just simulated or read from its folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from planning.errors import OutputError, RequestError
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations import NANOSECONDS, Nanoseconds
+from twin.run.events import Event, EventLogError, parse_event, read_log
+from twin.run.folder import EVENTS, GANTT, OBJECTS, SUMMARY, TRAJECTORY
+from twin.run.run_record import ExecutionRecord
+from twin.run.summary import summary_rows
+from twin.run.trajectory import Trajectory
+from twin.run.written import require_as_written
+from twin.scenario.manifest import MANIFEST
+from twin.scenario.sections.scenario import Scenario, restored
+from twin.trial.loaded_scenario import PathOrName
+from twin.trial.plan_result import PlanResult, plan_of_run, read_plan
+from twin.trial.simulation import figures, prepare
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+PLAN = "plan.json"
+
+_MOST_FOLDERS = 8
+"""Runs that are named where a folder is none, the newest first."""
+
+
+class Resumed(NamedTuple):
+    """How many events of its log happened again when a run was resumed, and how many were missing."""
+
+    agreed: int
+    added: int
+
+
+class RunResult:
+    """One execution of a plan, in memory or in a folder; see docs/reference/formats.md.
+
+    What is not in memory is read from the folder when it is first asked for.
+
+    Attributes:
+        folder: of its files; None for a run that was only simulated.
+        record: times of every node; None for a run that was read from its folder.
+        resumed: what was found when it was resumed; None where it was not.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None = None,
+        *,
+        plan: PlanResult | None = None,
+        history: Sequence[Event] | None = None,
+        record: ExecutionRecord | None = None,
+        resumed: Resumed | None = None,
+    ) -> None:
+        """Keep what is there.
+
+        Args:
+            folder: of the files.
+            plan: what was executed; None to read it.
+            history: everything that happened, in order; None to read it.
+            record: times of every node.
+            resumed: what was found when the run was resumed.
+        """
+        self.folder, self.record, self.resumed = folder, record, resumed
+        self._plan = plan
+        self._history = None if history is None else tuple(history)
+
+    @cached_property
+    def plan(self) -> PlanResult:
+        """What was executed."""
+        return self._plan or read_plan(self.files)
+
+    @cached_property
+    def tpg(self) -> TemporalPlanGraph:
+        """The temporal plan graph that was executed."""
+        if self._plan is not None:
+            return self._plan.tpg
+        self._there(PLAN)
+        return plan_of_run(self.files)
+
+    @cached_property
+    def name(self) -> str:
+        """Name of the scenario."""
+        if self._plan is not None:
+            return self._plan.scenario.name
+        name = self._json(MANIFEST).get("scenario", {}).get("name")
+        return str(name or self.files.name)
+
+    @cached_property
+    def sections(self) -> Scenario:
+        """The scenario that was executed, with every default filled in."""
+        if self._plan is not None:
+            return self._plan.scenario.sections
+        return restored(self._json(MANIFEST).get("scenario", {}))
+
+    @cached_property
+    def history(self) -> tuple[Event, ...]:
+        """Everything that happened, in order; a line that was not written to its end is left out."""
+        if self._history is not None:
+            return self._history
+        path = self._as_written(EVENTS)
+        out = []
+        for number, line in enumerate(read_log(path), start=1):
+            try:
+                out.append(parse_event(line))
+            except EventLogError as error:
+                raise OutputError(f"{path}:{number}: {error}") from error
+        return tuple(out)
+
+    @cached_property
+    def summary(self) -> Mapping[str, Any]:
+        """All figures, with the keys of ``summary.json``; empty for a run that was killed."""
+        if self.folder is not None:
+            there = (self.folder / SUMMARY).exists()
+            return self._json(SUMMARY) if there else {}
+        if self.record is None:
+            raise RequestError("a run without a folder has no files")
+        return figures(self.plan, self.record, prepare(self.plan))
+
+    @property
+    def outcome(self) -> str:
+        """How it ended: completed, failed or aborted."""
+        return str(self.summary["outcome"])
+
+    @property
+    def passed(self) -> bool:
+        """True if it was completed, and no audit in it found anything."""
+        audit = self.summary["audit"]
+        return self.outcome == "completed" and not (audit and audit["violations"])
+
+    @property
+    def policy(self) -> str:
+        """Name of the policy: which plan, released how."""
+        return str(self.summary["policy"])
+
+    @property
+    def seed(self) -> int:
+        """Seed of its draws."""
+        return int(self.summary["seed"])
+
+    @property
+    def makespan_s(self) -> float:
+        """End of the last node, or when the run was broken off [s]."""
+        return float(self.summary["makespan_s"])
+
+    @property
+    def makespan_ns(self) -> int:
+        """Time of the last event [ns]."""
+        return self.history[-1].t_ns if self.history else 0
+
+    @property
+    def wait_s(self) -> Mapping[str, float]:
+        """How long each robot waited [s]."""
+        return dict(self.summary["wait_s"])
+
+    @property
+    def events(self) -> pa.Table:
+        """A row an event: t_s, robot, kind, task, node, object, detail."""
+        from twin.recorders.motion_tables import events_table
+
+        return events_table(self.history)
+
+    @property
+    def activities(self) -> pa.Table:
+        """What each robot did when: robot, state, start_s, end_s, task; waits are rows, too."""
+        import pyarrow as pa
+
+        from twin.run.activities import robot_activities
+
+        told = robot_activities(self.tpg, self.history)
+        rows = [(robot, item) for robot, lane in told.items() for item in lane]
+        return pa.table(
+            {
+                "robot": pa.array([robot for robot, _ in rows], pa.string()),
+                "state": pa.array([item.state for _, item in rows], pa.string()),
+                "start_s": pa.array([i.start_ns / NANOSECONDS for _, i in rows]),
+                "end_s": pa.array([i.end_ns / NANOSECONDS for _, i in rows]),
+                "task": pa.array([item.task for _, item in rows], pa.int64()),
+            }
+        )
+
+    @property
+    def trajectory(self) -> pa.Table:
+        """Where each robot was when: t_s, robot, q_0 ... q_k, node."""
+        if self.record is None:
+            return self._table(TRAJECTORY)
+        from twin.recorders.motion_tables import trajectory_table
+        from twin.run.trajectory import robot_trajectories
+
+        return trajectory_table(robot_trajectories(self.tpg, self.record))
+
+    @property
+    def objects(self) -> pa.Table:
+        """Where each object was from when on: t_s, object, parent, xyz, quat_wxyz."""
+        if self.record is None:
+            return self._table(OBJECTS)
+        from twin.recorders.motion_tables import objects_table
+        from twin.run.trajectory import object_placements
+
+        return objects_table(object_placements(self.tpg, self.record))
+
+    @cached_property
+    def node_times_ns(self) -> tuple[tuple[Nanoseconds, Nanoseconds], ...]:
+        """Start and end of every node, a pair of arrays a chain; -1 for what did not happen."""
+        times = {
+            c.robot: (np.full(len(c), -1, np.int64), np.full(len(c), -1, np.int64))
+            for c in self.tpg.chains
+        }
+        for event in self.history:
+            if event.kind in ("started", "completed"):
+                if event.robot not in times:
+                    raise self._foreign(f"robot {event.robot!r}")
+                start, end = times[event.robot]
+                if not 0 <= event.node < len(start):
+                    raise self._foreign(f"node {event.node} of {event.robot}")
+                (start if event.kind == "started" else end)[event.node] = event.t_ns
+        return tuple(times.values())
+
+    @cached_property
+    def motions(self) -> dict[str, Trajectory]:
+        """Motions of the robots of the cell, by robot."""
+        table = self.trajectory
+        names = table["robot"].to_numpy()
+        smooth = "v_0" in table.column_names
+        found = {}
+        for robot in self.tpg.cell.robots:
+            own = table.filter(names == robot.name)
+            joints = range(len(robot.model.joint_names))
+            q, *rates = (
+                np.column_stack([own[f"{letter}_{j}"].to_numpy() for j in joints])
+                for letter in ("qva" if smooth and robot.limits is not None else "q")
+            )
+            t_ns = np.rint(own["t_s"].to_numpy() * NANOSECONDS).astype(np.int64)
+            node = own["node"].to_numpy()
+            found[robot.name] = Trajectory(robot.name, t_ns, q, node, *rates)
+        return found
+
+    @property
+    def smooth_motions(self) -> dict[str, Trajectory]:
+        """Motions of the robots that keep to limits of acceleration, by robot; often none."""
+        return {name: m for name, m in self.motions.items() if m.v is not None}
+
+    @property
+    def files(self) -> Path:
+        """The folder of its files; RequestError for a run that was only simulated."""
+        if self.folder is None:
+            raise RequestError("a run without a folder has no files")
+        return self.folder
+
+    def _foreign(self, what: str) -> OutputError:
+        return OutputError(
+            f"{self.folder}: {EVENTS} tells of {what}, which {PLAN} does not have"
+        )
+
+    def _there(self, name: str) -> Path:
+        path = self.files / name
+        if not path.is_file():
+            raise OutputError(f"{self.folder}: this run has no {name}")
+        return path
+
+    def _as_written(self, name: str) -> Path:
+        path = self._there(name)
+        require_as_written(self.files, (name,))
+        return path
+
+    def _json(self, name: str) -> dict[str, Any]:
+        path = self._as_written(name)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise OutputError(f"{path}: cannot be read: {error}") from error
+        if not isinstance(content, dict):
+            raise OutputError(f"{path}: an object was expected")
+        return content
+
+    def _table(self, name: str) -> pa.Table:
+        """Return one of the tables ``trajectory.parquet`` and ``objects.parquet``."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        path = self._as_written(name)
+        try:
+            return pq.read_table(path)
+        except (OSError, pa.ArrowException) as error:
+            raise OutputError(f"{path}: cannot be read: {error}") from error
+
+    def _repr_html_(self) -> str:
+        from twin.drawing.markup import card, drawn, shown
+
+        rows = [
+            (name, f"{value} {note}")
+            for name, value, note in summary_rows(self.summary)
+        ]
+        page = card(self.name, rows)
+        if self.record is None:
+            return page + shown(self.files / GANTT)
+        from twin.run.gantt import gantt_figure
+
+        figure = gantt_figure(
+            self.tpg, self.record, self.history, title=self.name, plan=self.plan.name
+        )
+        return page + drawn(figure)
+
+
+def read_run(folder: PathOrName) -> RunResult:
+    """Return the run in a folder; each of its files is read when it is first asked for.
+
+    Args:
+        folder: such as ``logs/cliff-20260101T120000Z``.
+
+    Raises:
+        OutputError: there is no run; lists the runs beside it, or in ``logs``, newest first. A
+            file that is not as the run wrote it raises it when it is read.
+    """
+    place = Path(folder)
+    if (place / MANIFEST).is_file():
+        return RunResult(place)
+    reason = f"it has no {MANIFEST}" if place.is_dir() else "there is no such folder"
+    near = _runs_in(place) or _runs_in(place.parent) or _runs_in(Path("logs"))
+    raise OutputError(
+        f"{folder}: this is no run, {reason}", choices=tuple(map(str, near))
+    )
+
+
+def any_run(run: RunResult | PathOrName) -> RunResult:
+    """Return a run as it is, or the one in a folder."""
+    return run if isinstance(run, RunResult) else read_run(run)
+
+
+def _runs_in(folder: Path) -> list[Path]:
+    runs = [path.parent for path in folder.glob(f"*/{MANIFEST}")]
+    runs.sort(key=lambda run: (run / MANIFEST).stat().st_mtime, reverse=True)
+    return runs[:_MOST_FOLDERS]
