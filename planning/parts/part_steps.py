@@ -19,6 +19,7 @@ from planning.contacts.precedence import (
 )
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import (
+    AnyStep,
     Grip,
     MachineWork,
     PartAssembly,
@@ -141,9 +142,7 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
             on with another one on it.
     """
     out: list[KnownStep] = []
-    where = {item.name: item.start for item in cell.objects if not item.later}
-    supply = assembly.supply
-    for number, step in enumerate(assembly.steps, start=1):
+    for number, step, where, goal in steps_in_order(cell, assembly):
         held = None
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
@@ -153,20 +152,43 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
             )
             held = Held(part, pose, grips)
         if isinstance(step, Work):
-            out.append(_work_step(cell, step, dict(where), assembly.touch, held))
+            out.append(_work_step(cell, step, where, assembly.touch, held))
         elif isinstance(step, MachineWork):
             out.append(MachineStep(step, _around(cell, where)))
         else:
-            placing = _place_step(cell, assembly, number, where, held)
+            placing = _place_step(cell, assembly, number, where, goal, held)
             _require_alone(number, placing, out)
             out.append(placing)
-            where[step.part] = placing.goal
-            if number in supply.refills:
-                where |= supply.refills[number].parts
+    return tuple(out)
+
+
+def steps_in_order(
+    cell: Workcell, assembly: PartAssembly
+) -> Iterator[tuple[int, AnyStep, dict[str, Transform], Transform]]:
+    """Yield the steps with their numbers from 1, and where all parts are as each begins.
+
+    Last comes where the part of the step is put: in its place, or down on its way; where nothing
+    is put, the origin.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: goals, steps and supplies.
+    """
+    where = {item.name: item.start for item in cell.objects if not item.later}
+    supply = assembly.supply
+    for number, step in enumerate(assembly.steps, start=1):
+        goal: Transform = np.eye(4)
+        if isinstance(step, Place):
+            stop = step.stop
+            goal = assembly.goals[step.part] if stop is None else stop_pose(cell, stop)
+        yield number, step, dict(where), goal
+        if isinstance(step, Place):
+            where[step.part] = goal
+        if number in supply.refills:
+            where |= supply.refills[number].parts
         if number in supply.leaves:
             for name, _ in supply.leaves[number].parts:
                 del where[name]
-    return tuple(out)
 
 
 def far_first(step: PartStep | WorkStep) -> list[int]:
@@ -223,15 +245,13 @@ def _place_step(
     assembly: PartAssembly,
     number: int,
     where: Mapping[str, Transform],
+    goal: Transform,
     held: Held | None,
 ) -> PartStep:
     step = assembly.steps[number - 1]
     assert isinstance(step, Place)
-    name, stop = step.part, step.stop
+    name = step.part
     part = replace(cell.object(name), start=where[name])
-    goal = assembly.goals[name]
-    if stop is not None:
-        goal = stop_pose(cell, stop)
     around = _around(cell, {k: pose for k, pose in where.items() if k != name})
     lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
     at_goal = near_to((part, goal), lying, assembly.touch)

@@ -129,6 +129,12 @@ class Subject:
         key = next((k for k in keys if getattr(section, k)), "name")
         return ("cell", "robots", number, key)
 
+    def step_at(self, number: int, *keys: str) -> KeyPath:
+        """Return where a step is in the file, by its number from 1; all products share theirs."""
+        assert self.parts is not None
+        count = len(self.parts.section.steps)
+        return ("assembly", "steps", (number - 1) % count, *keys)
+
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
         """Return where an object or a fixture is in the file; where it begins may be its source."""
         places, known = self._places, name

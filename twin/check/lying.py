@@ -9,9 +9,7 @@ import numpy as np
 from planning.cell.shape import Mesh
 from planning.contacts.precedence import MOST_OVERLAP, Lying, bounds, near_to, standing
 from planning.parts.assembly import Place
-from planning.parts.part_steps import node_remedy, stop_pose
-from planning.tasks.task import DOOR
-from planning.transforms import Transform
+from planning.parts.part_steps import node_remedy, steps_in_order
 from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import PartsSection
 
@@ -65,25 +63,17 @@ def check_goals(subject: Subject) -> Findings:
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
-    # Doors are of machines.
-    parts = [item for item in cell.objects if item.kind != DOOR]
-    where: dict[str, Transform] = {
-        item.name: item.start for item in parts if not item.later
-    }
-    supply = assembly.supply
-    count = len(section.steps)
-    for number, step in enumerate(assembly.steps):
+    for number, step, where, goal in steps_in_order(cell, assembly):
         if not isinstance(step, Place):
             continue
-        name, goal = step.part, assembly.goals[step.part]
+        name = step.part
         at, place = subject.thing_at(name, "goal"), "in its place"
         if step.stop is not None:
-            goal, place = stop_pose(cell, step.stop), f"at {step.stop.at}"
-            at = ("assembly", "steps", number % count, "at")
+            at, place = subject.step_at(number, "at"), f"at {step.stop.at}"
         lying: dict[str, Lying] = standing(cell)
         lying |= {
             item.name: (item, where[item.name])
-            for item in parts
+            for item in cell.objects
             if item.name in where and item.name != name
         }
         touched = near_to((cell.object(name), goal), lying, section.touch_m)
@@ -104,12 +94,6 @@ def check_goals(subject: Subject) -> Findings:
                 f" part that is there by then (touch_m {section.touch_m:g})",
                 error=True,
             )
-        where[name] = goal
-        if number + 1 in supply.refills:
-            where |= supply.refills[number + 1].parts
-        if number + 1 in supply.leaves:
-            for gone, _ in supply.leaves[number + 1].parts:
-                del where[gone]
 
 
 def check_centres(subject: Subject) -> Findings:

@@ -18,7 +18,7 @@ from planning.errors import (
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
 from planning.parts.assembly import Grip, PartHandling, Place
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
-from planning.parts.part_steps import WorkStep, stop_pose, touched_in_racks
+from planning.parts.part_steps import WorkStep, steps_in_order, touched_in_racks
 from planning.parts.tool_grips import robot_grips
 from planning.steps.skill import SkillPath, SkillTargets, skill_postures
 from planning.steps.tool_changes import find_tool_changes, rack_tools
@@ -185,24 +185,18 @@ class _Leg:
 
 def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_Leg]:
     """Yield the legs of all parts, in the order of the steps."""
-    assembly, count = parts.listed, len(parts.section.steps)
-    known: dict[str, tuple[Transform, KeyPath]] = {}
-    for number, step in enumerate(assembly.steps):
+    assembly, known = parts.listed, dict[str, KeyPath]()
+    for number, step, where, end in steps_in_order(subject.cell, assembly):
         if not isinstance(step, Place):
             continue
-        item = subject.cell.object(step.part)
-        start, start_at = known.get(
-            step.part, (item.start, subject.thing_at(step.part, "start"))
-        )
-        end, end_at = assembly.goals[step.part], subject.thing_at(step.part, "goal")
-        words = "its place"
+        name = step.part
+        start_at = known.get(name, subject.thing_at(name, "start"))
+        end_at, words = subject.thing_at(name, "goal"), "its place"
         if step.stop is not None:
-            end, words = stop_pose(subject.cell, step.stop), step.stop.at
-            end_at = ("assembly", "steps", number % count, "at")
-        known[step.part] = end, end_at
-        ways = assembly.handling(step.part)
-        part = replace(item, start=start)
-        yield _Leg(step, part, end, ways, start_at, end_at, words)
+            end_at, words = subject.step_at(number, "at"), step.stop.at
+        known[name] = end_at
+        part = replace(subject.cell.object(name), start=where[name])
+        yield _Leg(step, part, end, assembly.handling(name), start_at, end_at, words)
 
 
 def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
