@@ -12,7 +12,12 @@ from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
 from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import GridPlace, joined_to_plate, occupied_places
 from planning.lego.skills.targets import supported_span
-from twin.scenario.document.validation import Problem, mark_problems, unknown_name
+from twin.scenario.document.validation import (
+    Found,
+    Problem,
+    mark_problems,
+    unknown_name,
+)
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.drawn_structure import (
     ReadStructure,
@@ -29,7 +34,6 @@ from twin.scenario.sections.lego import (
     support_of,
 )
 
-Found = Iterator[tuple[KeyPath, str]]
 Drawn = Iterator[tuple[KeyPath, Spot | None, str]]
 
 

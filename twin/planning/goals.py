@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,7 +14,7 @@ from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.validation import Problem, mark_problems, unknown_name
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.goals import GoalsSection, MoveSection
 from twin.scenario.sections.shapes import build_transform
@@ -43,9 +41,18 @@ class GoalsKind(AssemblyKind):
         """Return that nothing is built."""
         return "no parts"
 
-    def problems(self, document: YamlDocument) -> list[Problem]:
+    def problems(self, cell: CellSection, document: YamlDocument) -> list[Problem]:
         """Return the moves of robots that the file does not have."""
-        return mark_problems(document, self._check_robots(document))
+        names = tuple(robot.name for robot in cell.robots)
+        found = (
+            (
+                ("assembly", "moves", k, "robot"),
+                unknown_name("robot", move.robot, names),
+            )
+            for k, move in enumerate(self.section.moves)
+            if move.robot not in names
+        )
+        return mark_problems(document, found)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -60,14 +67,6 @@ class GoalsKind(AssemblyKind):
         with watch.stage("assignment", ASSIGNMENT):
             work = prepare_goals(cell, goals)
         return plan_in_turns(cell, goals, work, settings, watch)
-
-    def _check_robots(self, document: YamlDocument) -> Iterator[tuple[KeyPath, str]]:
-        cell = CellSection.model_validate_json(json.dumps(document.data["cell"]))
-        names = tuple(robot.name for robot in cell.robots)
-        for k, move in enumerate(self.section.moves):
-            if move.robot not in names:
-                at: KeyPath = ("assembly", "moves", k, "robot")
-                yield at, unknown_name("robot", move.robot, names)
 
 
 def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:

@@ -83,8 +83,13 @@ class AssemblyKind(Protocol):
         """Return what of its own has a name that nothing else may have, None if nothing."""
         return None
 
-    def problems(self, document: YamlDocument) -> list[Problem]:
-        """Return the problems of the section."""
+    def problems(self, cell: CellSection, document: YamlDocument) -> list[Problem]:
+        """Return the problems of the section.
+
+        Args:
+            cell: what the file says of the robots and fixtures around it.
+            document: where all that was read from.
+        """
         return []
 
     def fixtures(self) -> tuple[Fixture, ...]:

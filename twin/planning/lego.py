@@ -92,7 +92,7 @@ class LegoKind(AssemblyKind):
             else "a brick of a feeding station"
         )
 
-    def problems(self, document: YamlDocument) -> list[Problem]:
+    def problems(self, _cell: CellSection, document: YamlDocument) -> list[Problem]:
         """Return the problems of the section."""
         from twin.planning.brick_checks import find_lego_problems
 

@@ -18,7 +18,12 @@ from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.built import assembly_of
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
-from twin.planning.part_assembly.problems import check_line, check_steps, machine_names
+from twin.planning.part_assembly.problems import (
+    check_line,
+    check_steps,
+    check_work,
+    machine_names,
+)
 from twin.planning.part_assembly.wanted import wanted_of
 from twin.scenario.document.validation import Problem, mark_problems
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
@@ -60,9 +65,13 @@ class PartKind(AssemblyKind):
             yield ("assembly", "parts", i, "name"), part.name
         yield from machine_names(self.section)
 
-    def problems(self, document: YamlDocument) -> list[Problem]:
+    def problems(self, cell: CellSection, document: YamlDocument) -> list[Problem]:
         """Return the problems of the section: steps and parts name what there is, no part twice."""
-        found = (*check_steps(self.section), *check_line(self.section))
+        found = (
+            *check_steps(self.section),
+            *check_line(self.section),
+            *check_work(self.section, cell),
+        )
         return mark_problems(document, found)
 
     def object_kinds(self) -> Iterable[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -20,16 +20,88 @@ from planning.tasks.task import (
 )
 from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
-from twin.planning.part_assembly.problems import disturbed_machines, unknown_frame
-from twin.scenario.document.validation import Problem, mark_problems, unknown_name
+from twin.planning.part_assembly.problems import disturbed_machines
+from twin.scenario.document.validation import (
+    Found,
+    Problem,
+    mark_problems,
+    unknown_name,
+)
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.sections.cell import CellSection
+from twin.scenario.sections.cell import CellSection, LimitsSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
-from twin.scenario.tool_checks import changed_tools, check_tool_speeds, check_tools
 
-Found = Iterator[tuple[KeyPath, str]]
+
+def changed_tools(cell: CellSection) -> Mapping[str, str]:
+    """Return the tools that are changed, each with the robot that may have it on it."""
+    return {name: robot.name for robot in cell.robots for name in robot.tools}
+
+
+def check_tools(scenario: Scenario) -> Found:
+    """Yield what is wrong with tools that are changed, each with its key.
+
+    Args:
+        scenario: passed the checks of its single values.
+    """
+    tools, owners = scenario.cell.tools, dict[str, str]()
+    for i, robot in enumerate(scenario.cell.listed):
+        at: KeyPath = ("cell", "robots", i)
+        if robot.tools and not isinstance(scenario.assembly, PartsSection):
+            kind = scenario.assembly.kind
+            words = "tools are changed in assemblies of kind 'assembly' only"
+            yield (*at, "tools"), f"{words}, and this is a {kind}: give tool"
+        if robot.tools and robot.frames:
+            yield (
+                (*at, "frames"),
+                "frames of tools that are changed belong to the tools",
+            )
+        for k, name in enumerate(robot.tools):
+            here: KeyPath = (*at, "tools", k)
+            if name not in tools:
+                yield here, unknown_name("tool", name, tuple(tools))
+            elif tools[name].rack is None:
+                yield here, f"{name} has no rack: give cell.tools.{name}.rack"
+            elif name in owners:
+                words = (
+                    f"{name} is a tool of {owners[name]} already: one robot has a tool"
+                )
+                yield here, f"{words}, describe another one for {robot.name}"
+            owners.setdefault(name, robot.name)
+    for i, robot in enumerate(scenario.cell.robots):
+        if robot.tool in owners:
+            key: KeyPath = (
+                ("cell", "robots", i) if i < len(scenario.cell.listed) else ()
+            )
+            at = (*key, "tool") if key else ("cell", "team", "tool")
+            words = f"{robot.tool} is changed by {owners[robot.tool]}"
+            yield at, f"{words}: describe another one for {robot.name}"
+    products = getattr(scenario.assembly, "products", None)
+    if owners and products is not None:
+        where: KeyPath = ("assembly", "products")
+        yield where, "tools are not changed yet where products are made again and again"
+
+
+def check_tool_speeds(scenario: Scenario) -> Found:
+    """Yield limits of the tool's speed where no plan within limits is made, each with its key."""
+    if scenario.speed_model == "limits":
+        return
+    cell = scenario.cell
+    sections: list[tuple[KeyPath, LimitsSection]] = [
+        (("cell", "robots", i), robot.limits) for i, robot in enumerate(cell.listed)
+    ]
+    if cell.team is not None:
+        sections.append((("cell", "team"), cell.team.limits))
+    for at, limits in sections:
+        for key in ("tool_speed_m_s", "loaded_tool_speed_m_s"):
+            if getattr(limits, key) is not None:
+                yield (
+                    (*at, "limits", key),
+                    f"{key} is kept to with planning.speed_model: limits, and this plan has the speed"
+                    f" model {scenario.speed_model!r}",
+                )
+
 
 _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
 """States of a robot in charts, beside the skills."""
@@ -54,7 +126,6 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_meshes(scenario.assembly, ("assembly",), folder)
     found += _check_durations(scenario.execution, ("execution",), folder)
     found += _check_processes(scenario)
-    found += _check_work(scenario)
     found += check_tools(scenario)
     found += check_tool_speeds(scenario)
     found += _check_overrides(scenario)
@@ -64,7 +135,11 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
         Problem(document.mark_of(path, key=path[-1] != "skill"), message)
         for path, message in _check_skills(scenario)
     ]
-    return [*mark_problems(document, found), *unknown, *assembly.problems(document)]
+    return [
+        *mark_problems(document, found),
+        *unknown,
+        *assembly.problems(scenario.cell, document),
+    ]
 
 
 def _check_names(scenario: Scenario) -> Found:
@@ -240,44 +315,6 @@ def _check_processes(scenario: Scenario) -> Found:
             yield at, f"a process cannot be called {name!r}: that means something else"
         elif name not in scenario.execution.skills:
             yield at, f"how long does {name} take? Give it a duration"
-
-
-def _check_work(scenario: Scenario) -> Found:
-    """Processes have robots that can do them, at fixtures and frames that there are."""
-    assembly, robots = scenario.assembly, scenario.cell.robots
-    if not isinstance(assembly, PartsSection):
-        return
-    worn = (own.tool for robot in robots for own in robot.outfits)
-    tools = tuple(dict.fromkeys(tool for tool in worn if tool))
-    for name, process in assembly.processes.items():
-        if process.tool is not None and process.tool not in tools:
-            at: KeyPath = ("assembly", "processes", name, "tool")
-            words = f"no robot has the tool {process.tool!r}"
-            yield at, words + (f" (valid: {', '.join(tools)})" if tools else "")
-    fixtures = {item.name: item for item in scenario.cell.fixtures}
-    things = (*(part.name for part in assembly.parts), *fixtures)
-    for k, item in enumerate(assembly.joined):
-        for i, name in enumerate(item.parts):
-            if name not in things:
-                at = ("assembly", "joined", k, "parts", i)
-                yield at, unknown_name("part or fixture", name, things)
-    names = [robot.name for robot in robots]
-    for k, step in enumerate(assembly.steps):
-        at = ("assembly", "steps", k)
-        for i, name in enumerate(step.robots or ()):
-            if name not in names:
-                yield (*at, "robots", i), unknown_name("robot", name, names)
-        if step.hold is not None and len(robots) == 1:
-            yield (*at, "hold"), "another robot has to hold it, and there is only one"
-        if step.at is None or step.at.fixture is None:
-            continue
-        fixture = fixtures.get(step.at.fixture)
-        if fixture is None:
-            words = unknown_name("fixture", step.at.fixture, tuple(fixtures))
-            yield (*at, "at", "fixture"), words
-        elif step.at.frame is not None and step.at.frame not in fixture.frames:
-            words = unknown_frame(step.at.frame, tuple(fixture.frames))
-            yield (*at, "at", "frame"), words
 
 
 def _check_overrides(scenario: Scenario) -> Found:

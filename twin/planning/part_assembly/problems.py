@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from twin.planning.part_assembly.line import OUTFEED, presenter
-from twin.scenario.document.validation import unknown_name
+from twin.scenario.document.validation import Found, unknown_name
 from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection, PlaceOfWork, StepSection
-
-Found = Iterator[tuple[KeyPath, str]]
 
 
 def check_steps(section: PartsSection) -> Found:
@@ -275,3 +274,44 @@ def disturbed_machines(section: PartsSection) -> Iterator[str]:
     for at, machine in machine_names(section):
         if at[1] != "processes":
             yield machine
+
+
+def check_work(section: PartsSection, cell: CellSection) -> Found:
+    """Yield processes that no robot of the cell can do, and places that it does not have.
+
+    Args:
+        section: passed the checks of its single values.
+        cell: around it.
+    """
+    robots = cell.robots
+    worn = (own.tool for robot in robots for own in robot.outfits)
+    tools = tuple(dict.fromkeys(tool for tool in worn if tool))
+    for name, process in section.processes.items():
+        if process.tool is not None and process.tool not in tools:
+            at: KeyPath = ("assembly", "processes", name, "tool")
+            words = f"no robot has the tool {process.tool!r}"
+            yield at, words + (f" (valid: {', '.join(tools)})" if tools else "")
+    fixtures = {item.name: item for item in cell.fixtures}
+    things = (*(part.name for part in section.parts), *fixtures)
+    for k, item in enumerate(section.joined):
+        for i, name in enumerate(item.parts):
+            if name not in things:
+                at = ("assembly", "joined", k, "parts", i)
+                yield at, unknown_name("part or fixture", name, things)
+    names = [robot.name for robot in robots]
+    for k, step in enumerate(section.steps):
+        at = ("assembly", "steps", k)
+        for i, name in enumerate(step.robots or ()):
+            if name not in names:
+                yield (*at, "robots", i), unknown_name("robot", name, names)
+        if step.hold is not None and len(robots) == 1:
+            yield (*at, "hold"), "another robot has to hold it, and there is only one"
+        if step.at is None or step.at.fixture is None:
+            continue
+        fixture = fixtures.get(step.at.fixture)
+        if fixture is None:
+            words = unknown_name("fixture", step.at.fixture, tuple(fixtures))
+            yield (*at, "at", "fixture"), words
+        elif step.at.frame is not None and step.at.frame not in fixture.frames:
+            words = unknown_frame(step.at.frame, tuple(fixture.frames))
+            yield (*at, "at", "frame"), words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,6 +27,10 @@ _UNIT_WORDS = {
     "kg": "kilograms",
     "rad_s": "radians per second",
 }
+
+
+Found = Iterator[tuple[KeyPath, str]]
+"""What is wrong with a scenario, each with its key."""
 
 
 def mark_problems(
