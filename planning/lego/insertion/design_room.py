@@ -32,18 +32,13 @@ from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
     BrickBoxes,
-    approach_blocked,
-    attack_side,
     blocking,
     brick_box,
-    place_down_blocked,
-    place_up_blocked,
-    support_boxes,
-    support_face,
+    tool_room,
 )
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, ORIENTATIONS
 from planning.lego.stability.contacts import ToolHold
-from planning.lego.stability.partial_structures import Names, PartialStructures
+from planning.lego.stability.partial_structures import Names
 from planning.transforms import Array
 
 _LEAST_TOUCH = 0.002
@@ -73,11 +68,13 @@ class SupportPlace:
     """A supporting tool among the bricks of a design.
 
     Attributes:
+        support: where the tool is.
         touches: where it touches each brick that it touches.
         blockers: bricks that it would run into, the plate included.
         near: further bricks that it passes within a millimetre.
     """
 
+    support: Support
     touches: Mapping[str, tuple[ToolHold, ...]]
     blockers: Names
     near: Names
@@ -96,9 +93,9 @@ class DesignRoom:
         self,
         bricks: Mapping[str, PlacedBrick],
         filled: Mapping[GridPlace, str],
-        robot: str = "gp4",
+        robot: str,
     ) -> None:
-        self._robot = robot
+        self._tool = tool_room(robot)
         self._bricks, self._filled = bricks, filled
         self._ways: dict[tuple[str, Press, bool, Approach | None], Names] = {}
         self._without: dict[str, BrickBoxes] = {}
@@ -138,10 +135,11 @@ class DesignRoom:
         if known is None:
             item, others = self._bricks[brick], self._others(brick)
             if way is not None:
-                found = approach_blocked(item, press, others, way, self._robot)
+                found = self._tool.approach_blocked(item, press, others, way)
+            elif up:
+                found = self._tool.place_up_blocked(item, press, others)
             else:
-                blocked = place_up_blocked if up else place_down_blocked
-                found = blocked(item, press, others, self._robot)
+                found = self._tool.place_down_blocked(item, press, others)
             known = self._ways[key] = frozenset(found)
         return known
 
@@ -154,15 +152,19 @@ class DesignRoom:
         """Return what a supporting tool touches, and what stands in its way."""
         known = self._supports.get(support)
         if known is None:
-            touches = self._touches(support)
+            room = self._tool.support(support)
+            touches = self._touches(support, room.face)
             if not touches:
-                known = self._supports[support] = SupportPlace({}, _NONE, _NONE)
+                known = SupportPlace(support, {}, _NONE, _NONE)
+                self._supports[support] = known
                 return known
-            room = support_boxes(support, top=support.from_above, robot=self._robot)
-            blockers = frozenset(blocking(room, self._boxes))
+            blockers = frozenset(blocking(room.boxes, self._boxes))
             others = self._boxes.without(touches.keys())
-            near = frozenset(blocking(room, others, clearance=_CLEARANCE)) - blockers
-            known = self._supports[support] = SupportPlace(touches, blockers, near)
+            near = (
+                frozenset(blocking(room.boxes, others, clearance=_CLEARANCE)) - blockers
+            )
+            known = SupportPlace(support, touches, blockers, near)
+            self._supports[support] = known
         return known
 
     def touching(self, brick: str, *, from_above: bool) -> tuple[SupportPlace, ...]:
@@ -236,7 +238,7 @@ class DesignRoom:
     def attack(self, brick: str, press: Press, names: Names, *, up: bool) -> int:
         """Return +1 or -1: the side to come from with a brick, past no neighbour if possible."""
         others = self._boxes.without(self._bricks.keys() - names | {brick})
-        return attack_side(self._bricks[brick], press, others, up=up, robot=self._robot)
+        return self._tool.attack_side(self._bricks[brick], press, others, up=up)
 
     @cached_property
     def _boxes(self) -> BrickBoxes:
@@ -247,10 +249,11 @@ class DesignRoom:
     def _corners(self) -> dict[str, Array]:
         return dict(zip(self._boxes.names, self._boxes.corners, strict=True))
 
-    def _touches(self, support: Support) -> dict[str, tuple[ToolHold, ...]]:
+    def _touches(
+        self, support: Support, rectangle: Array
+    ) -> dict[str, tuple[ToolHold, ...]]:
         """Return where a supporting tool touches bricks: the corners of what they share."""
-        top = support.from_above
-        low, high = support_face(support, top=top, robot=self._robot)
+        top, (low, high) = support.from_above, rectangle
         face = support.cell.level + (0 if top else BRICK_LEVELS)
         level, height = face - 1 if top else face, level_height(face)
         xs = range(int(low[0] // STUD_PITCH), int(high[0] // STUD_PITCH) + 1)
@@ -315,17 +318,13 @@ class SupportSpots:
     """Finds where the other arm may hold one partial structure.
 
     Attributes:
-        structures: of the design.
         room: of the tool in the design.
-        touchable: the bricks that may be touched.
-        obstacles: the bricks that are in the tool's way.
+        names: the bricks that are there: they may be touched, and are in the tool's way.
         inserted: the brick that is pressed on: held itself, it would not go in.
     """
 
-    structures: PartialStructures
     room: DesignRoom
-    touchable: Names
-    obstacles: Names
+    names: Names
     inserted: str
 
     def below(self, contact: Cell, at: Point) -> Iterator[SupportSpot]:
@@ -353,13 +352,13 @@ class SupportSpots:
         if support.cell.level < 0:
             return None
         place = self.room.support(support)
-        if PLATE in place.blockers or not place.blockers.isdisjoint(self.obstacles):
+        if PLATE in place.blockers or not place.blockers.isdisjoint(self.names):
             return None
-        touched = [n for n in place.touches if n in self.touchable]
+        touched = [n for n in place.touches if n in self.names]
         if not touched or self.inserted in touched:
             return None
         holds = tuple(chain.from_iterable(place.touches[n] for n in touched))
-        return SupportSpot(support, holds, not place.near.isdisjoint(self.obstacles))
+        return SupportSpot(support, holds, not place.near.isdisjoint(self.names))
 
     def _spots(
         self, contact: Cell, at: Point, levels: tuple[int, ...], *, from_above: bool
@@ -390,22 +389,11 @@ class SupportSpots:
                     yield spot
 
     def _anywhere(self, at: Point, *, from_above: bool) -> list[Support]:
-        """Return the tool's places at all bare tops or bottoms of bricks, nearest first."""
-        filled = self.structures.filled
-        step = 1 if from_above else -BRICK_LEVELS
-        beyond = 1 if from_above else -1
-        bare = {
-            (x, y, level + step)
-            for (x, y, level), name in filled.items()
-            if name in self.touchable and name != self.inserted
-            for other in [filled.get((x, y, level + beyond))]
-            if other is None or (other != name and other not in self.obstacles)
-        }
+        """Return the tool's places that touch bricks, the nearest first."""
         found = {
-            support_at(x + dx, y + dy, level, turn, from_above=from_above)
-            for x, y, level in bare
-            for dx, dy in TIP_SHIFTS
-            for turn in ORIENTATIONS
+            place.support
+            for name in self.names
+            for place in self.room.touching(name, from_above=from_above)
         }
 
         def order(s: Support) -> tuple[float, int, int, int, int]:

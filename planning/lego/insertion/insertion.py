@@ -245,10 +245,7 @@ class InsertionSite:
 
     @cached_property
     def _spots(self) -> SupportSpots:
-        design, names = self.design, self.names
-        return SupportSpots(
-            design.structures, design.room, names, names, self.item.name
-        )
+        return SupportSpots(self.design.room, self.names, self.item.name)
 
     def _blocker(self, press: Press) -> str | None:
         """Return the first brick in the way of a press, or the plate."""

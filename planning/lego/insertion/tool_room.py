@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
 from planning.cell.cover import cut_across
+from planning.kept_answers import KeptAnswers
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
@@ -74,7 +75,7 @@ class ToolShape:
 
 
 @cache
-def tool_shape(robot: str = "gp4") -> ToolShape:
+def tool_shape(robot: str) -> ToolShape:
     """Return the shape of the LEGO tool of a registered robot.
 
     Args:
@@ -179,119 +180,147 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> lis
     return plate + [bricks.names[int(k)] for k in hit]
 
 
-def place_down_blocked(
-    item: PlacedBrick, press: Press, others: BrickBoxes, robot: str = "gp4"
-) -> list[str]:
-    """Return the obstacles to pressing a brick on from above, however it comes there.
+@dataclass(frozen=True)
+class SupportRoom:
+    """Room of a supporting tool, in the plate's frame.
 
-    Args:
-        item: the brick and its goal.
-        press: the grip.
-        others: boxes of other bricks.
-        robot: the registered robot that carries the tool.
+    Attributes:
+        boxes: around the tool, before and while it supports, shape (k, 2, 3) [m].
+        face: least and greatest corner of the rectangle in which it touches bricks: of the side
+            of the tip that looks up, or of the end of the lever wall where it stands on them,
+            shape (2, 3) [m].
     """
-    tool = tool_shape(robot)
-    targets = place_down_targets(tool.frames, item.brick, _top(item), press)
-    found = blocking(_tool_boxes(tool, targets.subgoals[1:]), others)
-    if lever_reaches_below(item.brick):
-        found += blocking(_below_lever(tool, item, press), others)
-    return found + blocking(_above(item), others)
+
+    boxes: Array
+    face: Array
 
 
-def approach_blocked(
-    item: PlacedBrick,
-    press: Press,
-    others: BrickBoxes,
-    way: Approach,
-    robot: str = "gp4",
-) -> list[str]:
-    """Return the obstacles to bringing a brick to where it is pressed on from above.
+@cache
+def tool_room(robot: str) -> ToolRoom:
+    """Return the room of the LEGO tool of a registered robot."""
+    return ToolRoom(tool_shape(robot), KeptAnswers(20_000))
 
-    Planning keeps off all bricks there, those beside its place included.
 
-    Args:
-        item: the brick and its goal.
-        press: the grip.
-        others: boxes of other bricks.
-        way: that it comes.
-        robot: the registered robot that carries the tool.
+@dataclass(frozen=True)
+class ToolRoom:
+    """Room that a LEGO tool takes in the skills, and what is in its way.
+
+    Attributes:
+        tool: its shape.
+        supports: room of supports that is known.
     """
-    tool, (attack, height) = tool_shape(robot), way
-    targets = place_down_targets(
-        tool.frames, item.brick, _top(item), press, attack=attack, height=height
-    )
-    start = targets.subgoals[:1]
-    moved = _moved(item, targets.subgoals[2].pose, start)
-    found = blocking(_tool_boxes(tool, start), others, clearance=KEPT)
-    return found + blocking(moved, others, clearance=KEPT)
 
+    tool: ToolShape
+    supports: KeptAnswers[SupportRoom]
 
-def place_up_blocked(
-    item: PlacedBrick, press: Press, others: BrickBoxes, robot: str = "gp4"
-) -> list[str]:
-    """Return the obstacles to bringing a brick in from below; none when there is room."""
-    tool = tool_shape(robot)
-    contact = side_contact_pose(_top(item), item.brick, press)
-    targets = place_up_targets(tool.frames, contact)
-    boxes = _tool_boxes(tool, targets.subgoals)
-    # Only what stands beside the brick may be touched; from the others planning keeps off.
-    aloof = others.without(_beside(item, others))
-    found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
-    return found + blocking(_moved(item, contact, targets.subgoals[:2]), others)
+    def place_down_blocked(
+        self, item: PlacedBrick, press: Press, others: BrickBoxes
+    ) -> list[str]:
+        """Return the obstacles to pressing a brick on from above, however it comes there.
 
+        Args:
+            item: the brick and its goal.
+            press: the grip.
+            others: boxes of other bricks.
+        """
+        frames = self.tool.frames
+        targets = place_down_targets(frames, item.brick, _top(item), press)
+        found = blocking(self._boxes(targets.subgoals[1:]), others)
+        if lever_reaches_below(item.brick):
+            found += blocking(self._below_lever(item, press), others)
+        return found + blocking(_above(item), others)
 
-@lru_cache(maxsize=20_000)
-def support_boxes(support: Support, *, top: bool, robot: str = "gp4") -> Array:
-    """Return boxes around a supporting tool, before and while it supports, (k, 2, 3) [m]."""
-    targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    return readonly(_tool_boxes(tool_shape(robot), targets[0].subgoals))
+    def approach_blocked(
+        self, item: PlacedBrick, press: Press, others: BrickBoxes, way: Approach
+    ) -> list[str]:
+        """Return the obstacles to bringing a brick to where it is pressed on from above.
 
+        Planning keeps off all bricks there, those beside its place included.
 
-@lru_cache(maxsize=20_000)
-def support_face(support: Support, *, top: bool, robot: str = "gp4") -> Array:
-    """Return the rectangle in which a supporting tool touches bricks, (2, 3) [m].
+        Args:
+            item: the brick and its goal.
+            press: the grip.
+            others: boxes of other bricks.
+            way: that it comes.
+        """
+        attack, height = way
+        frames, top = self.tool.frames, _top(item)
+        targets = place_down_targets(
+            frames, item.brick, top, press, attack=attack, height=height
+        )
+        start = targets.subgoals[:1]
+        moved = _moved(item, targets.subgoals[2].pose, start)
+        found = blocking(self._boxes(start), others, clearance=KEPT)
+        return found + blocking(moved, others, clearance=KEPT)
 
-    That is the side of the tip that looks up for a support-bottom, the end of the lever wall
-    for a support-top; in the plate's frame, its least and greatest corner.
-    """
-    targets = (support_top_targets if top else support_bottom_targets)(GRID, support)
-    tool = tool_shape(robot)
-    pose = _tool_pose(tool, targets[0].subgoals[-1])
-    (x0, y0, z0), (x1, y1, z1) = tool.lever_end if top else tool.tip
-    ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
-    corners = np.array(ends) @ pose[:3, :3].T + pose[:3, 3]
-    return readonly(np.stack([corners.min(axis=0), corners.max(axis=0)]))
+    def place_up_blocked(
+        self, item: PlacedBrick, press: Press, others: BrickBoxes
+    ) -> list[str]:
+        """Return the obstacles to bringing a brick in from below; none when there is room."""
+        contact = side_contact_pose(_top(item), item.brick, press)
+        targets = place_up_targets(self.tool.frames, contact)
+        boxes = self._boxes(targets.subgoals)
+        # Only what stands beside the brick may be touched; from the others planning keeps off.
+        aloof = others.without(_beside(item, others))
+        found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
+        return found + blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
+    def support(self, support: Support) -> SupportRoom:
+        """Return the room of a supporting tool."""
+        return self.supports.get(support, lambda: self._support(support))
 
-def attack_side(
-    item: PlacedBrick,
-    press: Press,
-    others: BrickBoxes,
-    *,
-    up: bool,
-    robot: str = "gp4",
-) -> int:
-    """Return +1 or -1: the side to come from, past no neighbour if there is one, else +1.
+    def _support(self, support: Support) -> SupportRoom:
+        top = support.from_above
+        find = support_top_targets if top else support_bottom_targets
+        subgoals = find(GRID, support)[0].subgoals
+        pose = self._pose(subgoals[-1])
+        (x0, y0, z0), (x1, y1, z1) = self.tool.lever_end if top else self.tool.tip
+        ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
+        corners = np.array(ends) @ pose[:3, :3].T + pose[:3, 3]
+        face = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        return SupportRoom(readonly(self._boxes(subgoals)), readonly(face))
 
-    Args:
-        item: the brick and its goal.
-        press: the grip.
-        others: boxes of the bricks that are there already.
-        up: True for a place-up.
-        robot: the registered robot that carries the tool.
-    """
-    frames, top = tool_shape(robot).frames, _top(item)
-    contact = side_contact_pose(top, item.brick, press)
-    for attack in (1, -1):
-        if up:
-            targets = place_up_targets(frames, contact, attack=attack)
-            way, goal = targets.subgoals[1:3], contact
-        else:
-            targets = place_down_targets(frames, item.brick, top, press, attack=attack)
-            way, goal = targets.subgoals[:2], targets.subgoals[2].pose
-        if not blocking(_moved(item, goal, way), others):
-            return attack
-    return 1
+    def attack_side(
+        self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
+    ) -> int:
+        """Return +1 or -1: the side to come from, past no neighbour if there is one, else +1.
+
+        Args:
+            item: the brick and its goal.
+            press: the grip.
+            others: boxes of the bricks that are there already.
+            up: True for a place-up.
+        """
+        frames, top = self.tool.frames, _top(item)
+        contact = side_contact_pose(top, item.brick, press)
+        for attack in (1, -1):
+            if up:
+                targets = place_up_targets(frames, contact, attack=attack)
+                way, goal = targets.subgoals[1:3], contact
+            else:
+                targets = place_down_targets(
+                    frames, item.brick, top, press, attack=attack
+                )
+                way, goal = targets.subgoals[:2], targets.subgoals[2].pose
+            if not blocking(_moved(item, goal, way), others):
+                return attack
+        return 1
+
+    def _below_lever(self, item: PlacedBrick, press: Press) -> Array:
+        """Return the room of the knobs that the tool's wall would stand on beside a plate."""
+        grip = grip_pose(_top(item), item.brick, press)
+        wall = np.add(self.tool.lever_end, [[0.0, 0.0, 0.0], [0.0, 0.0, STUD_HEIGHT]])
+        corners = wall @ grip[:3, :3].T + grip[:3, 3]
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])[None]
+
+    def _boxes(self, subgoals: Sequence[Subgoal]) -> Array:
+        """Return boxes along the plate's axes around the tool at each subgoal, (k, 2, 3) [m]."""
+        return np.concatenate([self.tool.boxes_at(self._pose(s)) for s in subgoals])
+
+    def _pose(self, subgoal: Subgoal) -> Transform:
+        """Return the pose of the frame ``"tool"`` at a subgoal."""
+        frames = self.tool.frames
+        return subgoal.pose @ inverse(frames[subgoal.frame]) @ frames["tool"]
 
 
 def _beside(item: PlacedBrick, others: BrickBoxes) -> set[str]:
@@ -315,14 +344,6 @@ def _above(item: PlacedBrick) -> Array:
     return box[None]
 
 
-def _below_lever(tool: ToolShape, item: PlacedBrick, press: Press) -> Array:
-    """Return the room of the knobs that the tool's wall would stand on beside a plate."""
-    grip = grip_pose(_top(item), item.brick, press)
-    wall = np.add(tool.lever_end, [[0.0, 0.0, 0.0], [0.0, 0.0, STUD_HEIGHT]])
-    corners = wall @ grip[:3, :3].T + grip[:3, 3]
-    return np.stack([corners.min(axis=0), corners.max(axis=0)])[None]
-
-
 def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:
     """Return a box around a brick on its straight way to its goal, shape (1, 2, 3).
 
@@ -332,14 +353,3 @@ def _moved(item: PlacedBrick, goal: Transform, way: Iterable[Subgoal]) -> Array:
         [(g.pose[:3, 3] - goal[:3, 3])[None] for g in way]
     )
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])[None]
-
-
-def _tool_boxes(tool: ToolShape, subgoals: Sequence[Subgoal]) -> Array:
-    """Return boxes along the plate's axes around the tool at each subgoal, (k, 2, 3) [m]."""
-    return np.concatenate([tool.boxes_at(_tool_pose(tool, s)) for s in subgoals])
-
-
-def _tool_pose(tool: ToolShape, subgoal: Subgoal) -> Transform:
-    """Return the pose of the frame ``"tool"`` at a subgoal."""
-    frames = tool.frames
-    return subgoal.pose @ inverse(frames[subgoal.frame]) @ frames["tool"]

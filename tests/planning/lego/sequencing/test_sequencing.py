@@ -29,7 +29,7 @@ from planning.lego.bricks.grid import covered_studs, occupied_places
 from planning.lego.bricks.grips import press_cell, presses
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
-from planning.lego.insertion.tool_room import GRID, support_face
+from planning.lego.insertion.tool_room import GRID, tool_room
 from planning.lego.sequencing.sequencing import (
     SequencedStructure,
     sequence_structure,
@@ -132,7 +132,8 @@ def _force(brick, there, *, up):
 
 def _holds(there, step):
     """Return where the support touches, found by sampling its face."""
-    (x0, y0, _), (x1, y1, _) = support_face(step.support, top=step.up)
+    support = replace(step.support, from_above=step.up)
+    (x0, y0, _), (x1, y1, _) = tool_room("gp4").support(support).face
     level = step.support.cell.level + (-1 if step.up else 3)
     filled = {p: i.name for i in there for p in occupied_places(i.cell, i.brick)}
     n = 9
