@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from planning.cell.cover import directions, hull_vertices
 from planning.errors import ShapeError
-from planning.meshes.mesh_file import THINNEST, Triangles
+from planning.meshes.mesh_file import THINNEST, MeshTriangles
 from planning.meshes.prisms import prism_pieces
 from planning.transforms import Array, Indices
 
@@ -63,7 +63,7 @@ class Cut:
     missed: float
 
 
-def cut_convex(triangles: Triangles, within: float, most: int = MOST_PIECES) -> Cut:
+def cut_convex(triangles: MeshTriangles, within: float, most: int = MOST_PIECES) -> Cut:
     """Return convex pieces that contain a mesh.
 
     Args:
@@ -93,10 +93,10 @@ def cut_convex(triangles: Triangles, within: float, most: int = MOST_PIECES) -> 
     return Cut(tuple(hulls), volume, centre, max(0.0, missed))
 
 
-def _bodies(triangles: Triangles) -> list[tuple[Array, Indices]]:
+def _bodies(triangles: MeshTriangles) -> list[tuple[Array, Indices]]:
     """Return the parts of a mesh that hang together, each with vertices and faces of its own.
 
-    Triangles hang together along an edge that no third one has: bodies that touch stay two.
+    MeshTriangles hang together along an edge that no third one has: bodies that touch stay two.
     """
     vertices, faces = triangles.vertices, triangles.faces
     edges, face = _edges(faces)
@@ -227,7 +227,7 @@ def _without_inner(hulls: list[Array]) -> list[Array]:
     return kept
 
 
-def _surface_points(triangles: Triangles) -> Array:
+def _surface_points(triangles: MeshTriangles) -> Array:
     """Return points of the surface: corners of triangles, and others spread over them."""
     rng = np.random.default_rng(0)
     corners = triangles.vertices[triangles.faces]

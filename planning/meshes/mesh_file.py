@@ -30,7 +30,7 @@ _SIMPLER = "simplify it (MeshLab, Blender), or describe the shape by a compound"
 
 
 @dataclass(frozen=True, eq=False)
-class Triangles:
+class MeshTriangles:
     """Triangles of a file, in metres.
 
     Attributes:
@@ -42,7 +42,7 @@ class Triangles:
     faces: Indices
 
 
-def read_triangles(path: Path, content: bytes, scale: float | None) -> Triangles:
+def read_triangles(path: Path, content: bytes, scale: float | None) -> MeshTriangles:
     """Return the triangles of a mesh file.
 
     Args:
@@ -124,7 +124,7 @@ def _in_utf8(content: bytes) -> bytes:
     return content
 
 
-def _merged(vertices: Array, faces: Indices) -> Triangles:
+def _merged(vertices: Array, faces: Indices) -> MeshTriangles:
     """Return triangles whose equal corners are one, and none without an area."""
     used = np.unique(faces)
     number = np.zeros(len(vertices), dtype=np.int64)
@@ -133,10 +133,10 @@ def _merged(vertices: Array, faces: Indices) -> Triangles:
     faces = number[faces]
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return Triangles(points, faces[area > 0.0])
+    return MeshTriangles(points, faces[area > 0.0])
 
 
-def _require_size(path: Path, triangles: Triangles, scale: float | None) -> None:
+def _require_size(path: Path, triangles: MeshTriangles, scale: float | None) -> None:
     if len(triangles.faces) == 0:
         raise ShapeError(
             f"mesh {path} has only triangles without an area: export it anew"

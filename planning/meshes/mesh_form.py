@@ -17,7 +17,7 @@ from planning.disk_cache import Arrays, remembered
 from planning.errors import ShapeError
 from planning.meshes import convex_pieces, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
-from planning.meshes.mesh_file import Triangles, read_mesh_bytes, read_triangles
+from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles
 from planning.transforms import readonly
 
 _SOURCES = (
@@ -113,7 +113,7 @@ def _form(
     )
 
 
-def _cut(triangles: Triangles, within: float | None) -> Cut:
+def _cut(triangles: MeshTriangles, within: float | None) -> Cut:
     """Return the pieces of a mesh: as true to it as asked, or as there may be pieces."""
     if within is not None:
         return cut_convex(triangles, within)

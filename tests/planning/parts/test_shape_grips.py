@@ -18,7 +18,7 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.meshes.convex_pieces import cut_convex
-from planning.meshes.mesh_file import Triangles
+from planning.meshes.mesh_file import MeshTriangles
 from planning.parts.assembly import GripRules, box_grips
 from planning.parts.grips import part_grips
 from planning.transforms import from_rpy, identity
@@ -34,7 +34,7 @@ def of(*forms):
 
 
 def of_mesh(mesh):
-    triangles = Triangles(np.array(mesh.vertices), np.array(mesh.faces))
+    triangles = MeshTriangles(np.array(mesh.vertices), np.array(mesh.faces))
     cut = cut_convex(triangles, 0.002)
     form = Mesh(triangles.vertices, triangles.faces, cut.hulls, cut.volume, cut.centre)
     return of(form)
