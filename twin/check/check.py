@@ -33,7 +33,7 @@ from twin.check.tools import (
     check_tool_frames,
 )
 from twin.check.units import check_units
-from twin.scenario.document.validation import InvalidScenarioError, Problem
+from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
 
@@ -92,12 +92,12 @@ class CheckReport:
         """What is doubtful."""
         return tuple(item for item in self.findings if not item.error)
 
-    def problem(self, finding: Finding) -> Problem:
+    def problem(self, finding: Finding) -> FileProblem:
         """Return a finding with its place in the text."""
         label = "" if finding.error else "warning: "
         at = finding.at if self.document.nearest(finding.at) else _ABSENT
         mark = self.document.mark_of(at, key=at[-1:] == ("name",))
-        return Problem(mark, label + finding.message)
+        return FileProblem(mark, label + finding.message)
 
     def excerpts(self, findings: tuple[Finding, ...]) -> InvalidScenarioError:
         """Return some findings as an error, which words them with their places and lines."""

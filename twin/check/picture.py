@@ -100,7 +100,7 @@ _ARROW = 0.1
 
 
 @dataclass(frozen=True)
-class _View:
+class _Viewpoint:
     """A projection: the axes of the world that go right and up, and the one towards the eye."""
 
     title: str
@@ -111,13 +111,13 @@ class _View:
 
 
 _VIEWS = (
-    _View("from above", 0, 1, 2, 1.0),
-    _View("from the side (-y)", 0, 2, 1, -1.0),
+    _Viewpoint("from above", 0, 1, 2, 1.0),
+    _Viewpoint("from the side (-y)", 0, 2, 1, -1.0),
 )
 
 
 @dataclass(frozen=True)
-class _Shape:
+class _DrawnShape:
     """A convex hull to draw: corners in the world, and how."""
 
     corners: Array
@@ -207,26 +207,26 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
     )
 
 
-def _shapes(subject: Subject) -> Iterator[_Shape]:
+def _shapes(subject: Subject) -> Iterator[_DrawnShape]:
     cell = subject.cell
     for item in cell.fixtures:
         counts = item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
         face = _FIXTURE if item.colour is None else _unit(item.colour)
         for piece in item.shape.pieces:
             corners = _placed(piece.vertices, item.pose)
-            yield _Shape(corners, face, _FIXTURE_EDGE, 1.0, counts)
+            yield _DrawnShape(corners, face, _FIXTURE_EDGE, 1.0, counts)
     for thing in cell.objects:
         if not thing.later:
             face = _unit(thing.colour)
             for piece in thing.shape.pieces:
-                yield _Shape(_placed(piece.vertices, thing.start), face, INK, 0.95)
+                yield _DrawnShape(_placed(piece.vertices, thing.start), face, INK, 0.95)
     for number, robot in enumerate(cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
         poses = joint_poses_of(robot, robot.home)
         for part in robot.model.parts:
             corners = _placed(part.body.vertices, poses[part.joint + 1])
             alpha = 0.9 if part.group == "tool" else 0.55
-            yield _Shape(corners, colour, colour, alpha)
+            yield _DrawnShape(corners, colour, colour, alpha)
 
 
 def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -240,7 +240,7 @@ def _corners(shape: Shape) -> Array:
 
 
 def _extent(
-    subject: Subject, shapes: list[_Shape], reaches: Mapping[str, float | None]
+    subject: Subject, shapes: list[_DrawnShape], reaches: Mapping[str, float | None]
 ) -> tuple[Array, Array]:
     corners = [shape.corners for shape in shapes if shape.counts]
     corners += [box for _, box in goal_boxes(subject)]
@@ -255,7 +255,7 @@ def _extent(
     return least - margin, most + margin
 
 
-def _draw_shape(area: Axes, view: _View, shape: _Shape) -> None:
+def _draw_shape(area: Axes, view: _Viewpoint, shape: _DrawnShape) -> None:
     outline = hull_outline(shape.corners[:, [view.right, view.up]])
     area.add_patch(
         Polygon(
@@ -269,7 +269,7 @@ def _draw_shape(area: Axes, view: _View, shape: _Shape) -> None:
     )
 
 
-def _draw_goals(area: Axes, view: _View, subject: Subject) -> None:
+def _draw_goals(area: Axes, view: _Viewpoint, subject: Subject) -> None:
     for _, corners in goal_boxes(subject):
         area.add_patch(
             Polygon(
@@ -284,7 +284,7 @@ def _draw_goals(area: Axes, view: _View, subject: Subject) -> None:
 
 
 def _draw_robots(
-    area: Axes, view: _View, subject: Subject, reaches: Mapping[str, float | None]
+    area: Axes, view: _Viewpoint, subject: Subject, reaches: Mapping[str, float | None]
 ) -> None:
     for number, robot in enumerate(subject.cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
@@ -317,7 +317,7 @@ def _draw_robots(
 
 
 def _draw_names(
-    area: Axes, view: _View, subject: Subject, metres_per_point: float
+    area: Axes, view: _Viewpoint, subject: Subject, metres_per_point: float
 ) -> None:
     """Write names of objects and fixtures where there is room for them, small things first."""
     cell = subject.cell

@@ -116,7 +116,7 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
         yield from _check_leg(leg, robots, assembly.grips.frame)
 
 
-def _check_leg(leg: _Leg, everybody: list[PlacedRobot], frame: str) -> Findings:
+def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findings:
     part, name, end, ways = leg.part, leg.part.name, leg.end, leg.ways
     robots = [robot for robot in everybody if leg.step.done_by(robot.name)]
     nobody = "no robot"
@@ -162,7 +162,7 @@ def _check_leg(leg: _Leg, everybody: list[PlacedRobot], frame: str) -> Findings:
 
 
 @dataclass(frozen=True)
-class _Leg:
+class _PartLeg:
     """The way of a part from where it lies to its place, or to where it is put down on its way.
 
     Attributes:
@@ -183,7 +183,7 @@ class _Leg:
     words: str
 
 
-def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_Leg]:
+def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
     """Yield the legs of all parts, in the order of the steps."""
     assembly, known = parts.listed, dict[str, KeyPath]()
     for number, step, where, end in steps_in_order(subject.cell, assembly):
@@ -196,7 +196,9 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_Leg]:
             end_at, words = subject.step_at(number, "at"), step.stop.at
         known[name] = end_at
         part = replace(subject.cell.object(name), start=where[name])
-        yield _Leg(step, part, end, assembly.handling(name), start_at, end_at, words)
+        yield _PartLeg(
+            step, part, end, assembly.handling(name), start_at, end_at, words
+        )
 
 
 def _check_works(subject: Subject, parts: OrderedParts) -> Findings:

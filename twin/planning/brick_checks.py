@@ -13,8 +13,8 @@ from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import GridPlace, joined_to_plate, occupied_places
 from planning.lego.skills.targets import supported_span
 from twin.scenario.document.validation import (
+    FileProblem,
     Found,
-    Problem,
     mark_problems,
     unknown_name,
 )
@@ -37,7 +37,9 @@ from twin.scenario.sections.lego import (
 Drawn = Iterator[tuple[KeyPath, Spot | None, str]]
 
 
-def find_lego_problems(assembly: LegoSection, document: YamlDocument) -> list[Problem]:
+def find_lego_problems(
+    assembly: LegoSection, document: YamlDocument
+) -> list[FileProblem]:
     """Return everything in a LEGO section that cannot be as it is written.
 
     Args:
@@ -235,7 +237,7 @@ def find_structure_problems(
     types: Mapping[str, BrickType],
     document: YamlDocument,
     prefix: KeyPath = ("assembly", "structure"),
-) -> list[Problem]:
+) -> list[FileProblem]:
     """Return everything in the structure of an assembly that cannot be as it is drawn.
 
     Args:
@@ -250,7 +252,7 @@ def find_structure_problems(
     if not found:
         found += _check_drawn(read, assembly, types)
     return [
-        Problem(mark_of_spot(document, (*prefix, *path), spot), message)
+        FileProblem(mark_of_spot(document, (*prefix, *path), spot), message)
         for path, spot, message in found
     ]
 

@@ -9,7 +9,7 @@ from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Element
 from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.packages import file_named
-from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.registry import robot_model, with_tool
 from twin.planning.build_workcell import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
@@ -88,13 +88,13 @@ def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...
         raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
 
 
-def build_limits(section: LimitsSection) -> Limits:
+def build_limits(section: LimitsSection) -> GivenLimits:
     """Return the limits of a robot as planning knows them."""
 
     def listed(value: tuple[float, ...] | float | None) -> tuple[float, ...] | None:
         return (value,) if isinstance(value, float) else value
 
-    return Limits(
+    return GivenLimits(
         velocity=listed(section.velocity),
         acceleration=listed(section.acceleration),
         jerk=listed(section.jerk),

@@ -13,7 +13,7 @@ from planning.goals.robot_goals import RobotGoal
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import Problem, mark_problems, unknown_name
+from twin.scenario.document.validation import FileProblem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.goals import GoalsSection, MoveSection
@@ -41,7 +41,7 @@ class GoalsKind(AssemblyKind):
         """Return that nothing is built."""
         return "no parts"
 
-    def problems(self, cell: CellSection, document: YamlDocument) -> list[Problem]:
+    def problems(self, cell: CellSection, document: YamlDocument) -> list[FileProblem]:
         """Return the moves of robots that the file does not have."""
         names = tuple(robot.name for robot in cell.robots)
         found = (

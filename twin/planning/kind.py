@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from twin.audit.wanted import Wanted
 from twin.host.progress import StageWatch
-from twin.scenario.document.validation import Problem
+from twin.scenario.document.validation import FileProblem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import AssemblySection
@@ -83,7 +83,7 @@ class AssemblyKind(Protocol):
         """Return what of its own has a name that nothing else may have, None if nothing."""
         return None
 
-    def problems(self, cell: CellSection, document: YamlDocument) -> list[Problem]:
+    def problems(self, cell: CellSection, document: YamlDocument) -> list[FileProblem]:
         """Return the problems of the section.
 
         Args:

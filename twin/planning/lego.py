@@ -25,7 +25,7 @@ from planning.progress import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import Problem
+from twin.scenario.document.validation import FileProblem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.drawn_structure import read_structure
@@ -92,7 +92,7 @@ class LegoKind(AssemblyKind):
             else "a brick of a feeding station"
         )
 
-    def problems(self, _cell: CellSection, document: YamlDocument) -> list[Problem]:
+    def problems(self, _cell: CellSection, document: YamlDocument) -> list[FileProblem]:
         """Return the problems of the section."""
         from twin.planning.brick_checks import find_lego_problems
 

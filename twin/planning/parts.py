@@ -25,7 +25,7 @@ from twin.planning.part_assembly.problems import (
     machine_names,
 )
 from twin.planning.part_assembly.wanted import wanted_of
-from twin.scenario.document.validation import Problem, mark_problems
+from twin.scenario.document.validation import FileProblem, mark_problems
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartSection, PartsSection
@@ -65,7 +65,7 @@ class PartKind(AssemblyKind):
             yield ("assembly", "parts", i, "name"), part.name
         yield from machine_names(self.section)
 
-    def problems(self, cell: CellSection, document: YamlDocument) -> list[Problem]:
+    def problems(self, cell: CellSection, document: YamlDocument) -> list[FileProblem]:
         """Return the problems of the section: steps and parts name what there is, no part twice."""
         found = (
             *check_steps(self.section),

@@ -22,8 +22,8 @@ from twin.durations import DurationModel, Empirical
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
 from twin.scenario.document.validation import (
+    FileProblem,
     Found,
-    Problem,
     mark_problems,
     unknown_name,
 )
@@ -107,7 +107,7 @@ _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
 """States of a robot in charts, beside the skills."""
 
 
-def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
+def find_problems(scenario: Scenario, document: YamlDocument) -> list[FileProblem]:
     """Return everything in the scenario that cannot be as it is written.
 
     Args:
@@ -132,7 +132,7 @@ def find_problems(scenario: Scenario, document: YamlDocument) -> list[Problem]:
     found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
     unknown = [
-        Problem(document.mark_of(path, key=path[-1] != "skill"), message)
+        FileProblem(document.mark_of(path, key=path[-1] != "skill"), message)
         for path, message in _check_skills(scenario)
     ]
     return [

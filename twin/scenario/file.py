@@ -10,8 +10,8 @@ from typing import Any
 from planning.files import read_file
 from twin.scenario.checks import find_problems
 from twin.scenario.document.validation import (
+    FileProblem,
     InvalidScenarioError,
-    Problem,
     parsed,
     validated,
 )
@@ -81,7 +81,7 @@ def _read_text(path: Path) -> str:
         reason = f"not a UTF-8 text file (byte {error.start})"
     except OSError as error:
         reason = f"cannot be read: {error.strerror or error}"
-    raise InvalidScenarioError(path, [Problem(Mark(1, 1), reason)])
+    raise InvalidScenarioError(path, [FileProblem(Mark(1, 1), reason)])
 
 
 def _include_structure(
@@ -99,7 +99,7 @@ def _include_structure(
         text = read_file(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a UTF-8 text file"
-        problem = Problem(
+        problem = FileProblem(
             document.mark_of(("assembly", "structure", "file")),
             f"{path}: cannot be read: {reason}",
         )

@@ -52,7 +52,7 @@ _MOST_REFERENCES = 4 * MOST_BRICKS
 
 
 @dataclass(frozen=True)
-class _Part:
+class _LdrawPart:
     """A part of the whole model.
 
     Attributes:
@@ -139,12 +139,12 @@ def _lie_along_x(kinds: Sequence[BrickType], quarters: Sequence[int]) -> list[bo
     ]
 
 
-def _parts(path: Path, document: Document) -> list[_Part]:
+def _parts(path: Path, document: Document) -> list[_LdrawPart]:
     """Return the parts of the whole model, those of models in it in their places."""
     main = next(iter(document.models))
-    out: list[_Part] = []
+    out: list[_LdrawPart] = []
     # Models that are still to be read, the one whose parts come first on top.
-    todo = [(_Part(0, (), np.eye(4), main, "16"), iter(document.models[main]))]
+    todo = [(_LdrawPart(0, (), np.eye(4), main, "16"), iter(document.models[main]))]
     references = 0
     while todo:
         at, pending = todo[-1]
@@ -159,7 +159,7 @@ def _parts(path: Path, document: Document) -> list[_Part]:
             )
         via = (*at.via, at.line) if at.line else ()
         colour = at.colour if item.colour in INHERITED else item.colour
-        part = _Part(item.line, via, at.pose @ item.pose, item.name, colour)
+        part = _LdrawPart(item.line, via, at.pose @ item.pose, item.name, colour)
         model = _model_of(document, item)
         if model is None:
             out.append(part)
@@ -183,7 +183,7 @@ def _model_of(document: Document, item: Reference) -> str | None:
     return None
 
 
-def _kinds(path: Path, parts: Sequence[_Part]) -> list[BrickType]:
+def _kinds(path: Path, parts: Sequence[_LdrawPart]) -> list[BrickType]:
     """Return the brick type of each part."""
     faults, seen, kinds = FileFaults(path), set[tuple[int, str]](), []
     for part in parts:
@@ -199,7 +199,7 @@ def _kinds(path: Path, parts: Sequence[_Part]) -> list[BrickType]:
     return kinds
 
 
-def _quarters(path: Path, parts: Sequence[_Part]) -> list[int]:
+def _quarters(path: Path, parts: Sequence[_LdrawPart]) -> list[int]:
     """Return by how many quarter turns about the vertical each part is turned."""
     faults, quarters = FileFaults(path), []
     for part in parts:
@@ -233,7 +233,7 @@ def _quarter(turn: Array) -> int | str:
 
 
 def _corners(
-    parts: Sequence[_Part], kinds: Sequence[BrickType], quarters: Sequence[int]
+    parts: Sequence[_LdrawPart], kinds: Sequence[BrickType], quarters: Sequence[int]
 ) -> Array:
     """Return the least x and y of each part, and the height of its bottom, (n, 3) [LDraw units]."""
     out = np.empty((len(parts), 3))
@@ -250,7 +250,7 @@ def _corners(
     return out
 
 
-def _cells(path: Path, parts: Sequence[_Part], corners: Array) -> list[list[int]]:
+def _cells(path: Path, parts: Sequence[_LdrawPart], corners: Array) -> list[list[int]]:
     """Return stud and level of each corner on the grid that most of them share.
 
     Raises:
@@ -293,7 +293,7 @@ def _away(offset: Array, unit: Array) -> Array:
     return away
 
 
-def _notes(document: Document, parts: Sequence[_Part]) -> Iterator[str]:
+def _notes(document: Document, parts: Sequence[_LdrawPart]) -> Iterator[str]:
     drawn = sum(document.drawn.values())
     if drawn:
         what = "line that draws" if drawn == 1 else "lines that draw"

@@ -48,7 +48,7 @@ class Tool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class GivenLimits:
     """Limits of a robot's joints in place of what its description says.
 
     Attributes:
@@ -89,7 +89,7 @@ class Fitting:
     bare: bool = False
     flange: str | None = None
     held: Mapping[str, float] = field(default_factory=dict)
-    limits: Limits = Limits()
+    limits: GivenLimits = GivenLimits()
 
     @property
     def is_nothing(self) -> bool:
@@ -99,7 +99,7 @@ class Fitting:
             and not self.bare
             and self.flange is None
             and not self.held
-            and self.limits == Limits()
+            and self.limits == GivenLimits()
         )
 
 

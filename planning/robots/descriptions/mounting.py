@@ -22,7 +22,7 @@ from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.description_files import kept_folder
 from planning.robots.descriptions.fitting import (
     Fitting,
-    Limits,
+    GivenLimits,
     Tool,
     write_options,
     written_options,
@@ -180,7 +180,7 @@ def fitted_description(
     checked_tree(root, path, dirs, free_kinds(root))
     with _at_fault("joints", bool(fitting.held)):
         hold_joints(root, path, {**known.frozen, **fitting.held})
-    with _at_fault("limits", fitting.limits != Limits()):
+    with _at_fault("limits", fitting.limits != GivenLimits()):
         _write_limits(root, path, known, fitting.limits)
     _complete_limits(root)
     arm = serial_chain(root, path, package_dirs)
@@ -239,7 +239,7 @@ def _tidy(root: Element) -> None:
 
 
 def _write_limits(
-    root: Element, path: Path, options: UrdfOptions, limits: Limits
+    root: Element, path: Path, options: UrdfOptions, limits: GivenLimits
 ) -> None:
     given = dict(limits.by_joint())
     for key in ("velocity", "acceleration", "jerk", "effort"):

@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from planning.cell.motion_limits import limits_of
-from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.overview import flange_doubt, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import identity
@@ -106,8 +106,10 @@ def test_limits_are_told_with_where_they_come_from() -> None:
 
 def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:
     own = robot_model("panda")
-    fitted = robot_model("panda", None, Fitting(limits=Limits(velocity=(1.0,))))
-    slower = robot_model("panda", None, Fitting(limits=Limits(acceleration=(2.0,))))
+    fitted = robot_model("panda", None, Fitting(limits=GivenLimits(velocity=(1.0,))))
+    slower = robot_model(
+        "panda", None, Fitting(limits=GivenLimits(acceleration=(2.0,)))
+    )
     for model in (own, fitted):
         assert limits_of(model).acceleration.tolist()[:3] == [15.0, 7.5, 10.0]
         assert limits_of(model).jerk.tolist()[-1] == 10000.0

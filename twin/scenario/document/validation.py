@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from planning.errors import ScenarioError
+from twin.scenario.document.yaml_text import FileProblem as FileProblem
 from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument, read_yaml
-from twin.scenario.document.yaml_text import Problem as Problem
 
 # Longest first, so that "rad_s" is not read as "s".
 _UNITS = (
@@ -35,10 +35,10 @@ Found = Iterator[tuple[KeyPath, str]]
 
 def mark_problems(
     document: YamlDocument, found: Iterable[tuple[KeyPath, str]]
-) -> list[Problem]:
+) -> list[FileProblem]:
     """Return problems found at some keys, each with its place in the text."""
     return [
-        Problem(document.mark_of(path, key=path[-1:] == ("name",)), message)
+        FileProblem(document.mark_of(path, key=path[-1:] == ("name",)), message)
         for path, message in found
     ]
 
@@ -53,7 +53,7 @@ class InvalidScenarioError(ScenarioError):
     """
 
     def __init__(
-        self, path: Path, problems: Iterable[Problem], lines: Sequence[str] = ()
+        self, path: Path, problems: Iterable[FileProblem], lines: Sequence[str] = ()
     ) -> None:
         self.path = path
         self.lines = tuple(lines)
@@ -62,14 +62,14 @@ class InvalidScenarioError(ScenarioError):
         )
         super().__init__("\n".join(self.headline(p) for p in self.problems))
 
-    def headline(self, problem: Problem) -> str:
+    def headline(self, problem: FileProblem) -> str:
         """Return ``file:line:column: message``; without a place where there is no text."""
         if not self.lines:
             return f"{self.path}: {problem.message}"
         mark = problem.mark
         return f"{self.path}:{mark.line}:{mark.column}: {problem.message}"
 
-    def excerpt(self, problem: Problem) -> str:
+    def excerpt(self, problem: FileProblem) -> str:
         """Return the source line with a caret under the place; empty where there is none."""
         row = problem.mark.line - 1
         if not 0 <= row < len(self.lines) or not self.lines[row].strip():
@@ -165,7 +165,7 @@ def parsed(path: Path, text: str) -> YamlDocument:
     """
     document = read_yaml(path, text)
     if document.data is None:
-        problems = document.problems or [Problem(Mark(1, 1), "the file is empty")]
+        problems = document.problems or [FileProblem(Mark(1, 1), "the file is empty")]
         raise InvalidScenarioError(path, problems, document.lines)
     return document
 
@@ -194,7 +194,7 @@ def validated(
 
 def schema_problems(
     document: YamlDocument, schema: dict[str, Any], errors: Iterable[Any]
-) -> list[Problem]:
+) -> list[FileProblem]:
     """Translate pydantic's errors, leaving out those that only follow from another one.
 
     Args:
@@ -213,7 +213,7 @@ def schema_problems(
             if key := meant_key(str(name), valid):
                 meant.add((*at, key))
             mark = document.mark_of((*at, name), key=True)
-            out.append(Problem(mark, unknown_key(str(name), valid)))
+            out.append(FileProblem(mark, unknown_key(str(name), valid)))
     for error in errors:
         kind, loc = str(error["type"]), tuple(error["loc"])
         at = document.nearest(loc)
@@ -221,7 +221,7 @@ def schema_problems(
             if (*at, loc[-1]) not in meant:
                 where = f" in {_label(at).removesuffix(': ')}" if at else ""
                 text = f"key {loc[-1]!r} is missing{where}"
-                out.append(Problem(document.mark_of(at), text))
+                out.append(FileProblem(document.mark_of(at), text))
         elif kind == "too_short" and len(_value_at(document, at)) >= int(
             error["ctx"]["min_length"]
         ):
@@ -234,7 +234,7 @@ def schema_problems(
             text = _explain(kind, error, node)
             if words:
                 text = f"{words} expected, not {_given(error)}"
-            out.append(Problem(mark, _label(at) + text))
+            out.append(FileProblem(mark, _label(at) + text))
     return out
 
 

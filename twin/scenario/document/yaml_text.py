@@ -47,7 +47,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Problem:
+class FileProblem:
     """One thing that is wrong with a file.
 
     Attributes:
@@ -77,7 +77,7 @@ class YamlDocument:
     data: Any
     keys: dict[KeyPath, Mark] = field(default_factory=dict)
     values: dict[KeyPath, Mark] = field(default_factory=dict)
-    problems: tuple[Problem, ...] = ()
+    problems: tuple[FileProblem, ...] = ()
 
     def nearest(self, path: KeyPath) -> KeyPath:
         """Return ``path`` without the entries that are not in the document.
@@ -106,10 +106,10 @@ def read_yaml(path: Path, text: str) -> YamlDocument:
     except yaml.YAMLError as error:
         return YamlDocument(path, lines, None, problems=(_syntax_problem(text, error),))
     except RecursionError:
-        problem = Problem(Mark(1, 1), "the file is nested too deeply")
+        problem = FileProblem(Mark(1, 1), "the file is nested too deeply")
         return YamlDocument(path, lines, None, problems=(problem,))
     if not nodes or nodes[0] is None:
-        problem = Problem(Mark(1, 1), "the file is empty")
+        problem = FileProblem(Mark(1, 1), "the file is empty")
         return YamlDocument(path, lines, None, problems=(problem,))
     builder = _Builder()
     if len(nodes) > 1 and nodes[1] is not None:
@@ -122,7 +122,7 @@ def read_yaml(path: Path, text: str) -> YamlDocument:
     )
 
 
-def _syntax_problem(text: str, error: yaml.YAMLError) -> Problem:
+def _syntax_problem(text: str, error: yaml.YAMLError) -> FileProblem:
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
         parts = [p for p in (error.context, error.problem) if p]
@@ -130,12 +130,12 @@ def _syntax_problem(text: str, error: yaml.YAMLError) -> Problem:
         if "'\\t'" in text:
             text += " (indent with spaces, not tabs)"
         place = Mark(mark.line + 1, mark.column + 1) if mark else Mark(1, 1)
-        return Problem(place, f"not valid YAML: {text}")
+        return FileProblem(place, f"not valid YAML: {text}")
     if isinstance(error, yaml.reader.ReaderError):
         before = text[: error.position]
         place = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))
-        return Problem(place, f"not a text file: {error.reason}")
-    return Problem(Mark(1, 1), f"not valid YAML: {error}")
+        return FileProblem(place, f"not a text file: {error.reason}")
+    return FileProblem(Mark(1, 1), f"not valid YAML: {error}")
 
 
 class _Builder:
@@ -144,13 +144,13 @@ class _Builder:
     def __init__(self) -> None:
         self.keys: dict[KeyPath, Mark] = {}
         self.values: dict[KeyPath, Mark] = {}
-        self.problems: list[Problem] = []
+        self.problems: list[FileProblem] = []
         self._open: set[int] = set()
         self._count = 0
 
     def report(self, node: yaml.Node, message: str) -> None:
         """Note a problem at the start of ``node``."""
-        problem = Problem(_mark(node), message)
+        problem = FileProblem(_mark(node), message)
         if problem not in self.problems:
             self.problems.append(problem)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planning.errors import FittingError, RobotModelError
-from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_quat_wxyz, inverse
 from tests.planning.robots.descriptions.test_mounting import link_poses
@@ -153,7 +153,7 @@ def test_an_arm_in_mjcf_moves_where_its_joints_let_it(tmp_path: Path) -> None:
     path.write_text(ARM)
     with pytest.raises(RobotModelError, match=r"limits: \{velocity"):
         robot_model(str(path))
-    model = robot_model(str(path), None, Fitting(limits=Limits(velocity=(1.5,))))
+    model = robot_model(str(path), None, Fitting(limits=GivenLimits(velocity=(1.5,))))
     assert model.joint_names == ("lift", "bend")
     assert np.allclose(np.degrees(model.lower), (-90, -120))
     assert np.allclose(np.degrees(model.upper), (90, 0))

@@ -13,7 +13,7 @@ import pytest
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.errors import FittingError
 from planning.kinematics.kinematics import frame_in_flange
-from planning.robots.descriptions.fitting import Fitting, Limits, Tool
+from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, inverse
 from tests.planning.robots.descriptions.vendors import GRIPPER, robotiq, ur5e
@@ -126,7 +126,7 @@ def test_the_same_fitting_is_the_same_model_and_another_is_not(gripper: Path) ->
 
 
 def test_limits_are_for_all_joints_or_one_by_one(gripper: Path) -> None:
-    limits = Limits(
+    limits = GivenLimits(
         velocity=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0), effort=(50.0,), payload=14.0
     )
     model = robot_model("iiwa14", None, Fitting(limits=limits))
@@ -137,7 +137,7 @@ def test_limits_are_for_all_joints_or_one_by_one(gripper: Path) -> None:
     assert model.drives.payload == 14.0
     assert model.name == "iiwa14-fitted"
     assert model.urdf.is_file()
-    few = Fitting(limits=Limits(velocity=(1.0, 2.0)))
+    few = Fitting(limits=GivenLimits(velocity=(1.0, 2.0)))
     with pytest.raises(FittingError, match="2 values; the robot has 7 joints") as found:
         robot_model("iiwa14", None, few)
     assert found.value.key == "limits"
