@@ -384,15 +384,15 @@ class StepPrecedence:
 
     def _to_let_go(self, done: set[int]) -> list[set[int]]:
         """Return what leads to letting go of each part that is kept hold of, the least first."""
-        ways = []
+        chains = []
         for placed, ends in self.closing.items():
             if placed not in done or not ends.isdisjoint(done):
                 continue
             for end in ends:
-                way, front = {end}, [end]
+                chain, front = {end}, [end]
                 while front:
-                    new = self.before[front.pop()].keys() - way - done
-                    way |= new
+                    new = self.before[front.pop()].keys() - chain - done
+                    chain |= new
                     front += new
-                ways.append(way)
-        return sorted(ways, key=lambda way: (len(way), min(way)))
+                chains.append(chain)
+        return sorted(chains, key=lambda chain: (len(chain), min(chain)))

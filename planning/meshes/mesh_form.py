@@ -39,17 +39,17 @@ second one where the first makes too many pieces."""
 _MANY = 2000
 """Triangles of a mesh that takes some seconds to cut."""
 
-_TOLD: ContextVar[Callable[[Path], None] | None] = ContextVar("told", default=None)
+_LISTENER: ContextVar[Callable[[Path], None] | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def watch_cutting(begin: Callable[[Path], None]) -> Iterator[None]:
     """Call back with the file of each mesh that takes a while to cut; those remembered do not."""
-    token = _TOLD.set(begin)
+    token = _LISTENER.set(begin)
     try:
         yield
     finally:
-        _TOLD.reset(token)
+        _LISTENER.reset(token)
 
 
 def mesh_form(
@@ -93,9 +93,9 @@ def _form(
     settings = f"{sha} {path.suffix.lower()} {scale} {within}".encode()
 
     def find() -> Arrays:
-        told = _TOLD.get()
-        if told is not None and len(triangles.faces) > _MANY:
-            told(path)
+        listener = _LISTENER.get()
+        if listener is not None and len(triangles.faces) > _MANY:
+            listener(path)
         return _arrays(_cut(triangles, within))
 
     try:

@@ -110,14 +110,14 @@ class PartBalance:
         """
         now = [name for name, k in self._number.items() if k <= fall.step]
         joints = [j for step in self._build[: fall.step + 1] for j in step.joins]
-        beside = {
+        touching = {
             n for pair in self._standing.patches if fall.body in pair for n in pair
         }
         return [
             name
             for name, k in self._number.items()
             if k > fall.step
-            and name in beside
+            and name in touching
             and self._standing.falling([*now, name], joints=joints, held=fall.held)
             is None
         ]

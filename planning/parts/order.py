@@ -281,9 +281,9 @@ class _AnyOrder:
     def _barred(self) -> Iterator[tuple[int, int, str]]:
         """Yield what would bar another part's straight way down, or up from where it starts."""
         at, goals = self._placing, self._goals
-        ways = {name: self._assembly.handling(name) for name in at}
+        handled = {name: self._assembly.handling(name) for name in at}
         for name, goal in goals.items():
-            down = np.array(ways[name].insertion), ways[name].approach
+            down = np.array(handled[name].insertion), handled[name].approach
             for other, there in goals.items():
                 if other == name:
                     continue
@@ -292,7 +292,7 @@ class _AnyOrder:
                     words = f"{other} would bar the way of {name} to its place"
                     yield at[name], at[other], words
                 start = self._starts[other]
-                up = -np.array(ways[other].extraction), ways[other].leave
+                up = -np.array(handled[other].extraction), handled[other].leave
                 if _overlap(goal, start) or leads_through(goal, start, *down):
                     yield at[other], at[name], f"{other} is where {name} goes"
                 elif leads_through(start, goal, *up):

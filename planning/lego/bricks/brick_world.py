@@ -191,7 +191,7 @@ class BrickWorld:
             if self.assembly.plate_of(s) is plate
         }
 
-    def stock_beside(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
+    def stock_neighbours(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
         """Return cell and type of the other stock bricks within two studs of one on its plate."""
         near = self.cells_near_stock(stock, number=1)
         near.pop(stock)
@@ -307,7 +307,7 @@ class BrickWorld:
         """Return the stock bricks that stand on a stock brick, however high."""
         known = self._above.get(stock)
         if known is None:
-            item, others = self.stock[stock], self.stock_beside(stock)
+            item, others = self.stock[stock], self.stock_neighbours(stock)
             upper = bricks_above(item.cell, item.brick, others)
             known = frozenset(upper).union(*map(self.above, upper))
             self._above[stock] = known

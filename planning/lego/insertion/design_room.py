@@ -364,7 +364,7 @@ class SupportSpots:
         self, contact: Cell, at: Point, levels: tuple[int, ...], *, from_above: bool
     ) -> Iterator[SupportSpot]:
         turns = ORIENTATIONS
-        beside = [
+        nearby = [
             support_at(
                 contact.x + dx,
                 contact.y + dy,
@@ -374,14 +374,14 @@ class SupportSpots:
             )
             for k, dx, dy, turn in product(levels, _SHIFTS, _SHIFTS, turns)
         ]
-        near = [spot for spot in map(self.spot, beside) if spot is not None]
+        near = [spot for spot in map(self.spot, nearby) if spot is not None]
 
         def order(spot: SupportSpot) -> tuple[bool, int, float]:
             rank = levels.index(spot.support.cell.level - contact.level)
             return spot.tight, rank, round(spot.away(at), 9)
 
         yield from sorted(near, key=order)
-        tried = set(beside)
+        tried = set(nearby)
         for support in self._anywhere(at, from_above=from_above):
             if support not in tried:
                 spot = self.spot(support)

@@ -75,21 +75,21 @@ class SequencingRules:
     types: tuple[BrickType, ...] = ()
 
     @cached_property
-    def ways(self) -> tuple[InsertionWay, ...]:
+    def allowed(self) -> tuple[InsertionWay, ...]:
         """The ways to press a brick on that are allowed, the preferred ones first."""
-        allowed = {
+        choices = {
             InsertionWay.DOWN: True,
             InsertionWay.DOWN_HELD_BELOW: self.support,
             InsertionWay.UP: self.place_up,
             InsertionWay.DOWN_HELD_ABOVE: self.hold_down,
         }
-        return tuple(way for way in InsertionWay if allowed[way])
+        return tuple(way for way in InsertionWay if choices[way])
 
     def ways_of(self, brick: str) -> tuple[InsertionWay, ...]:
         """The ways that are allowed for one brick."""
         if brick not in self.alone:
-            return self.ways
-        return tuple(way for way in self.ways if not way.held)
+            return self.allowed
+        return tuple(way for way in self.allowed if not way.held)
 
     def press_force(self, engaged: float) -> float:
         """Return the force that presses a brick on [N].

@@ -261,7 +261,7 @@ class ToolRoom:
         targets = place_up_targets(self.tool.frames, contact)
         boxes = self._boxes(targets.subgoals)
         # Only what stands beside the brick may be touched; from the others planning keeps off.
-        aloof = others.without(_beside(item, others))
+        aloof = others.without(_side_neighbours(item, others))
         found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
         return found + blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
@@ -323,7 +323,7 @@ class ToolRoom:
         return subgoal.pose @ inverse(frames[subgoal.frame]) @ frames["tool"]
 
 
-def _beside(item: PlacedBrick, others: BrickBoxes) -> set[str]:
+def _side_neighbours(item: PlacedBrick, others: BrickBoxes) -> set[str]:
     """Return the bricks beside a brick that touch it, corners included."""
     low, high = brick_box(item)
     them = others.corners

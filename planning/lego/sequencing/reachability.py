@@ -106,11 +106,11 @@ class _Reach:
                 f"{_reasons({**placing, **supporting})}"
             )
 
-    def _out_of_reach(self, ways: Iterable[_Attempt]) -> dict[str, str]:
-        """Return the robots that none of the ways is possible for, each with a reason."""
+    def _out_of_reach(self, attempts: Iterable[_Attempt]) -> dict[str, str]:
+        """Return the robots that none of the attempts is possible for, each with a reason."""
         done: set[str] = set()
         reasons: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
-        for robot, targets in ways:
+        for robot, targets in attempts:
             if robot.name in done:
                 continue
             reason: Obstruction | None = None

@@ -156,7 +156,7 @@ class BrickSkills:
             stock,
             seat,
             press_of(grasp),
-            world.stock_beside(stock),
+            world.stock_neighbours(stock),
             world.cell.fixtures,
         )
         tool = grip_pose(top, item.brick, press_of(grasp))
@@ -173,7 +173,7 @@ class BrickSkills:
             ToolContact(
                 world.cell.clearances.contact_tolerance,
                 PRESSED,
-                leaned_on(item.cell, item.brick, world.stock_beside(stock)),
+                leaned_on(item.cell, item.brick, world.stock_neighbours(stock)),
             ),
         )
         loose = self._loose_in_picks - above - {stock}

@@ -161,8 +161,8 @@ def side_contacts(
             if (other := filled.get((i, y1, k))) is not None:
                 faces[other, 1].append(i)
         for (other, axis), studs in faces.items():
-            beside = occupied_span(bricks[other].cell, bricks[other].brick)
-            shared = max(bottom, beside.bottom), min(top, beside.top)
+            next_to = occupied_span(bricks[other].cell, bricks[other].brick)
+            shared = max(bottom, next_to.bottom), min(top, next_to.top)
             span = studs[0], studs[-1] + 1
             at = (x1, y1)[axis]
             out.append(SideContact(name, other, axis, at, span, shared))
