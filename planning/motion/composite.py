@@ -17,8 +17,7 @@ from planning.geometry.moving_pair import MovingPair
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.motion_plan import TaskMotion
 from planning.motion.speed import SpeedModel
-from planning.tasks.task import AllowedContact
-from planning.tasks.world_progress import allowed_pairs
+from planning.tasks.task import AllowedContact, allowed_pairs
 from planning.transforms import Array
 
 

@@ -23,10 +23,12 @@ from planning.tasks.task import (
     ExceptionKey,
     StepTasks,
     Task,
+    allowed_pairs,
+    apply_handlings,
     cell_with_steps,
+    move_robot,
     strongest_exception,
 )
-from planning.tasks.world_progress import allowed_pairs, apply_handlings, move_robot
 from planning.transforms import Array
 
 MARGIN = 0.0005

@@ -13,7 +13,7 @@ import numpy as np
 from planning.cell.robot_model import ToolGrip
 from planning.contacts.precedence import Overlaps
 from planning.statics.standing import BalanceRules
-from planning.tasks.supplies import Supply
+from planning.tasks.work import Supply
 from planning.transforms import Array, Transform, readonly
 
 
@@ -44,7 +44,7 @@ class Step(ABC):
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopOnTheWay:
     """A place where a part is put down on its way, such as the nest of a machine.
 
     Attributes:
@@ -61,7 +61,7 @@ class Stop:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place(Step):
+class PlacePart(Step):
     """A part is picked where it is by then and put in its place, or down on its way.
 
     Attributes:
@@ -72,7 +72,7 @@ class Place(Step):
     """
 
     part: str
-    stop: Stop | None = None
+    stop: StopOnTheWay | None = None
     until: str | None = None
 
     @property
@@ -152,19 +152,19 @@ class MachineWork(Step):
         return f"{self.process} {self.part}"
 
 
-AnyStep = Place | Work | MachineWork
+AnyStep = PlacePart | Work | MachineWork
 
 
 def placed_parts(steps: Sequence[Step]) -> tuple[str, ...]:
     """Return the names of the parts that are put in their places, in the order of the steps."""
     return tuple(
-        step.part for step in steps if isinstance(step, Place) and step.stop is None
+        step.part for step in steps if isinstance(step, PlacePart) and step.stop is None
     )
 
 
 def moves_on(steps: Sequence[Step]) -> set[str]:
     """Return the names of the parts that are put down on their way, and taken on from there."""
-    return {s.part for s in steps if isinstance(s, Place) and s.stop is not None}
+    return {s.part for s in steps if isinstance(s, PlacePart) and s.stop is not None}
 
 
 DOWN = (0.0, 0.0, -1.0)

@@ -22,7 +22,6 @@ from planning.parts.part_steps import (
     far_first,
     part_steps,
     require_ways,
-    touched_in_racks,
 )
 from planning.parts.relays import find_relays
 from planning.parts.step_paths import (
@@ -118,8 +117,7 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         InfeasibleStepError: a part would hang in the air, goes where something is or through it,
             or something would fall.
     """
-    touched = touched_in_racks(cell, assembly.goals)
-    changes = find_tool_changes(cell, assembly.goals, touched)
+    changes = find_tool_changes(cell, assembly.goals)
     around = with_tools(cell, NO_TOOLS)
     steps = part_steps(around, assembly)
     stand = Stand(frozenset(), kept_as_said(steps))

@@ -208,7 +208,7 @@ def _about_y(angle: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _ToolView:
     """A part as a tool sees it: x aside, y along which fingers close, z away from the hand.
 
     Attributes:
@@ -237,9 +237,9 @@ class _View:
         return found.reshape(len(xs), len(ys))
 
 
-def _view(lines: SolidLines, turn: Array) -> _View:
+def _tool_view(lines: SolidLines, turn: Array) -> _ToolView:
     seen = np.vstack([piece.vertices for piece in lines.shape.pieces]) @ turn
-    return _View(lines, turn, seen.min(axis=0), seen.max(axis=0))
+    return _ToolView(lines, turn, seen.min(axis=0), seen.max(axis=0))
 
 
 def _places(low: float, high: float, rules: GripRules) -> list[float]:
@@ -256,7 +256,7 @@ def _holds(
     lines: SolidLines, turn: Array, rules: GripRules
 ) -> Iterator[tuple[Array, str]]:
     """Yield places of the tool frame at which fingers hold the part, with words."""
-    view = _view(lines, turn)
+    view = _tool_view(lines, turn)
     aside = 0.5 * rules.finger_width * np.array([-1.0, 0.0, 1.0])
     seen: list[Array] = []
     ys = np.linspace(view.low[1], view.high[1], 15)
@@ -296,7 +296,7 @@ def _levels(tops: Array) -> list[float]:
 
 
 def _depth_below(
-    view: _View, x: float, ys: Array, top: float, rules: GripRules
+    view: _ToolView, x: float, ys: Array, top: float, rules: GripRules
 ) -> float:
     """Return how far the tool goes: its depth below what it meets, at most to the middle."""
     starts = np.array([view.point(x, y, 0.0) for y in ys.tolist()])
@@ -307,7 +307,7 @@ def _depth_below(
 
 
 def _fits(
-    view: _View, held: Stretch, at: tuple[float, float], rules: GripRules
+    view: _ToolView, held: Stretch, at: tuple[float, float], rules: GripRules
 ) -> bool:
     """Tell whether fingers span a stretch, meet it squarely, and have room beside it."""
     width, (x, z) = held.end - held.begin, at
@@ -342,7 +342,7 @@ def _spots(
     lines: SolidLines, turn: Array, rules: GripRules
 ) -> Iterator[tuple[Array, str]]:
     """Yield places of the tool frame at which a cup finds a flat spot, with words."""
-    view = _view(lines, turn)
+    view = _tool_view(lines, turn)
     xs = _places(float(view.low[0]), float(view.high[0]), rules)
     ys = _places(float(view.low[1]), float(view.high[1]), rules)
     middle = lines.shape.centre_of_mass @ turn

@@ -30,7 +30,7 @@ from planning.contacts.precedence import (
     stacked,
 )
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, Place, Work
+from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import part_steps
@@ -107,7 +107,9 @@ class _AnyOrder:
         self._cell, self._assembly = cell, assembly
         self._steps: tuple[AnyStep, ...] = assembly.steps
         self._named = {s.name: k for k, s in enumerate(self._steps)}
-        self._places = {k: s for k, s in enumerate(self._steps) if isinstance(s, Place)}
+        self._places = {
+            k: s for k, s in enumerate(self._steps) if isinstance(s, PlacePart)
+        }
         self._placing = {step.part: k for k, step in self._places.items()}
         objects = {name: cell.object(name) for name in self._placing}
         self._starts: dict[str, Lying] = {
@@ -126,7 +128,7 @@ class _AnyOrder:
         graph = self._graph()
         any_of = tuple(
             frozenset(self._placing[other] for other in graph.neighbours[step.part])
-            if isinstance(step, Place) and step.part not in graph.ground
+            if isinstance(step, PlacePart) and step.part not in graph.ground
             else frozenset[int]()
             for step in self._steps
         )
@@ -207,7 +209,9 @@ class _AnyOrder:
             blockers: names of what was in the way, by number of the step.
         """
         place = {
-            s.part: k for k, s in enumerate(ordered.steps, 1) if isinstance(s, Place)
+            s.part: k
+            for k, s in enumerate(ordered.steps, 1)
+            if isinstance(s, PlacePart)
         }
         blocked = self._number(ordered.steps[step - 1])
         for name in blockers.get(step, ()):
@@ -245,7 +249,7 @@ class _AnyOrder:
         for k, step in enumerate(self._steps):
             for name in step.after:
                 yield self._named[name], k, "as its after says"
-            if isinstance(step, Place) and step.until is not None:
+            if isinstance(step, PlacePart) and step.until is not None:
                 words = f"{step.part} is kept hold of until then"
                 yield k, self._named[step.until], words
             if step.hold in placing:

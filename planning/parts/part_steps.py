@@ -11,7 +11,6 @@ import numpy as np
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.precedence import (
-    MOST_OVERLAP,
     Overlaps,
     leads_through,
     near_to,
@@ -23,13 +22,13 @@ from planning.parts.assembly import (
     Grip,
     MachineWork,
     PartAssembly,
-    Place,
+    PlacePart,
     Process,
-    Stop,
+    StopOnTheWay,
     Work,
 )
 from planning.parts.tool_grips import tool_grips
-from planning.steps.tool_changes import in_racks, rack_tools, with_each_tool
+from planning.steps.tool_changes import with_each_tool
 from planning.transforms import Transform, readonly
 
 TIP = 0.005
@@ -37,12 +36,6 @@ TIP = 0.005
 
 DEEPEST_NODE = 0.05
 """Deepest that bars that meet in a node may be said to be in each other [m]."""
-
-_RACK_TOUCH = 0.002
-"""A tool in its rack may touch what is nearer to it than this [m]."""
-
-RackTouches = Mapping[str, frozenset[str]]
-"""Fixtures that tools touch in their racks, by tool."""
 
 Around = Mapping[str, tuple[CellObject, Attachment]]
 """Parts by name, and where they are."""
@@ -78,7 +71,7 @@ class PartStep:
         held: what another robot grips meanwhile, None for nothing.
     """
 
-    step: Place
+    step: PlacePart
     part: CellObject
     goal: Transform
     around: Around
@@ -178,11 +171,11 @@ def steps_in_order(
     supply = assembly.supply
     for number, step in enumerate(assembly.steps, start=1):
         goal: Transform = np.eye(4)
-        if isinstance(step, Place):
+        if isinstance(step, PlacePart):
             stop = step.stop
             goal = assembly.goals[step.part] if stop is None else stop_pose(cell, stop)
         yield number, step, dict(where), goal
-        if isinstance(step, Place):
+        if isinstance(step, PlacePart):
             where[step.part] = goal
         if number in supply.refills:
             where |= supply.refills[number].parts
@@ -204,32 +197,6 @@ def far_first(step: PartStep | WorkStep) -> list[int]:
     return sorted(range(len(held.grips)), key=near)
 
 
-def touched_in_racks(cell: Workcell, goals: Mapping[str, Transform]) -> RackTouches:
-    """Return the fixtures that tools which are changed touch in their racks.
-
-    Raises:
-        InfeasibleStepError: a part lies where a tool has its rack, at the start or in its place.
-    """
-    fixtures = standing(cell)
-    lying = {item.name: (item, item.start) for item in in_racks(cell).objects}
-    placed = {
-        f"{name} in its place": (cell.object(name), goal)
-        for name, goal in goals.items()
-    }
-    found: dict[str, frozenset[str]] = {}
-    for tool in rack_tools(cell):
-        rest = tool.item, tool.rack
-        others = {k: at for k, at in (lying | placed).items() if k != tool.name}
-        for other, gap in near_to(rest, others | fixtures, _RACK_TOUCH).items():
-            if gap < -MOST_OVERLAP:
-                raise InfeasibleStepError(
-                    f"the rack of {tool.name} is where {other} is: they overlap by"
-                    f" {-gap * 1e3:.1f} mm"
-                )
-        found[tool.name] = frozenset(near_to(rest, fixtures, _RACK_TOUCH))
-    return found
-
-
 _GRAZED = 0.001
 """By so much more than in its place a part may be in what it touches, on the way there [m]."""
 
@@ -249,7 +216,7 @@ def _place_step(
     held: Held | None,
 ) -> PartStep:
     step = assembly.steps[number - 1]
-    assert isinstance(step, Place)
+    assert isinstance(step, PlacePart)
     name = step.part
     part = replace(cell.object(name), start=where[name])
     around = _around(cell, {k: pose for k, pose in where.items() if k != name})
@@ -353,7 +320,7 @@ def _work_step(
     return WorkStep(step, place, around, names, held)
 
 
-def stop_pose(cell: Workcell, stop: Stop) -> Transform:
+def stop_pose(cell: Workcell, stop: StopOnTheWay) -> Transform:
     """Return where the frame of a part comes to lie in the world at a stop."""
     return readonly(_frame_of(cell, stop.fixture, stop.frame) @ stop.pose)
 

@@ -24,6 +24,7 @@ from planning.cell.workcell import (
     RackTool,
     Workcell,
 )
+from planning.contacts.precedence import MOST_OVERLAP, near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity
 from planning.steps.skill import (
@@ -112,8 +113,12 @@ def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
     return replace(arm, parts=(*arm.parts, *tools))
 
 
+_RACK_TOUCH = 0.002
+"""A tool in its rack may touch what is nearer to it than this [m]."""
+
+
 @dataclass(frozen=True)
-class RackWay:
+class RackPath:
     """The way of a robot into a rack.
 
     Attributes:
@@ -133,11 +138,11 @@ class ToolChanges:
 
     Attributes:
         cell: with robots as plans know them.
-        ways: by robot and tool.
+        paths: by robot and tool.
     """
 
     cell: Workcell
-    ways: Mapping[tuple[str, str], RackWay]
+    paths: Mapping[tuple[str, str], RackPath]
 
     @property
     def mounted(self) -> dict[str, str]:
@@ -154,7 +159,8 @@ class ToolChanges:
         for robot in self.cell.robots:
             for old, new in permutations(robot.tools, 2):
                 ends = [
-                    self.ways[robot.name, tool.name].path.contact for tool in (old, new)
+                    self.paths[robot.name, tool.name].path.contact
+                    for tool in (old, new)
                 ]
                 stops = [robot.home, *ends, robot.home]
                 way = sum(
@@ -180,11 +186,11 @@ class ToolChanges:
 
     def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
         """Write how a robot leaves one tool and takes another."""
-        self._at_rack(build, self.ways[robot, old], leave=True)
-        self._at_rack(build, self.ways[robot, new], leave=False)
+        self._at_rack(build, self.paths[robot, old], leave=True)
+        self._at_rack(build, self.paths[robot, new], leave=False)
         build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}", None)
 
-    def _at_rack(self, build: StepWriter, way: RackWay, *, leave: bool) -> None:
+    def _at_rack(self, build: StepWriter, way: RackPath, *, leave: bool) -> None:
         name, path = way.tool.name, way.path
         stop = path.path[-1:]
         build.lead_in(path, f"to the rack of {name}", None)
@@ -219,11 +225,7 @@ class ToolChanges:
                 build.allow(touching(flange, [str(name)]), task.index)
 
 
-def find_tool_changes(
-    cell: Workcell,
-    goals: Mapping[str, Transform],
-    touched: Mapping[str, frozenset[str]],
-) -> ToolChanges:
+def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolChanges:
     """Return how robots change their tools, whatever has been built by then.
 
     On the way to a rack everything is in the way that may ever be there: parts where they lie at the
@@ -232,35 +234,63 @@ def find_tool_changes(
     Args:
         cell: with robots as plans know them.
         goals: of the parts.
-        touched: fixtures that each tool touches in its rack.
 
     Raises:
-        InfeasibleStepError: a robot cannot come to a rack, or cannot stand there; says why.
+        InfeasibleStepError: a part lies where a tool has its rack, or a robot cannot come to a
+            rack, or cannot stand there; says why.
     """
-    ways = {}
+    touched, ways = _touched_in_racks(cell, goals), {}
     around = with_tools(cell, frozenset())
     for robot in cell.robots:
         robots = [robot if r.name == robot.name else r for r in around.robots]
         here = replace(around, robots=tuple(robots))
         for tool in robot.tools:
-            touches = touched.get(tool.name, frozenset())
-            ways[robot.name, tool.name] = _rack_way(here, robot, tool, goals, touches)
+            touches = touched[tool.name]
+            ways[robot.name, tool.name] = _rack_path(here, robot, tool, goals, touches)
     return ToolChanges(cell, ways)
 
 
-def _at_rack(robot: str, way: RackWay) -> Pairs:
+def _touched_in_racks(
+    cell: Workcell, goals: Mapping[str, Transform]
+) -> dict[str, frozenset[str]]:
+    """Return the fixtures that tools which are changed touch in their racks.
+
+    Raises:
+        InfeasibleStepError: a part lies where a tool has its rack, at the start or in its place.
+    """
+    fixtures = standing(cell)
+    lying = {item.name: (item, item.start) for item in in_racks(cell).objects}
+    placed = {
+        f"{name} in its place": (cell.object(name), goal)
+        for name, goal in goals.items()
+    }
+    found: dict[str, frozenset[str]] = {}
+    for tool in rack_tools(cell):
+        rest = tool.item, tool.rack
+        others = {k: at for k, at in (lying | placed).items() if k != tool.name}
+        for other, gap in near_to(rest, others | fixtures, _RACK_TOUCH).items():
+            if gap < -MOST_OVERLAP:
+                raise InfeasibleStepError(
+                    f"the rack of {tool.name} is where {other} is: they overlap by"
+                    f" {-gap * 1e3:.1f} mm"
+                )
+        found[tool.name] = frozenset(near_to(rest, fixtures, _RACK_TOUCH))
+    return found
+
+
+def _at_rack(robot: str, way: RackPath) -> Pairs:
     """Return what may touch while a robot is at a rack."""
     name = way.tool.name
     return touching(entity(robot, "tool"), [name]) | touching(name, way.touched)
 
 
-def _rack_way(
+def _rack_path(
     cell: Workcell,
     robot: PlacedRobot,
     tool: RackTool,
     goals: Mapping[str, Transform],
     touched: frozenset[str],
-) -> RackWay:
+) -> RackPath:
     lying: dict[str, tuple[CellObject, Attachment]] = {
         item.name: (item, Attachment(None, item.start))
         for item in cell.objects
@@ -281,7 +311,7 @@ def _rack_way(
         if isinstance(path, Obstruction):
             found = path
             continue
-        way = RackWay(tool, replace(path, change_at=None), touched)
+        way = RackPath(tool, replace(path, change_at=None), touched)
         # In with nothing on the flange, out with the tool: in with it is the same the other way.
         both = np.vstack([path.path, path.waypoints[-2::-1]])
         scene = SkillScene(

@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Mesh
 from planning.contacts.precedence import MOST_OVERLAP, Lying, bounds, near_to, standing
-from planning.parts.assembly import Place
+from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import node_remedy, steps_in_order
 from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import PartsSection
@@ -64,7 +64,7 @@ def check_goals(subject: Subject) -> Findings:
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
     for number, step, where, goal in steps_in_order(cell, assembly):
-        if not isinstance(step, Place):
+        if not isinstance(step, PlacePart):
             continue
         name = step.part
         at, place = subject.thing_at(name, "goal"), "in its place"

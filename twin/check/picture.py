@@ -22,7 +22,7 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
-from planning.parts.assembly import Place
+from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import stop_pose
 from planning.transforms import Array, Transform
 from twin.check.finding import Subject
@@ -41,7 +41,7 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
         stops = [
             (step.part, stop_pose(cell, step.stop))
             for step in assembly.steps
-            if isinstance(step, Place) and step.stop is not None
+            if isinstance(step, PlacePart) and step.stop is not None
         ]
         for name, pose in (*assembly.goals.items(), *stops):
             for piece in cell.object(name).shape.pieces:

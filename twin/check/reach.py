@@ -16,9 +16,9 @@ from planning.errors import (
     ScenarioError,
 )
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartHandling, Place
+from planning.parts.assembly import Grip, PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
-from planning.parts.part_steps import WorkStep, steps_in_order, touched_in_racks
+from planning.parts.part_steps import WorkStep, steps_in_order
 from planning.parts.tool_grips import robot_grips
 from planning.steps.skill import SkillPath, SkillTargets, skill_postures
 from planning.steps.tool_changes import find_tool_changes, rack_tools
@@ -93,7 +93,7 @@ def _check_racks(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield the first rack at which a tool cannot be changed, as the planner says it."""
     cell, goals = subject.built, parts.listed.goals
     try:
-        find_tool_changes(cell, goals, touched_in_racks(cell, goals))
+        find_tool_changes(cell, goals)
     except InfeasibleStepError as error:
         words = set(re.findall(r"[\w.-]+", error.message))
         named = next(tool.name for tool in rack_tools(cell) if tool.name in words)
@@ -174,7 +174,7 @@ class _PartLeg:
         words: what the end is, for people.
     """
 
-    step: Place
+    step: PlacePart
     part: CellObject
     end: Transform
     ways: PartHandling
@@ -187,7 +187,7 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
     """Yield the legs of all parts, in the order of the steps."""
     assembly, known = parts.listed, dict[str, KeyPath]()
     for number, step, where, end in steps_in_order(subject.cell, assembly):
-        if not isinstance(step, Place):
+        if not isinstance(step, PlacePart):
             continue
         name = step.part
         start_at = known.get(name, subject.thing_at(name, "start"))

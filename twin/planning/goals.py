@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
-from planning.goals.robot_goals import RobotGoal
+from planning.steps.robot_goals import RobotGoal
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
@@ -58,7 +58,7 @@ class GoalsKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Find the configurations of all goals, then the ways to them."""
-        from planning.goals.robot_goals import prepare_goals
+        from planning.steps.robot_goals import prepare_goals
         from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         goals = tuple(

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.tasks.supplies import supplied_work
 from planning.tasks.task import DOOR
+from planning.tasks.work import supplied_work
 from planning.transforms import readonly
 from twin.audit.wanted import Wanted
 from twin.durations import SkillOverride

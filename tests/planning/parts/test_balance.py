@@ -11,7 +11,7 @@ import pytest
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import PartAssembly, Place
+from planning.parts.assembly import PartAssembly, PlacePart
 from planning.parts.balance import PartBalance
 from planning.parts.order import in_found_order
 from planning.parts.part_steps import part_steps
@@ -51,7 +51,7 @@ def cell() -> Workcell:
 
 
 def assembly(*names: str, rules: BalanceRules = RULES) -> PartAssembly:
-    steps = tuple(Place(part=name, name=name) for name in names)
+    steps = tuple(PlacePart(part=name, name=name) for name in names)
     return PartAssembly(GOALS, steps, balance=rules)
 
 
@@ -122,7 +122,7 @@ def test_an_order_is_found_in_which_everything_stands() -> None:
 
 def test_what_touches_nothing_may_stand_where_it_is_joined() -> None:
     goals = {**GOALS, "beam": at(0.15, 0.0, 0.13)}
-    steps = tuple(Place(part=name, name=name) for name in ("post", "beam"))
+    steps = tuple(PlacePart(part=name, name=name) for name in ("post", "beam"))
     free = PartAssembly(goals, steps, balance=RULES)
     with pytest.raises(InfeasibleStepError, match="in the air"):
         part_steps(cell(), free)

@@ -14,7 +14,7 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.precedence import StepPrecedence
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import GripRules, PartAssembly, Place, Process, Work
+from planning.parts.assembly import GripRules, PartAssembly, PlacePart, Process, Work
 from planning.parts.order import find_ordered_candidates, in_found_order
 from planning.transforms import Transform, translation
 from tests.planning.parts.test_part_steps import crossing, two_arms
@@ -78,7 +78,8 @@ def test_blocks_are_stacked_from_below_whatever_the_list(
         )
     cell = replace(two_arms(), objects=tuple(block(n, starts[n]) for n in names))
     assembly = PartAssembly(
-        goals=goals, steps=tuple(Place(part=names[k], name=names[k]) for k in listed)
+        goals=goals,
+        steps=tuple(PlacePart(part=names[k], name=names[k]) for k in listed),
     )
     order = in_found_order(cell, assembly).placed
     assert sorted(order) == names
@@ -137,7 +138,7 @@ def test_a_part_goes_in_before_walls_between_which_no_hand_fits() -> None:
     cell: Workcell = replace(two_arms(), objects=objects)
     assembly = PartAssembly(
         goals=goals,
-        steps=tuple(Place(part=k, name=k) for k in ("left", "right", "low")),
+        steps=tuple(PlacePart(part=k, name=k) for k in ("left", "right", "low")),
         grips=GripRules(positions=1),
     )
     assert in_found_order(cell, assembly).placed == ("left", "right", "low")

@@ -17,7 +17,7 @@ from planning.parts.assembly import (
     GripRules,
     PartAssembly,
     PartHandling,
-    Place,
+    PlacePart,
 )
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
@@ -27,8 +27,7 @@ from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
-from tests.planning.tasks.assignment_oracle import plan_violations
-from tests.planning.tasks.task_order import task_order
+from tests.planning.tasks.plan_oracle import plan_violations, task_order
 
 ON_TABLE = 0.0125
 RODS = {
@@ -65,7 +64,7 @@ def crossing(*steps: str) -> PartAssembly:
     return PartAssembly(
         goals={k: pose(v[2], v[3]) for k, v in RODS.items()},
         steps=tuple(
-            Place(part=name, name=name)
+            PlacePart(part=name, name=name)
             for name in steps or ("south", "north", "across", "aside")
         ),
         grips=GripRules(positions=3),

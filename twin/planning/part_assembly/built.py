@@ -14,9 +14,9 @@ from planning.parts.assembly import (
     MachineWork,
     PartAssembly,
     PartHandling,
-    Place,
+    PlacePart,
     Process,
-    Stop,
+    StopOnTheWay,
     Work,
 )
 from planning.statics.standing import BalanceRules, Joined, Joint, StandingRules
@@ -131,7 +131,7 @@ def _unit(direction: Sequence[float]) -> tuple[float, float, float]:
 
 def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> AnyStep:
     if step.place is not None:
-        return Place(
+        return PlacePart(
             name=step.known_as,
             after=step.after,
             robots=step.robots,
@@ -172,9 +172,9 @@ def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> A
     )
 
 
-def _stop(at: PlaceOfWork) -> Stop:
+def _stop(at: PlaceOfWork) -> StopOnTheWay:
     pose = np.eye(4) if at.pose is None else build_transform(at.pose)
-    return Stop(_words(at), at.fixture, at.frame, readonly(pose))
+    return StopOnTheWay(_words(at), at.fixture, at.frame, readonly(pose))
 
 
 def _process(section: PartsSection, step: StepSection) -> Process:

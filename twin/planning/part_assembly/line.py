@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from planning.tasks.supplies import Leaving, Lying, Refill, Supply
+from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, quat_wxyz, readonly, translation
 from scheduling.repetition.pattern import numbered
 from twin.durations import AnyDuration, SkillOverride

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.tasks.supplies import buffers_of, is_done_to_a_product
 from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task
+from planning.tasks.work import buffers_of, is_done_to_a_product
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repetition.pattern import Pattern, numbered
 from scheduling.repetition.repeat import repeat_graph

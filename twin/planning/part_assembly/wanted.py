@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from planning.parts.assembly import MachineWork, PartAssembly, Place, Work
+from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
 from planning.transforms import Transform, readonly
 from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
 from twin.audit.wanted import Place as WantedPlace
@@ -41,7 +41,7 @@ def wanted_of(section: PartsSection, cell: CellSection) -> Wanted:
             after=step.after,
         )
         for k, step in enumerate(assembly.steps, start=1)
-        if isinstance(step, Place) and step.stop is None and step.part not in gone
+        if isinstance(step, PlacePart) and step.stop is None and step.part not in gone
     )
     processes = tuple(
         _wanted_process(cell, step, k)
@@ -65,7 +65,7 @@ def wanted_of(section: PartsSection, cell: CellSection) -> Wanted:
         keeps={
             step.part: step.until
             for step in assembly.steps
-            if isinstance(step, Place) and step.until is not None
+            if isinstance(step, PlacePart) and step.until is not None
         },
     )
 
@@ -97,7 +97,7 @@ def _wanted_rests(
     if line.section.order == "find":  # then all is done at parts in their places
         where |= {name: assembly.goals[name] for name in assembly.placed}
     for k, step in enumerate(assembly.steps, start=1):
-        if isinstance(step, Place):
+        if isinstance(step, PlacePart):
             where[step.part] = assembly.goals[step.part]
             if step.stop is None:
                 continue

@@ -22,7 +22,7 @@ from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.assignment import SupportCandidate
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
-from tests.planning.tasks.assignment_oracle import plan_violations
+from tests.planning.tasks.plan_oracle import plan_violations
 
 DATA = Path(
     os.environ.get("ASSEMBLY_TWIN_APEX_DATA")

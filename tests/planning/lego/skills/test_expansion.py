@@ -20,12 +20,13 @@ from planning.tasks.task import (
     TRANSIT,
     StepTasks,
     Task,
+    apply_handlings,
+    move_robot,
 )
 from planning.tasks.work import StepExpansions
-from planning.tasks.world_progress import apply_handlings, move_robot
 from planning.transforms import Transform
 from tests.planning.lego.skills.overhang import overhang
-from tests.planning.tasks.task_order import task_order
+from tests.planning.tasks.plan_oracle import task_order
 
 
 def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:

@@ -8,12 +8,12 @@ import pytest
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
-from planning.goals.robot_goals import RobotGoal, prepare_goals
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
+from planning.steps.robot_goals import RobotGoal, prepare_goals
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import from_rpy, translation

@@ -1,8 +1,13 @@
-"""What an assignment must keep to, checked constraint by constraint."""
+"""What an assignment must keep to, constraint by constraint, and which task comes before which."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
+import networkx as nx
+
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
+from planning.tasks.task import Task
 
 
 def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:
@@ -42,3 +47,15 @@ def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:
                 )
             used.setdefault(choice.object, number)
     return out
+
+
+def task_order(
+    tasks: Sequence[Task], dependencies: Iterable[tuple[int, int]]
+) -> nx.DiGraph:
+    """Return tasks by index, after what they wait for and after the one before of their robot."""
+    graph = nx.DiGraph([(int(a), int(b)) for a, b in dependencies])
+    for robot in {task.robot for task in tasks}:
+        nx.add_path(graph, [task.index for task in tasks if task.robot == robot])
+    assert nx.is_directed_acyclic_graph(graph)
+    assert set(graph) == {task.index for task in tasks}
+    return graph
