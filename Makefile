@@ -7,7 +7,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c "" 2>/dev/null && { command -v $$p; break; }; done)
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-# tests/conftest.py says which tests stay in one process.
+# tests/conftest.py says which tests stay in one process, and which begin.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto
 
 .DEFAULT_GOAL := help
@@ -23,7 +23,7 @@ test: $(VENV)/.installed-dev ## run the tests; lists the ten slowest
 	$(PYTEST) -m 'not expensive' --durations=10
 
 guides: $(VENV)/.installed-dev ## run the commands of the guides that take longer
-	$(PYTEST) -m expensive --no-loadscope-reorder
+	$(PYTEST) -m expensive --durations=10
 
 lint: $(VENV)/.installed-dev ## check style and types
 	$(BIN)/ruff check .

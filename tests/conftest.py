@@ -1,10 +1,12 @@
-"""What all tests may ask for."""
+"""What all tests may ask for, and who runs which of them when."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import hypothesis
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
@@ -12,31 +14,69 @@ if TYPE_CHECKING:
     from tests.shipped_runs import ShippedRuns
 
 
-class _Scopes(LoadScopeScheduling):
-    """Keeps a file's tests in one process, as they share what they plan; commands of docs do not.
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--nightly",
+        action="store_true",
+        help="ten times the examples of each property test, and tests marked nightly",
+    )
 
-    Tests of constructions stay together: their kernels take minutes to compile, once is enough.
-    """
+
+def pytest_configure(config: pytest.Config) -> None:
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        from tests.kernels import compile_once
+
+        compile_once(Path(config.cache.mkdir("kernels")))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> None:
+    """Put the longest files first; leave out what is for the night, or lengthen the rest for it."""
+    from tests.longest import ranks
+
+    known = ranks()
+    items.sort(key=lambda item: known.get(item.nodeid.split("::")[0], len(known)))
+    if not config.getoption("--nightly"):
+        late = {item for item in items if item.get_closest_marker("nightly")}
+        config.hook.pytest_deselected(items=sorted(late, key=str))
+        items[:] = [item for item in items if item not in late]
+        return
+    for test in {getattr(item, "function", None) for item in items}:
+        own = getattr(test, "_hypothesis_internal_use_settings", None)
+        if own is not None:
+            more = hypothesis.settings(own, max_examples=10 * own.max_examples)
+            test._hypothesis_internal_use_settings = more
+
+
+class _Scopes(LoadScopeScheduling):
+    """Keeps a file's tests in one process, as they share what they plan; commands of docs do not."""
 
     def _split_scope(self, nodeid: str) -> str:
         if nodeid.startswith("tests/docs/test_commands.py"):
             return nodeid
-        if "construction" in nodeid.split("::")[0]:
-            return "construction"
         return str(super()._split_scope(nodeid))
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
     """Return who says which tests run in which process."""
+    config.option.loadscopereorder = False
     return _Scopes(config, log)
 
 
 @pytest.fixture(scope="session")
 def shipped(tmp_path_factory: pytest.TempPathFactory) -> ShippedRuns:
-    """Return the runs of the shipped scenarios, which all processes of a session share."""
+    """Return the runs of the shipped scenarios, which all processes of a session share.
+
+    Sessions that name the same folder in TWIN_TEST_RUNS share them, too.
+    """
     from tests.shipped_runs import ShippedRuns
 
+    kept = os.environ.get("TWIN_TEST_RUNS")
+    if kept is not None:
+        return ShippedRuns(Path(kept))
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent

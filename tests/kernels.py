@@ -1,12 +1,45 @@
-"""Kernels that only kernels call, made callable from tests."""
+"""Kernels in tests: those that only kernels call, and compiling each once for all processes."""
 
 from __future__ import annotations
 
+import fcntl
+from collections import Counter
+from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from numba import njit
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
 
 
 def outer(inner: Any) -> Any:
     """Return an inner kernel compiled anew, with what Python needs to call it."""
     return njit(nogil=True)(inner.py_func)
+
+
+def compile_once(folder: Path) -> None:
+    """Let one of all processes that name a folder compile a kernel, while others wait and load it.
+
+    A kernel's byte of one file is locked meanwhile. Kernels call each other without circles, so nobody
+    waits for who waits for it.
+    """
+    file = (folder / "kernels.lock").open("a+b")
+    depth: Counter[int] = Counter()
+    compile_or_load = Dispatcher.compile
+
+    def compile_locked(self: Any, signature: Any) -> Any:
+        name = f"{self.py_func.__module__}.{self.py_func.__qualname__}"
+        byte = crc32(name.encode())
+        with global_compiler_lock:
+            if not depth[byte]:
+                fcntl.lockf(file, fcntl.LOCK_EX, 1, byte)
+            depth[byte] += 1
+            try:
+                return compile_or_load(self, signature)
+            finally:
+                depth[byte] -= 1
+                if not depth[byte]:
+                    fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)
+
+    Dispatcher.compile = compile_locked

@@ -42,7 +42,15 @@ def test_every_bundled_structure_is_held_to_something() -> None:
     assert {path.stem for path in FOLDER.glob("*.yaml")} == set(KINDS)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.nightly)
+        if name in ("bridge", "rss")
+        else name
+        for name in KINDS
+    ],
+)
 def test_kinds_of_steps(name: str) -> None:
     lego = load(name)
     assembly, structure = build_lego(lego), build_structure(lego)

@@ -236,7 +236,7 @@ def test_arrays_that_unpack_to_more_than_a_plan_has_are_not_unpacked(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:
     save_plan(tpg, tmp_path)
-    np.savez_compressed(tmp_path / "plan.npz", edges=np.zeros(2**28))
+    np.savez_compressed(tmp_path / "plan.npz", edges=np.zeros(2**27 + 1))
     document = json.loads((tmp_path / "plan.json").read_text())
     document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
     (tmp_path / "plan.json").write_text(json.dumps(document))

@@ -53,7 +53,7 @@ def _corners(tpg: TemporalPlanGraph) -> int:
 def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
     robots: int, seed: int
 ) -> None:
-    before = _graph(random_plan(robots, seed, rounds=8))
+    before = _graph(random_plan(robots, seed, rounds=5))
     tpg = round_corners(before)
     graph = nx.DiGraph()
     for r, chain in enumerate(tpg.chains):

@@ -36,7 +36,7 @@ def sweep(turn: float) -> HandWrittenRun:
     return run
 
 
-def finely(run: HandWrittenRun, steps: int = 4000) -> float:
+def finely(run: HandWrittenRun, steps: int = 1500) -> float:
     """Oracle: least distance of the two robots in very many configurations."""
     world = open_world(run.cell)
     shapes = [[s for s in world.robot_shapes if s.robot == k] for k in (0, 1)]

@@ -47,7 +47,7 @@ def numbers(rows: Rows, letter: str) -> list[list[float]]:
     return [[float(row[name]) for name in names if row[name]] for row in rows]
 
 
-@pytest.mark.parametrize("rate_hz", [None, 1000.0])
+@pytest.mark.parametrize("rate_hz", [None, 125.0])
 def test_rows_are_the_points_of_segments(rate_hz: float | None, run: RunResult) -> None:
     tables = tables_of(run, rate_hz)
     assert set(tables) == {chain.robot for chain in run.tpg.chains}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,17 @@ CALM = Disturbances()
 
 
 @pytest.fixture(
-    params=[(3, CALM), (8, CALM), (21, DISTURBED)], ids=["3", "8", "disturbed"]
+    scope="module",
+    params=[(3, CALM), (8, CALM), (21, DISTURBED)],
+    ids=["3", "8", "disturbed"],
 )
 def case(
-    request: pytest.FixtureRequest, tmp_path: Path
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[RunResult, ExecutionRecord]:
     seed, disturbances = request.param
     tpg = driven_tpg(seed, tasks=10, edges=20)
-    return toy_run(tmp_path, seed, disturbances=disturbances, tpg=tpg)
+    folder = tmp_path_factory.mktemp("smooth")
+    return toy_run(folder, seed, disturbances=disturbances, tpg=tpg)
 
 
 def motions_of(run: RunResult, record: ExecutionRecord) -> dict[str, Trajectory]:

@@ -212,7 +212,7 @@ def _of_robot(
 def test_an_improved_plan_is_safe_and_no_worse(
     scenario: Scenario, plain: PlanResult
 ) -> None:
-    better = plan_scenario(_changed(scenario, improve_tries=6))
+    better = plan_scenario(_changed(scenario, improve_tries=3))
     assert better.makespan_s <= plain.makespan_s
     assert verify_plan(better.tpg).problems == ()
     assert "improve" in better.planning_s
@@ -245,7 +245,7 @@ def test_no_plan_is_below_the_bound_of_load(
 def test_steps_stay_in_their_order_where_that_is_asked_for(
     scenario: Scenario, plain: PlanResult
 ) -> None:
-    kept = plan_scenario(_changed(scenario, improve_tries=6, improve_order=False))
+    kept = plan_scenario(_changed(scenario, improve_tries=3, improve_order=False))
     assert kept.step_order == ()
     assert [choice.step for choice in kept.motions.task_plan.choices] == [1, 2, 3, 4]
     assert kept.motions.assembly.steps == plain.motions.assembly.steps

@@ -1,4 +1,7 @@
-"""From a scenario's file to a plan of it and a run: a module that says ``file`` has the rest."""
+"""From a scenario's file to a plan of it and a run: a module that says ``file`` has the rest.
+
+Plans of shipped scenarios are those that all tests share.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.shipped_runs import SCENARIOS, ShippedRuns
 from twin.run.folder import prepare_run_folder
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
@@ -22,7 +26,9 @@ def scenario(file: Path) -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(scenario: Scenario, file: Path) -> PlanResult:
+def planned(scenario: Scenario, file: Path, shipped: ShippedRuns) -> PlanResult:
+    if file.is_relative_to(SCENARIOS):
+        return shipped(str(file.relative_to(SCENARIOS).with_suffix(""))).planned
     return plan_scenario(scenario, file.parent)
 
 

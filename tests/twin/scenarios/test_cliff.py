@@ -10,7 +10,6 @@ import pytest
 from benchmarks.stalled_runs import run_with_stalls
 from planning.tasks.task import TRANSIT
 from scheduling.verification.verify import verify_plan
-from tests.shipped_runs import ShippedRuns
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.adversary import audit_standing_states
 from twin.trial.plan_result import PlanResult
@@ -22,11 +21,6 @@ FILE = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 @pytest.fixture(scope="module")
 def file() -> Path:
     return FILE
-
-
-@pytest.fixture(scope="module")
-def planned(shipped: ShippedRuns) -> PlanResult:
-    return shipped("lego/cliff").planned
 
 
 def test_it_is_what_it_says(planned: PlanResult) -> None:

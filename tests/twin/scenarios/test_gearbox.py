@@ -8,11 +8,9 @@ import pytest
 
 from planning.tasks.task import HOLD, LEAVE_TOOL, TAKE_TOOL
 from scheduling.verification.verify import verify_plan
-from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 pytestmark = pytest.mark.expensive
@@ -21,20 +19,15 @@ FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "gearbox.yaml"
 
 
 @pytest.fixture(scope="module")
-def gearbox() -> Scenario:
-    return load_scenario(FILE)
-
-
-@pytest.fixture(scope="module")
-def planned(gearbox: Scenario) -> PlanResult:
-    return plan_scenario(gearbox, FILE.parent)
+def file() -> Path:
+    return FILE
 
 
 def test_it_is_built_and_found_clean(
-    gearbox: Scenario, planned: PlanResult, tmp_path: Path
+    scenario: Scenario, planned: PlanResult, tmp_path: Path
 ) -> None:
     trial = try_plan(
-        given_plan(LoadedScenario(gearbox, FILE.parent), planned.tpg), tmp_path
+        given_plan(LoadedScenario(scenario, FILE.parent), planned.tpg), tmp_path
     )
     assert trial.passed
     assert verify_plan(planned.tpg).ok
@@ -64,9 +57,9 @@ def test_the_tool_is_changed_once_after_the_last_part_of_its_arm(
     )
 
 
-def test_a_run_remembers_its_scenario(gearbox: Scenario) -> None:
+def test_a_run_remembers_its_scenario(scenario: Scenario) -> None:
     """Shapes with all their defaults filled in are read as they were written."""
-    assert restored(resolved(gearbox)) == gearbox
+    assert restored(resolved(scenario)) == scenario
 
 
 def test_pins_are_put_in_before_the_gears_on_them(planned: PlanResult) -> None:

@@ -15,11 +15,9 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.verification.verify import verify_plan
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import prepare_run_folder
-from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.trial import try_plan
 
@@ -27,13 +25,8 @@ FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "shapes.yaml"
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    return load_scenario(FILE)
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> PlanResult:
-    return plan_scenario(scenario, folder=FILE.parent)
+def file() -> Path:
+    return FILE
 
 
 @pytest.fixture(scope="module")

@@ -8,24 +8,17 @@ import pytest
 
 from planning.tasks.task import HOLD
 from scheduling.verification.verify import verify_plan
-from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
 
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "taskboard.yaml"
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    return load_scenario(FILE)
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario) -> PlanResult:
-    return plan_scenario(scenario, folder=FILE.parent)
+def file() -> Path:
+    return FILE
 
 
 def test_who_does_what_is_by_the_tools(planned: PlanResult) -> None:

@@ -47,6 +47,13 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing: for studies of which only the figures count."""
+    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
+
+
+@pytest.mark.usefixtures("no_report")
 def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
     folder = tmp_path / "killed"
     shutil.copytree(study, folder)
@@ -278,8 +285,9 @@ def test_a_deadline_that_nothing_can_meet_is_refused(
     assert "a deadline of 5 s is impossible" in " ".join(output.split())
 
 
+@pytest.mark.usefixtures("no_report")
 def test_damaged_and_stray_blocks_are_set_aside_and_computed_anew(
-    study: Path, tmp_path: Path
+    study: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path / "damaged"
     shutil.copytree(study, folder)
@@ -294,16 +302,9 @@ def test_damaged_and_stray_blocks_are_set_aside_and_computed_anew(
     blocks[3].write_bytes(content[3][:middle] + flipped + content[3][middle + 40 :])
     stray = folder / "blocks" / "0-3000-500.npz"
     stray.write_bytes(content[0])
-    said = subprocess.run(
-        [
-            *(sys.executable, "-m", "twin.cli", "study"),
-            *("--resume", str(folder), "--workers", "0", "-q"),
-        ],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stderr
+    code, output = _twin("study", "--resume", folder, "--workers", "0", "-q")
+    assert code == 0, output
+    said = caplog.text
     for path in (blocks[0], blocks[1], blocks[3]):
         assert f"{path}: is no block of a study" in said
     assert "is no block of this study and counts for nothing" in said

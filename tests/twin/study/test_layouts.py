@@ -119,6 +119,7 @@ def test_the_cell_on_the_first_page_is_the_best_layout(study: twin.Study) -> Non
     assert best["variant"] == cell["variant"]
 
 
+@pytest.mark.usefixtures("no_report")
 def test_an_interrupted_study_of_layouts_goes_on_and_prints_the_ranking(
     study: twin.Study,
 ) -> None:

@@ -32,7 +32,15 @@ def full(limit: int, arguments: list[str]) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("limit", [0, 700, 3000, 9000, 20_000])
+@pytest.mark.parametrize(
+    "limit",
+    [
+        0,
+        700,
+        20_000,
+        *(pytest.param(k, marks=pytest.mark.nightly) for k in (3000, 9000)),
+    ],
+)
 def test_a_full_disk_is_a_failed_run(
     plan: Path, whole: Path, tmp_path: Path, limit: int
 ) -> None:
