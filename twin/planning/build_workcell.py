@@ -35,7 +35,7 @@ from planning.transforms import Transform, identity, readonly
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.cell import LimitsSection, ToolSection
 from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
-from twin.scenario.sections.shapes import ShapeSection, build_transform
+from twin.scenario.sections.shapes import ShapeSection, build_transform, plain_values
 
 
 def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shape:
@@ -96,7 +96,6 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
         RobotModelError: a robot description cannot be used.
         ShapeError: a mesh cannot be used.
     """
-    clearance = scenario.cell.clearance
     assembly = assembly_kind(scenario.assembly)
     robots = tuple(
         _within_limits(scenario, r.limits, _robot(r, scenario.cell.tools, folder))
@@ -112,11 +111,7 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
             *assembly.objects(folder),
             *(tool.item for robot in robots for tool in robot.tools),
         ),
-        clearances=Clearances(
-            clearance.robot_robot_m,
-            clearance.robot_object_m,
-            clearance.contact_tolerance_m,
-        ),
+        clearances=Clearances(**plain_values(scenario.cell.clearance)),
         machines=tuple(map(machine, assembly.machines())),
     )
 

@@ -16,7 +16,6 @@ from planning.transforms import Array, Transform, readonly
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.section import plain_values
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import (
@@ -25,7 +24,7 @@ from twin.scenario.sections.construction import (
     ModelSection,
     SupplySection,
 )
-from twin.scenario.sections.shapes import build_transform
+from twin.scenario.sections.shapes import build_transform, plain_values
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
@@ -214,12 +213,5 @@ def supply_layout(section: SupplySection) -> SupplyLayout:
 def _own_part(section: ConstructionPartSection) -> ModelPart:
     from planning.construction.problem.models import ModelPart
 
-    red, green, blue = section.colour
-    return ModelPart(
-        name=section.name,
-        size=readonly(section.size_m),
-        mass=section.mass_kg,
-        goal=readonly(build_transform(section.goal)),
-        faces=section.faces,
-        colour=(red, green, blue),
-    )
+    own = plain_values(section, without=("size_m", "start", "insertion"))
+    return ModelPart(size=readonly(section.size_m), **own)

@@ -13,7 +13,7 @@ from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.registry import robot_model, with_tool
 from twin.planning.build_workcell import build_shape
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
-from twin.scenario.sections.shapes import ShapeSection, build_transform
+from twin.scenario.sections.shapes import ShapeSection, plain_values
 
 
 def fitted_model(
@@ -54,17 +54,14 @@ def _fitting(
 
 def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     """Return a tool of a cell as planning knows it."""
+    said = ("description", "shapes", "joints", "opening_m", "suction", "rack")
     return Tool(
         name=name,
         description=_description(name, section, folder),
         shapes=_shapes(name, section, folder),
-        within=section.within_m,
         held=section.joints,
-        mount=build_transform(section.mount),
-        tcp=None if section.tcp is None else build_transform(section.tcp),
-        closing=section.closing,
-        frames={key: build_transform(pose) for key, pose in section.frames.items()},
         grip=section.grip(name),
+        **plain_values(section, without=said),
     )
 
 
@@ -90,14 +87,7 @@ def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...
 
 def build_limits(section: LimitsSection) -> GivenLimits:
     """Return the limits of a robot as planning knows them."""
-
-    def listed(value: tuple[float, ...] | float | None) -> tuple[float, ...] | None:
-        return (value,) if isinstance(value, float) else value
-
-    return GivenLimits(
-        velocity=listed(section.velocity),
-        acceleration=listed(section.acceleration),
-        jerk=listed(section.jerk),
-        effort=listed(section.effort),
-        payload=section.payload_kg,
-    )
+    speeds = ("tool_speed_m_s", "loaded_tool_speed_m_s", "payload_kg")
+    given = plain_values(section, without=speeds)
+    listed = {k: v if isinstance(v, tuple) else (v,) for k, v in given.items()}
+    return GivenLimits(payload=section.payload_kg, **listed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,15 +23,15 @@ from planning.parts.assembly import (
 from planning.statics.standing import BalanceRules, Joined, Joint, StandingRules
 from planning.transforms import Transform, readonly
 from twin.planning.part_assembly.line import Line, MachineJob, written_out
-from twin.scenario.document.section import plain_values
 from twin.scenario.sections.parts import (
     GripSection,
+    PartGripSection,
     PartSection,
     PartsSection,
     PlaceOfWork,
     StepSection,
 )
-from twin.scenario.sections.shapes import build_transform
+from twin.scenario.sections.shapes import build_transform, plain_values
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
@@ -41,7 +42,7 @@ def build_assembly(section: PartsSection) -> PartAssembly:
 def assembly_of(line: Line) -> PartAssembly:
     """Return goals, steps, grips and supplies of what is written out."""
     section = line.section
-    grips = _grip_rules(section.grips)
+    grips = GripRules(**_grip_rules(section.grips))
     return PartAssembly(
         goals={
             part.name: readonly(build_transform(part.goal))
@@ -94,10 +95,11 @@ def _balance(section: PartsSection) -> BalanceRules | None:
     return BalanceRules(rules, tuple(joined))
 
 
-def _grip_rules(section: GripSection) -> GripRules:
+def _grip_rules(section: GripSection | PartGripSection) -> dict[str, Any]:
     values = plain_values(section)
-    values["directions"] = tuple(_unit(d) for d in values["directions"])
-    return GripRules(**values)
+    if "directions" in values:
+        values["directions"] = tuple(_unit(d) for d in values["directions"])
+    return values
 
 
 def _ordinary(part: PartSection) -> bool:
@@ -110,11 +112,7 @@ def _ordinary(part: PartSection) -> bool:
 def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartHandling:
     """Return how one part is handled: as it says, else as the assembly says."""
     if part.grips is not None:
-        given = plain_values(part.grips)
-        own = {key: value for key, value in given.items() if value is not None}
-        if "directions" in own:
-            own["directions"] = tuple(_unit(d) for d in own["directions"])
-        rules = replace(rules, **own)
+        rules = replace(rules, **_grip_rules(part.grips))
     return PartHandling(
         rules,
         part.approach_m or section.approach_m,

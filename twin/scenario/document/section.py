@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
 from inspect import cleandoc
 from typing import Annotated, Any, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
@@ -95,27 +93,6 @@ class Section(BaseModel):
     ) -> JsonSchemaValue:
         """Return the schema with what the docstring says of every key."""
         return described(handler.resolve_ref_schema(handler(core)), cls)
-
-
-def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str, Any]:
-    """Return the values of a section by names without units, angles in radians.
-
-    ``size_m`` becomes ``size``, ``yaw_deg`` becomes ``yaw``: what classes of planning call them.
-
-    Args:
-        section: the section.
-        without: keys to leave out.
-    """
-    out: dict[str, Any] = {}
-    for key, value in section:
-        name, _, unit = key.rpartition("_")
-        if key in without:
-            continue
-        if unit == "deg" and value is not None:
-            angles = np.deg2rad(value).tolist()
-            value = tuple(angles) if isinstance(angles, list) else angles
-        out[name if unit in ("m", "rad", "deg") else key] = value
-    return out
 
 
 def with_tuples(value: Any) -> Any:

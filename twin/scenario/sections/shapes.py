@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from collections.abc import Collection
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from planning.transforms import Transform, from_quat_wxyz, from_rpy
+from planning.transforms import Transform, from_quat_wxyz, from_rpy, readonly
 from twin.scenario.document.section import Section, Several, Three
 
 # No cell reaches ten kilometres: what is beyond is a slip of the pen or of the unit.
@@ -49,6 +50,40 @@ def build_transform(pose: PoseSection) -> Transform:
         return from_quat_wxyz(pose.xyz_m, pose.quat_wxyz)
     rpy = np.deg2rad(pose.rpy_deg or (0.0, 0.0, 0.0))
     return from_rpy(pose.xyz_m, rpy.tolist())
+
+
+def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str, Any]:
+    """Return what a section gives, as classes of planning have it: by names without units.
+
+    ``size_m`` becomes ``size``, ``yaw_deg`` becomes ``yaw`` in radians, and poses become
+    transforms. What has no value is left out.
+
+    Args:
+        section: the section.
+        without: keys to leave out.
+    """
+    out: dict[str, Any] = {}
+    for key, value in section:
+        name, _, unit = key.rpartition("_")
+        if key in without or value is None:
+            continue
+        if unit == "deg":
+            angles = np.deg2rad(value).tolist()
+            value = tuple(angles) if isinstance(angles, list) else angles
+        out[name if unit in _UNITS else key] = _plain(value)
+    return out
+
+
+_UNITS = ("m", "rad", "deg", "kg")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with transforms for poses."""
+    if isinstance(value, PoseSection):
+        return readonly(build_transform(value))
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return value
 
 
 Length = Annotated[float, Field(ge=1e-4, le=1000)]
