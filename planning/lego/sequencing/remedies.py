@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
@@ -15,7 +15,7 @@ from planning.lego.sequencing.blocking import (
     remaining,
     smallest_blocking_set,
 )
-from planning.lego.stability.partial_structures import Names
+from planning.lego.stability.partial_structures import Names, PartialStructures
 
 
 def columns_below(
@@ -112,31 +112,42 @@ def on_plinth(
     return raised, plinth
 
 
+@dataclass(frozen=True, eq=False)
 class Design:
     """A structure with the temporary bricks that it needs, and what is known of its bricks.
 
-    Args:
+    Attributes:
         structure: what is built.
         fixed: bricks that stand from the start.
         temporary: bricks that only help.
-        rules: what is allowed.
+        rules: what is allowed, and what scaffolding may be made of.
     """
 
-    def __init__(
-        self,
-        structure: Sequence[PlacedBrick],
-        fixed: Sequence[PlacedBrick],
-        temporary: Sequence[PlacedBrick],
-        rules: SequencingRules,
-    ) -> None:
-        self.temporary = tuple(temporary)
-        self._types = rules.types or tuple(BRICKS.values())
-        self.parts: Names = frozenset(
-            item.name for item in (*structure, *self.temporary)
-        )
-        self.insertions = Insertions.of([*structure, *self.temporary], fixed, rules)
-        self.structures = self.insertions.structures
-        self.prospects = Prospects(self.insertions)
+    structure: tuple[PlacedBrick, ...]
+    fixed: tuple[PlacedBrick, ...]
+    temporary: tuple[PlacedBrick, ...]
+    rules: SequencingRules
+
+    @cached_property
+    def parts(self) -> Names:
+        """Names of the bricks that are put in."""
+        return frozenset(item.name for item in (*self.structure, *self.temporary))
+
+    @cached_property
+    def prospects(self) -> Prospects:
+        """What might be the last one in of which bricks."""
+        bricks = [*self.structure, *self.temporary]
+        return Prospects(Insertions.of(bricks, self.fixed, self.rules))
+
+    @property
+    def insertions(self) -> Insertions:
+        """How bricks go in."""
+        return self.prospects.insertions
+
+    @property
+    def structures(self) -> PartialStructures:
+        """What stands and what it bears."""
+        return self.insertions.structures
 
     def order(self) -> list[str]:
         """Return the bricks from the top down."""
@@ -181,10 +192,11 @@ class Design:
     ) -> tuple[PlacedBrick, ...]:
         """Return a column under a brick, or under what carries it."""
         bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
+        types = self.rules.types or tuple(BRICKS.values())
         seen, front = {name}, [name]
         while front:
             for carried in front:
-                column = next(columns_below(bricks[carried], filled, self._types), ())
+                column = next(columns_below(bricks[carried], filled, types), ())
                 if column or not carriers:
                     return column
             below = (n for up in front for n in self.structures.below(every, up))
@@ -202,33 +214,22 @@ class Design:
         some = (name for name in self.order() if name in self.blocked)
         return smallest_blocking_set(some, self.prospects.perhaps)
 
+    def scaffolded(self) -> Design:
+        """Return it with scaffolding under bricks that could not go in otherwise.
 
-def scaffolded(
-    structure: Sequence[PlacedBrick],
-    fixed: Sequence[PlacedBrick],
-    temporary: Sequence[PlacedBrick],
-    rules: SequencingRules,
-) -> Design:
-    """Return a structure with scaffolding under bricks that could not go in otherwise.
-
-    Bricks that nothing lets in whatever stands around them get a column first; then one brick
-    of the smallest blocking set at a time, until no set of bricks is blocked or no column helps.
-
-    Args:
-        structure: what is built.
-        fixed: bricks that stand from the start.
-        temporary: bricks that help already.
-        rules: what is allowed, and what scaffolding may be made of.
-    """
-    extra = list(temporary)
-    while True:
-        design = Design(structure, fixed, extra, rules)
-        alone = [
-            name
-            for name in sorted(design.blocked)
-            if not design.prospects.perhaps(frozenset((name,)), name)
-        ]
-        columns = design.columns(alone) or design.column(sorted(design.blocking_set()))
-        if not columns:
-            return design
-        extra += columns
+        Bricks that nothing lets in whatever stands around them get a column first; then one brick
+        of the smallest blocking set at a time, until no set of bricks is blocked or no column
+        helps.
+        """
+        design = replace(self)
+        while True:
+            alone = [
+                name
+                for name in sorted(design.blocked)
+                if not design.prospects.perhaps(frozenset((name,)), name)
+            ]
+            columns = design.columns(alone)
+            columns = columns or design.column(sorted(design.blocking_set()))
+            if not columns:
+                return design
+            design = replace(design, temporary=(*design.temporary, *columns))

@@ -160,7 +160,6 @@ _FIRST_TRY = 30
 
 def search_sequence(
     parts: Names,
-    removals: Removals,
     prospects: Prospects,
     *,
     limit: int,
@@ -170,12 +169,11 @@ def search_sequence(
 
     Args:
         parts: of the finished structure.
-        removals: what may be removed from which partial structure.
         prospects: what might be removed if the structure bore it.
         limit: largest number of partial structures to look at, beyond one for each brick.
         progress: told after each try how many were looked at, and of how many at most.
     """
-    failed: set[Names] = set()
+    removals, failed = Removals(prospects.insertions), set[Names]()
     visited, beyond = 0, _FIRST_TRY
     dead_end: Names | None = None
     total = limit + len(parts) + 1

@@ -17,8 +17,8 @@ from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import MOST_SPOTS, Insertion
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
 from planning.lego.sequencing.blocking import Refusal
-from planning.lego.sequencing.remedies import Design, on_plinth, scaffolded
-from planning.lego.sequencing.search import DisassemblySearch, Removals, search_sequence
+from planning.lego.sequencing.remedies import Design, on_plinth
+from planning.lego.sequencing.search import DisassemblySearch, search_sequence
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
 
@@ -93,31 +93,27 @@ def sequence_structure(
         ScenarioError: bricks overlap or two have the same name.
     """
     rules = rules or SequencingRules()
-    fixed = tuple(scaffold)
-    plain = Design(structure, fixed, (), rules)
-    _check_finished(plain, rules)
+    plain = Design(tuple(structure), tuple(scaffold), (), rules)
+    _check_finished(plain)
     raised, plinth = on_plinth(structure, rules.plinth)
-    design = plain
-    if rules.scaffold:
-        design = scaffolded(raised, fixed, plinth, rules)
-    elif plinth:
-        design = Design(raised, fixed, plinth, rules)
+    start = replace(plain, structure=raised, temporary=plinth) if plinth else plain
+    design = start.scaffolded() if rules.scaffold else start
     core = design.blocking_set()
-    refusal = Refusal(design.prospects)
     if core:
-        hint = _remedies(raised, fixed, plinth, rules)
-        raise InfeasibleStepError(refusal.blocked(core) + hint)
+        words = Refusal(design.prospects).blocked(core)
+        raise InfeasibleStepError(words + _remedies(start))
     # Where scaffolding may be added, that helps more than many tries without it.
     limit = min(rules.search_limit, _TRIES) if rules.scaffold else rules.search_limit
-    found = _search(design, rules, limit, progress)
+    found = _search(design, limit, progress)
     while found.steps is None and rules.scaffold:
         column = design.column(_stuck(design, found))
         if not column:
             break
-        design = scaffolded(raised, fixed, (*design.temporary, *column), rules)
-        found = _search(design, rules, limit, progress)
+        more = replace(design, temporary=(*design.temporary, *column))
+        design = more.scaffolded()
+        found = _search(design, limit, progress)
     if found.steps is None and not found.complete and limit < rules.search_limit:
-        found = _search(design, rules, rules.search_limit, progress)
+        found = _search(design, rules.search_limit, progress)
     if found.steps is None:
         refusal = Refusal(design.prospects)
         end = found.dead_end or frozenset()
@@ -129,7 +125,7 @@ def sequence_structure(
             raise InfeasibleStepError(
                 f"no order of assembly exists: all {found.visited} partial structures that can be "
                 f"reached lead nowhere, held at any of {MOST_SPOTS} spots near a press. In the smallest of them {words}"
-                + _remedies(raised, fixed, plinth, rules)
+                + _remedies(start)
             )
         raise UndecidedError(
             f"not decided: no order of assembly was found among {found.visited} partial "
@@ -167,11 +163,10 @@ def sequenced(
 
 
 def _search(
-    design: Design, rules: SequencingRules, limit: int, progress: Progress
+    design: Design, limit: int, progress: Progress
 ) -> DisassemblySearch[str, Insertion]:
-    removals = Removals(design.insertions)
     return search_sequence(
-        design.parts, removals, design.prospects, limit=limit, progress=progress
+        design.parts, design.prospects, limit=limit, progress=progress
     )
 
 
@@ -207,7 +202,7 @@ def _reason(design: Design, names: Names, name: str, chosen: Insertion) -> str:
     return f"the structure bears the press of {force} from above"
 
 
-def _check_finished(design: Design, rules: SequencingRules) -> None:
+def _check_finished(design: Design) -> None:
     """Raise an error when the finished structure does not stand."""
     structures = design.structures
     names = frozenset(structures.bricks)
@@ -221,13 +216,9 @@ def _check_finished(design: Design, rules: SequencingRules) -> None:
         raise InfeasibleStepError(f"the finished structure does not stand: {why}")
 
 
-def _remedies(
-    structure: Sequence[PlacedBrick],
-    fixed: Sequence[PlacedBrick],
-    plinth: Sequence[PlacedBrick],
-    rules: SequencingRules,
-) -> str:
+def _remedies(design: Design) -> str:
     """Return which remedies that are off would help, as a further line of a refusal."""
+    rules = design.rules
     remedies = {
         "support": replace(rules, support=True),
         "place_up": replace(rules, place_up=True),
@@ -238,13 +229,12 @@ def _remedies(
     for name, changed in remedies.items():
         if changed == rules:
             continue
+        helped, words = replace(design, rules=changed), f"'{name}'"
         if name == "scaffold":
-            design = scaffolded(structure, fixed, plinth, changed)
-            count = len(design.temporary) - len(plinth)
+            helped = helped.scaffolded()
+            count = len(helped.temporary) - len(design.temporary)
             words = f"'scaffold' ({count} temporary bricks)"
-        else:
-            design, words = Design(structure, fixed, plinth, changed), f"'{name}'"
-        if not design.blocked:
+        if not helped.blocked:
             helps.append(words)
     if not helps:
         return ""
