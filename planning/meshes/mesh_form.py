@@ -39,7 +39,9 @@ second one where the first makes too many pieces."""
 _MANY = 2000
 """Triangles of a mesh that takes some seconds to cut."""
 
-_LISTENER: ContextVar[Callable[[Path], None] | None] = ContextVar("listener", default=None)
+_LISTENER: ContextVar[Callable[[Path], None] | None] = ContextVar(
+    "listener", default=None
+)
 
 
 @contextmanager

@@ -204,9 +204,9 @@ class SkillTrial:
         found = next(self._obstructions, None)
         while found is not None and self._may_touch(found.by):
             found = next(self._obstructions, None)
-        return self._pressed_into() if found is None else self._told(found)
+        return self._pressed_into() if found is None else self._explained(found)
 
-    def _told(self, found: Obstruction) -> Obstruction:
+    def _explained(self, found: Obstruction) -> Obstruction:
         """Return an obstruction that says so where a robot is in the way as it waits at HOME."""
         name = (found.by or "").partition("/")[0]
         for robot in self._scene.cell.robots:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,8 @@ from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
 from tests.planning.tasks.plan_oracle import plan_violations, task_order
+
+Direction = tuple[float, float, float]
 
 ON_TABLE = 0.0125
 RODS = {
@@ -155,53 +158,43 @@ def test_a_step_can_be_done_in_other_ways(
     assert [t.kind for t in first.tasks] == [t.kind for t in second.tasks]
 
 
-def test_a_part_must_come_to_lie_on_something() -> None:
-    with pytest.raises(InfeasibleStepError, match=r"step 1 \(across\).*in the air"):
-        find_candidates(two_arms(), crossing("across"))
-
-
-def test_a_part_must_not_go_where_another_is() -> None:
-    assembly = crossing("south", "north")
-    taken = {**assembly.goals, "north": pose((0.01, -0.05, ON_TABLE), 0.0)}
-    with pytest.raises(InfeasibleStepError, match=r"step 2 \(north\).*where south is"):
-        find_candidates(two_arms(), replace(assembly, goals=taken))
-
-
-def test_a_part_that_nobody_reaches_is_named_with_the_reason() -> None:
-    cell = two_arms()
+def refused() -> Iterator[tuple[str, str, Workcell, PartAssembly]]:
+    """Yield what cannot be done, in words, with what is said of it."""
+    cell, plain, two = two_arms(), crossing(), crossing("south", "north")
+    yield "nothing below", r"step 1 \(across\).*in the air", cell, crossing("across")
+    there = {**two.goals, "north": pose((0.01, -0.05, ON_TABLE), 0.0)}
+    taken = replace(two, goals=there)
+    yield "another is there", r"step 2 \(north\).*where south is", cell, taken
     far = rod("south", pose((0.0, -0.95, ON_TABLE), 0.0))
-    cell = replace(cell, objects=(far, *cell.objects[1:]))
-    found = find_candidates(cell, crossing("south"))
-    with pytest.raises(InfeasibleStepError, match=r"(?s)south.*out of reach"):
-        assign_steps(found.problem)
-
-
-def test_a_part_too_wide_for_the_fingers_is_refused() -> None:
+    away = replace(cell, objects=(far, *cell.objects[1:]))
+    yield "too far", r"(?s)south.*out of reach", away, crossing("south")
     narrow = replace(crossing("south"), grips=GripRules(opening=0.02))
-    found = find_candidates(two_arms(), narrow)
-    with pytest.raises(InfeasibleStepError, match=r"the tool opens to 20\.0 mm"):
-        assign_steps(found.problem)
+    yield "too wide", r"the tool opens to 20\.0 mm", cell, narrow
+    # The upper rod comes from above: from below the lower ones are in its way.
+    below = r"\(across\) leads through north .*into its place"
+    yield "from below", below, cell, led(plain, "across", UP, UP)
+    through = r"\(south\) leads through table .*where it starts"
+    yield "out below", through, cell, led(plain, "south", DOWN, DOWN)
 
 
-Direction = tuple[float, float, float]
+def led(
+    plain: PartAssembly, part: str, insertion: Direction, extraction: Direction
+) -> PartAssembly:
+    """Return an assembly in which a part goes in and out in other directions."""
+    ways = PartHandling(plain.grips, plain.approach, plain.leave, insertion, extraction)
+    return replace(plain, own_handling={part: ways})
 
 
-def test_a_part_is_not_led_through_what_it_touches() -> None:
-    """The upper rod comes from above: from below the lower ones are in its way."""
+@pytest.mark.parametrize(
+    ("words", "cell", "assembly"),
+    [pytest.param(*case, id=name) for name, *case in refused()],
+)
+def test_what_cannot_be_done_is_refused_with_the_reason(
+    words: str, cell: Workcell, assembly: PartAssembly
+) -> None:
+    with pytest.raises(InfeasibleStepError, match=words):
+        assign_steps(find_candidates(cell, assembly).problem)
 
-    def led(part: str, insertion: Direction, extraction: Direction) -> PartAssembly:
-        plain = crossing()
-        ways = PartHandling(
-            plain.grips, plain.approach, plain.leave, insertion, extraction
-        )
-        return replace(plain, own_handling={part: ways})
 
-    assert find_candidates(two_arms(), led("across", DOWN, UP))
-    with pytest.raises(
-        InfeasibleStepError, match=r"\(across\) leads through north .*into its place"
-    ):
-        find_candidates(two_arms(), led("across", UP, UP))
-    with pytest.raises(
-        InfeasibleStepError, match=r"\(south\) leads through table .*where it starts"
-    ):
-        find_candidates(two_arms(), led("south", DOWN, DOWN))
+def test_a_part_may_be_led_in_from_above() -> None:
+    assert find_candidates(two_arms(), led(crossing(), "across", DOWN, UP))

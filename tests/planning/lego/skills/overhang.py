@@ -6,7 +6,9 @@ right robot, and one pushed up from below under the edge of the second.
 
 from __future__ import annotations
 
-from planning.cell.workcell import Workcell
+import numpy as np
+
+from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.lego.bricks.assembly import (
     BRICKS,
     Cell,
@@ -17,9 +19,26 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
+from planning.lego.bricks.brick_world import plate_fixture, stock_objects
 from planning.lego.skills.targets import DEFAULT_TWIST
-from planning.transforms import translation
-from tests.planning.lego.skills.facing_arms import facing_arms
+from planning.robots.registry import robot_model
+from planning.transforms import from_rpy, translation
+
+
+def facing_arms(
+    assembly: LegoAssembly,
+    clearances: Clearances = Clearances(),  # noqa: B008 - frozen
+) -> Workcell:
+    """Return the cell."""
+    gp4 = robot_model("gp4")
+    right = from_rpy((0.88, 0, 0.9246), (0, 0, np.pi))
+    robots = (
+        PlacedRobot("left", gp4, translation(0, 0, 0.9246), gp4.home),
+        PlacedRobot("right", gp4, right, gp4.home),
+    )
+    plate = plate_fixture(assembly.plate)
+    return Workcell(robots, (plate,), stock_objects(assembly), clearances)
+
 
 TOWER = (
     StockBrick("f1", BRICKS["2x6"], Cell(23, 14, 1), fixed=True),
