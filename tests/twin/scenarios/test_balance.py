@@ -7,15 +7,13 @@ from pathlib import Path
 import pytest
 
 from planning.errors import InfeasibleStepError
+from tests.twin.scenarios.executed import executed
 from twin.check.finding import Subject
 from twin.check.lying import check_balance
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
 
 SCENARIO = """\
 version: 1
@@ -77,8 +75,7 @@ def test_a_prop_or_a_joint_keeps_it_up(
     planned = plan_scenario(given)
     placed = [t.object for t in planned.tpg.tasks if t.kind == "place-down"]
     assert placed == order
-    trial = try_plan(given_plan(LoadedScenario(given), planned.tpg), _folder(tmp_path))
-    assert trial.passed
+    executed(given, planned.tpg, tmp_path / "run", recording=True)
 
 
 def test_the_centre_of_mass_decides_what_falls(tmp_path: Path) -> None:
@@ -88,9 +85,7 @@ def test_the_centre_of_mass_decides_what_falls(tmp_path: Path) -> None:
     file.write_text(SCENARIO.replace(there, heavy_end).replace("beam, prop]", "beam]"))
     given = load_scenario(file)
     planned = plan_scenario(given)
-    assert try_plan(
-        given_plan(LoadedScenario(given), planned.tpg), _folder(tmp_path)
-    ).passed
+    executed(given, planned.tpg, tmp_path / "run", recording=True)
     file.write_text(file.read_text().replace("[-0.04,", "[0.01,"))
     with pytest.raises(InfeasibleStepError, match="beam would not stand"):
         plan_scenario(load_scenario(file))
@@ -105,17 +100,10 @@ def test_what_hangs_on_a_joint_hangs_for_the_audit_without_it(tmp_path: Path) ->
     file.write_text(text.replace("steps:", joined))
     given = load_scenario(file)
     planned = plan_scenario(given)
-    trial = try_plan(given_plan(LoadedScenario(given), planned.tpg), _folder(tmp_path))
-    assert trial.passed
+    executed(given, planned.tpg, tmp_path / "run", recording=True)
     bare = load_scenario(_without_joint(file))
     with pytest.raises(InfeasibleStepError, match="in the air"):
         plan_scenario(bare)
-
-
-def _folder(tmp_path: Path) -> Path:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    return folder
 
 
 def _without_joint(file: Path) -> Path:

@@ -8,10 +8,9 @@ import pytest
 
 from planning.tasks.task import HOLD, LEAVE_TOOL, TAKE_TOOL
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.scenario.sections.scenario import Scenario, resolved, restored
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.trial import try_plan
+from twin.trial.plan_result import PlanResult
 
 pytestmark = pytest.mark.expensive
 
@@ -26,10 +25,7 @@ def file() -> Path:
 def test_it_is_built_and_found_clean(
     scenario: Scenario, planned: PlanResult, tmp_path: Path
 ) -> None:
-    trial = try_plan(
-        given_plan(LoadedScenario(scenario, FILE.parent), planned.tpg), tmp_path
-    )
-    assert trial.passed
+    executed(scenario, planned.tpg, tmp_path, base=FILE.parent, recording=True)
     assert verify_plan(planned.tpg).ok
 
 

@@ -22,6 +22,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.one_draw import sample_node_times
+from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from twin.audit.audit import audit_run
 from twin.check.finding import Subject
@@ -38,12 +39,10 @@ from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
 from twin.study.replications.experiment import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute, skill_durations
-from twin.trial.trial import audit_execution, try_plan
+from twin.trial.trial import audit_execution
 from twin.uncertainty.disturbances import (
     Disturbances,
     MachineBreakdowns,
@@ -128,14 +127,7 @@ def scenario(folder: Path, **assembly: Any) -> Scenario:
 
 def tried(own: Scenario, folder: Path) -> RunResult:
     """Return a trial of a scenario whose audit found nothing."""
-    folder.mkdir()
-    trial = try_plan(
-        given_plan(LoadedScenario(own), plan_scenario(own, folder).tpg),
-        folder,
-        recording=False,
-    )
-    assert trial.passed
-    return trial
+    return executed(own, plan_scenario(own).tpg, folder)
 
 
 @pytest.fixture(scope="module")

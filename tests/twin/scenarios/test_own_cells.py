@@ -17,13 +17,11 @@ from planning.parts.tool_grips import robot_grips, tool_misfit
 from planning.steps.skill import Obstruction
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.check.check import check_scenario
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.file import load_scenario, read_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
 
 END = """\
 planning: {speed_model: joint, shortcut_candidates: 200}
@@ -70,13 +68,7 @@ def done(folder: Path, text: str) -> TemporalPlanGraph:
     ] == []
     scenario = load_scenario(file)
     planned = plan_scenario(scenario, folder)
-    out = folder / "run"
-    out.mkdir()
-    trial = try_plan(
-        given_plan(LoadedScenario(scenario, folder), planned.tpg), out, recording=False
-    )
-    assert trial.summary["audit"]["violations"] == []
-    assert trial.passed
+    executed(scenario, planned.tpg, folder / "run", base=folder)
     assert verify_plan(planned.tpg).problems == ()
     return planned.tpg
 

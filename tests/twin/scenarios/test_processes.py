@@ -15,6 +15,7 @@ from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
 from scheduling.graph.rollout import earliest_times
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.audit.audit import audit_run
 from twin.audit.wanted import Wanted, WantedProcess
 from twin.check.finding import Subject
@@ -26,11 +27,9 @@ from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.variations import varied
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
 
 SCENARIO = """\
 version: 1
@@ -230,10 +229,7 @@ def test_an_order_is_found_for_steps_in_any_order(tmp_path: Path) -> None:
     scenario = load_scenario(file)
     assert list(check_goals(Subject(scenario, tmp_path))) == []
     tpg = plan_scenario(scenario).tpg
-    out = tmp_path / "run"
-    out.mkdir()
-    trial = try_plan(given_plan(LoadedScenario(scenario), tpg), out, recording=False)
-    assert trial.summary["audit"]["violations"] == []
+    executed(scenario, tpg, tmp_path / "run")
 
 
 def test_places_of_work_out_of_reach_are_found_before_planning(

@@ -9,11 +9,9 @@ import yaml
 
 from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.scenario.file import load_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
 
 FAR_APART = """\
 version: 1
@@ -123,11 +121,7 @@ def test_a_part_is_laid_down_in_between_and_the_audit_is_clean(
         (robots[1], "pick"),
         (robots[1], "place-down"),
     ]
-    out = tmp_path / "run"
-    out.mkdir()
-    trial = try_plan(given_plan(LoadedScenario(scenario), tpg), out, recording=False)
-    assert trial.passed
-    assert trial.summary["audit"]["violations"] == []
+    executed(scenario, tpg, tmp_path / "run")
 
 
 def test_across_a_gap_parts_are_handed_over_and_the_audit_is_clean(
@@ -147,11 +141,7 @@ def test_across_a_gap_parts_are_handed_over_and_the_audit_is_clean(
             (giver, "handover"),
             (receiver, "place-down"),
         ]
-    out = tmp_path / "run"
-    out.mkdir()
-    trial = try_plan(given_plan(LoadedScenario(scenario), tpg), out, recording=False)
-    assert trial.passed
-    assert trial.summary["audit"]["violations"] == []
+    executed(scenario, tpg, tmp_path / "run")
 
 
 def test_what_one_robot_can_do_is_not_laid_down(tmp_path: Path) -> None:

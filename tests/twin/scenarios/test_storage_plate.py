@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.file import load_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.trial import try_plan
+from twin.trial.plan_result import PlanResult
 
 SCENARIO = """\
 version: 1
@@ -67,13 +66,7 @@ def test_stock_and_scaffolding_stand_on_their_plates(planned: PlanResult) -> Non
 
 def test_the_plan_is_safe_and_the_run_clean(planned: PlanResult, file: Path) -> None:
     assert verify_plan(planned.tpg).problems == ()
-    (file.parent / "run").mkdir()
-    trial = try_plan(
-        given_plan(LoadedScenario(load_scenario(file)), planned.tpg),
-        file.parent / "run",
-        recording=False,
-    )
-    assert trial.passed
+    executed(load_scenario(file), planned.tpg, file.parent / "run")
 
 
 def test_bricks_of_two_plates_are_no_neighbours(planned: PlanResult) -> None:

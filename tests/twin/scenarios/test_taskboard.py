@@ -8,10 +8,9 @@ import pytest
 
 from planning.tasks.task import HOLD
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.trial import try_plan
+from twin.trial.plan_result import PlanResult
 
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "taskboard.yaml"
 
@@ -56,10 +55,5 @@ def test_it_is_safe_by_the_other_proof_and_its_run_is_clean(
     scenario: Scenario, planned: PlanResult, tmp_path: Path
 ) -> None:
     assert verify_plan(planned.tpg).problems == ()
-    trial = try_plan(
-        given_plan(LoadedScenario(scenario, FILE.parent), planned.tpg),
-        tmp_path,
-        recording=False,
-    )
-    assert trial.passed
+    trial = executed(scenario, planned.tpg, tmp_path, base=FILE.parent)
     assert trial.summary["audit"]["violations"] == []

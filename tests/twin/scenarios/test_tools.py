@@ -14,12 +14,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.planning.robots.descriptions.test_mjcf import HAND
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e, vendor_file
+from tests.twin.scenarios.executed import executed
 from twin.check.tools import finger_gap
 from twin.scenario.file import load_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
 
 CELL = """\
 version: 1
@@ -77,13 +75,7 @@ def done(folder: Path, tools: str, robots: str) -> TemporalPlanGraph:
     file.write_text(CELL.format(tools=tools.rstrip(), robots=robots.rstrip()))
     scenario = load_scenario(file)
     planned = plan_scenario(scenario, folder)
-    out = folder / "run"
-    out.mkdir()
-    trial = try_plan(
-        given_plan(LoadedScenario(scenario), planned.tpg), out, recording=False
-    )
-    assert trial.summary["audit"]["violations"] == []
-    assert trial.passed
+    executed(scenario, planned.tpg, folder / "run")
     assert verify_plan(planned.tpg).problems == ()
     return planned.tpg
 
