@@ -9,19 +9,16 @@ from typing import Annotated
 import typer
 
 from twin.commands.cluster import app as cluster_app
-from twin.commands.compare import compare
 from twin.commands.doctor import doctor
 from twin.commands.export import export
 from twin.commands.fit import fit
 from twin.commands.follow import follow
 from twin.commands.imports.app import app as import_app
-from twin.commands.replay import replay
 from twin.commands.robots import robots
-from twin.commands.run import resume, run
+from twin.commands.run import replay, resume, run
+from twin.commands.scenarios import check, init, scenarios, schema, validate
 from twin.commands.sequence import sequence
-from twin.commands.start import init, scenarios
-from twin.commands.study import study
-from twin.commands.validate import check, schema, validate
+from twin.commands.study import compare, study
 from twin.commands.verify import verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 
@@ -57,25 +54,28 @@ def _program(version: Version = False) -> None:
     """Plan, schedule and simulate teams of robots that build things together."""
 
 
-app.command()(init)
-app.command()(scenarios)
-app.command()(run)
-app.command()(validate)
-app.command()(check)
-app.command()(sequence)
-app.command()(compare)
-app.command()(study)
+for _name, _function in {
+    "init": init,
+    "scenarios": scenarios,
+    "run": run,
+    "validate": validate,
+    "check": check,
+    "sequence": sequence,
+    "compare": compare,
+    "study": study,
+    "replay": replay,
+    "fit": fit,
+    "resume": resume,
+    "follow": follow,
+    "export": export,
+    "verify": verify,
+    "robots": robots,
+    "schema": schema,
+    "doctor": doctor,
+}.items():
+    app.command(_name)(_function)
 app.add_typer(cluster_app, name="cluster")
-app.command()(replay)
-app.command()(fit)
-app.command()(resume)
-app.command()(follow)
-app.command()(export)
 app.add_typer(import_app, name="import")
-app.command()(verify)
-app.command()(robots)
-app.command()(schema)
-app.command()(doctor)
 
 
 def main() -> None:

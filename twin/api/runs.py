@@ -97,6 +97,8 @@ class Check:
 def check(scenario: AnyScenario, *, progress: Report = report_nothing) -> Check:
     """Look at a cell before planning: overlaps, reach, HOME, grippers, tool frames and speeds.
 
+    Errors make every plan impossible or false, and end the command with code 2; warnings do not.
+
     Args:
         scenario: a scenario, or the path of its file.
         progress: told how far each stage has come.

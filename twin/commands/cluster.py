@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -11,51 +10,43 @@ from planning.errors import RequestError
 from planning.parallel import usable_cores
 from twin.cluster.address import DEFAULT_PORT, encrypted
 from twin.cluster.certificates import certificates_in, make_certificates
-from twin.host.guard import guarded
+from twin.commands.command import command
 
 app = typer.Typer(
     no_args_is_help=True, help="Let other machines help with studies, over TLS."
 )
 
-Certificates = Annotated[
-    Path,
-    typer.Option(metavar="DIR", help="Folder that twin cluster certificates has made."),
-]
-Host = Annotated[
-    str,
-    typer.Option(help="Address of this machine to listen on, and on no other."),
-]
-Workers = Annotated[
-    int | None,
-    typer.Option(min=0, help="Processes on this machine. Default: one a core."),
-]
-Port = Annotated[
-    int, typer.Option(min=0, max=65535, help="Of the scheduler; 0 for any free one.")
-]
 
-
-@app.command()
-@guarded
-def certificates(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder to make; copy it to members.")
-    ],
-    days: Annotated[int, typer.Option(min=1, max=3650, help="Valid for so long.")] = 90,
+def make(
+    folder: Path,
+    *,
+    days: int = 90,
 ) -> None:
-    """Make the certificates of a cluster: whoever has them may use it."""
+    """Make the certificates of a cluster: whoever has them may use it.
+
+    Args:
+        folder: folder to make; copy it to members.
+        days: valid for so long.
+    """
     make_certificates(folder, days)
     typer.echo(f"{folder}: valid for {days} days; key.pem is secret")
 
 
-@app.command()
-@guarded
-def up(
-    certificates: Certificates,
-    host: Host = "127.0.0.1",
-    port: Port = DEFAULT_PORT,
-    workers: Workers = None,
+def serve(
+    *,
+    certificates: Path,
+    host: str = "127.0.0.1",
+    port: int = DEFAULT_PORT,
+    workers: int | None = None,
 ) -> None:
-    """Run a scheduler and workers on this machine until Ctrl-C."""
+    """Run a scheduler and workers on this machine until Ctrl-C.
+
+    Args:
+        certificates: folder that twin cluster certificates has made.
+        host: address of this machine to listen on, and on no other.
+        port: of the scheduler; 0 for any free one.
+        workers: processes on this machine. Default: one a core.
+    """
     held = certificates_in(certificates)
     _require_distributed()
     from twin.cluster.serving import serve_cluster
@@ -64,18 +55,21 @@ def up(
     serve_cluster(held, host, port, count, typer.echo)
 
 
-@app.command()
-@guarded
-def join(
-    address: Annotated[
-        str,
-        typer.Argument(metavar="ADDRESS", help="Of the scheduler: tls://host:port."),
-    ],
-    certificates: Certificates,
-    host: Host = "127.0.0.1",
-    workers: Workers = None,
+def help_out(
+    address: str,
+    *,
+    certificates: Path,
+    host: str = "127.0.0.1",
+    workers: int | None = None,
 ) -> None:
-    """Run workers on this machine for the scheduler of another, until Ctrl-C."""
+    """Run workers on this machine for the scheduler of another, until Ctrl-C.
+
+    Args:
+        address: of the scheduler: tls://host:port.
+        certificates: folder that twin cluster certificates has made.
+        host: address of this machine to listen on, and on no other.
+        workers: processes on this machine. Default: one a core.
+    """
     if not encrypted(address):
         raise RequestError(f"{address}: give the address as tls://host:port")
     held = certificates_in(certificates)
@@ -90,3 +84,27 @@ def _require_distributed() -> None:
     from twin.cluster.client import distributed
 
     distributed()
+
+
+app.command("certificates")(
+    command(
+        f"{__name__}:make",
+        folder={"metavar": "DIR"},
+        days={"min": 1, "max": 3650},
+    )
+)
+app.command("up")(
+    command(
+        f"{__name__}:serve",
+        certificates={"metavar": "DIR"},
+        port={"min": 0, "max": 65535, "default": DEFAULT_PORT},
+        workers={"min": 0},
+    )
+)
+app.command("join")(
+    command(
+        f"{__name__}:help_out",
+        certificates={"metavar": "DIR"},
+        workers={"min": 0},
+    )
+)

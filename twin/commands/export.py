@@ -2,69 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from planning.errors import OutputError
-from twin.host.guard import guarded
-
-Run = Annotated[
-    Path,
-    typer.Argument(
-        help="Folder of a run; for ldraw also a scenario file, without a run.",
-        metavar="RUN",
-    ),
-]
-Names = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--format",
-        "-f",
-        help="csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot, "
-        "task-graph, mermaid or ldraw; may be given several times.",
-        metavar="FORMAT",
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        "-o",
-        help="File to write, or folder for several; default: RUN/exports.",
-        metavar="PATH",
-    ),
-]
-Nodes = Annotated[
-    bool,
-    typer.Option(
-        "--nodes",
-        help="Every node of the temporal plan graph, not one entry a task "
-        "(graphml, dot, perfetto).",
-    ),
-]
-
-Rate = Annotated[
-    float | None,
-    typer.Option(
-        "--rate-hz",
-        help="Points a second of motions within limits, 125 to 1000; default: 250 "
-        "(joint-trajectory, joint-csv). Messages a second, 1 to 1000; default: 50 (mcap).",
-        metavar="HZ",
-    ),
-]
+from twin.commands.command import command
 
 
-@guarded
-def export(
-    run: Run,
-    formats: Names = None,
-    out: Out = None,
-    nodes: Nodes = False,
-    rate_hz: Rate = None,
+def export_files(
+    run: Path,
+    *,
+    formats: Sequence[str] = (),
+    out: Path | None = None,
+    nodes: bool = False,
+    rate_hz: float | None = None,
 ) -> None:
-    """Write a run as tables, timeline, trajectories or graph for other programs."""
+    """Write a run as tables, timeline, trajectories or graph for other programs.
+
+    Args:
+        run: folder of a run; for ldraw also a scenario file, without a run.
+        formats: csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot,
+            task-graph, mermaid or ldraw; may be given several times.
+        out: file to write, or folder for several; default: RUN/exports.
+        nodes: every node of the temporal plan graph, not one entry a task (graphml, dot,
+            perfetto).
+        rate_hz: points a second of motions within limits, 125 to 1000; default: 250
+            (joint-trajectory, joint-csv). Messages a second, 1 to 1000; default: 50 (mcap).
+    """
     from twin.exports.formats import FORMATS, export_run
     from twin.trial.run_result import read_run
 
@@ -103,3 +69,11 @@ def _export_scenario(file: Path, out: Path | None) -> Path:
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     return path
+
+
+export = command(
+    f"{__name__}:export_files",
+    formats={"names": ("--format", "-f"), "metavar": "FORMAT"},
+    out={"names": ("--out", "-o"), "metavar": "PATH"},
+    rate_hz={"metavar": "HZ"},
+)

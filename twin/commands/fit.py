@@ -4,91 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from planning.errors import RequestError, listed
-from twin.commands.options import AsJson, Quiet
-from twin.host.guard import guarded, print_json
+from twin.commands.command import command
+from twin.host.guard import print_json
 
 if TYPE_CHECKING:
     from twin.fit.fitting import Fit
 
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        help="CSV files with a header line, a row a duration; or runs: their folders or"
-        " event logs.",
-        metavar="FILE...",
-    ),
-]
-Column = Annotated[
-    str | None,
-    typer.Option(help="Column of the durations, in seconds; default: duration_s."),
-]
-Start = Annotated[
-    str | None,
-    typer.Option(
-        help="Column of the time stamps at which durations start, in place of --column:"
-        " seconds or ISO 8601. Columns start and end are found without."
-    ),
-]
-End = Annotated[
-    str | None, typer.Option(help="Column of the time stamps at which they end.")
-]
-Apply = Annotated[
-    Path | None,
-    typer.Option(
-        help="Write this scenario anew, with the fitted durations.", metavar="SCENARIO"
-    ),
-]
-Into = Annotated[
-    Path | None,
-    typer.Option(
-        "--into",
-        "-o",
-        help="The new scenario; default: SCENARIO with -fitted in its name.",
-        metavar="FILE",
-    ),
-]
-By = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="Fit each value of this column on its own: skill, robot or object. Repeatable."
-    ),
-]
-Skill = Annotated[
-    str | None,
-    typer.Option(
-        help="What all rows are of; default: the file's name where it is a skill."
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="Folder for the results; default: logs/fit-<name>-<UTC time>."),
-]
-Resamples = Annotated[
-    int, typer.Option(min=19, max=100_000, help="Bootstrap samples of each test.")
-]
-Seed = Annotated[int, typer.Option(min=0, help="Of the bootstrap.")]
 
-
-@guarded
-def fit(
-    files: Files,
-    column: Column = None,
-    start: Start = None,
-    end: End = None,
-    by: By = None,
-    skill: Skill = None,
-    apply: Apply = None,
-    into: Into = None,
-    out: Out = None,
-    resamples: Resamples = 499,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+def fit_durations(
+    files: Sequence[Path],
+    *,
+    column: str | None = None,
+    start: str | None = None,
+    end: str | None = None,
+    by: Sequence[str] = (),
+    skill: str | None = None,
+    apply: Path | None = None,
+    into: Path | None = None,
+    out: Path | None = None,
+    resamples: int = 499,
+    seed: int = 0,
+    as_json: bool = False,
+    quiet: bool = False,
 ) -> None:
     """Find the distributions that fit measured durations best.
 
@@ -97,6 +39,23 @@ def fit(
     part by their AICc. Leaves durations.yaml, the lines for a scenario; fit.json, all figures;
     and a picture of each group: histogram with densities, and quantiles. --apply puts the
     durations into a scenario, which plans and executes with them.
+
+    Args:
+        files: CSV files with a header line, a row a duration; or runs: their folders or
+            event logs.
+        column: column of the durations, in seconds; default: duration_s.
+        start: column of the time stamps at which durations start, in place of --column:
+            seconds or ISO 8601. Columns start and end are found without.
+        end: column of the time stamps at which they end.
+        by: fit each value of this column on its own: skill, robot or object. Repeatable.
+        skill: what all rows are of; default: the file's name where it is a skill.
+        apply: write this scenario anew, with the fitted durations.
+        into: the new scenario; default: SCENARIO with -fitted in its name.
+        out: folder for the results; default: logs/fit-<name>-<UTC time>.
+        resamples: bootstrap samples of each test.
+        seed: of the bootstrap.
+        as_json: print JSON only.
+        quiet: print errors only.
     """
     from twin.fit.applied import apply_fits, require_skills
     from twin.fit.chart import draw_fit
@@ -253,3 +212,13 @@ def _hint(files: Sequence[Path], by: Sequence[str]) -> None:
             f"--by {name} fits each on its own",
             err=True,
         )
+
+
+fit = command(
+    f"{__name__}:fit_durations",
+    files={"metavar": "FILE..."},
+    apply={"metavar": "SCENARIO"},
+    into={"names": ("--into", "-o"), "metavar": "FILE"},
+    resamples={"min": 19, "max": 100000},
+    seed={"min": 0},
+)

@@ -5,73 +5,46 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from twin.host.guard import COMPLETED, FAILED, guarded
+from twin.commands.command import command
+from twin.host.guard import COMPLETED, FAILED
 
 if TYPE_CHECKING:
     from twin.follow.follow import RunListener
     from twin.follow.state import FollowedRun
 
-PlanFolder = Annotated[
-    Path,
-    typer.Argument(help="Folder with the plan, such as that of a run.", metavar="PLAN"),
-]
-Events = Annotated[
-    Path,
-    typer.Argument(
-        help="Event log of the run, a file that grows; - for standard input.",
-        metavar="EVENTS",
-    ),
-]
-Every = Annotated[
-    float,
-    typer.Option(min=0.001, help="Time of the run between forecasts, in seconds."),
-]
-Samples = Annotated[
-    int, typer.Option(min=1, max=100_000, help="Futures that are drawn.")
-]
-ScenarioFile = Annotated[
-    Path | None,
-    typer.Option(
-        help="Scenario that durations and disturbances are taken from; "
-        "default: that of the plan's folder.",
-        metavar="FILE",
-    ),
-]
-Once = Annotated[
-    bool, typer.Option("--once", help="Stop at the end of the file, do not wait.")
-]
-Recording = Annotated[
-    Path | None,
-    typer.Option(help="Write a recording for the Rerun viewer.", metavar="FILE"),
-]
-View = Annotated[
-    bool, typer.Option("--view", help="Open the Rerun viewer and show the run in it.")
-]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print JSON lines: forecasts, violations, end.")
-]
 
-
-@guarded
-def follow(
-    plan: PlanFolder,
-    events: Events,
-    every: Every = 2.0,
-    samples: Samples = 200,
-    scenario: ScenarioFile = None,
-    once: Once = False,
-    recording: Recording = None,
-    view: View = False,
-    as_json: AsJson = False,
+def follow_events(
+    plan: Path,
+    events: Path,
+    *,
+    every: float = 2.0,
+    samples: int = 200,
+    scenario: Path | None = None,
+    once: bool = False,
+    recording: Path | None = None,
+    view: bool = False,
+    as_json: bool = False,
 ) -> int:
     """Follow a run in progress: what every robot does, and when it will all be done.
 
     Flags every event that the plan forbids, and forecasts the end of the run by drawing what is
     not done again and again. Ends with 1 when something forbidden happened or the run failed.
+
+    Args:
+        plan: folder with the plan, such as that of a run.
+        events: event log of the run, a file that grows; - for standard input.
+        every: time of the run between forecasts, in seconds.
+        samples: futures that are drawn.
+        scenario: scenario that durations and disturbances are taken from; default: that of
+            the plan's folder.
+        once: stop at the end of the file, do not wait.
+        recording: write a recording for the Rerun viewer.
+        view: open the Rerun viewer and show the run in it.
+        as_json: print JSON lines: forecasts, violations, end.
     """
     from twin.follow.follow import follow as follow_run
     from twin.follow.forecast import Forecaster
@@ -119,3 +92,12 @@ def _shown(run: FollowedRun, title: str, *, as_json: bool) -> RunListener:
     from twin.follow.display import TerminalDisplay
 
     return TerminalDisplay(run, title, Console())
+
+
+follow = command(
+    f"{__name__}:follow_events",
+    every={"min": 0.001},
+    scenario={"metavar": "FILE"},
+    samples={"min": 1, "max": 100000},
+    recording={"metavar": "FILE"},
+)

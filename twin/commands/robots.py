@@ -4,56 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from planning.errors import RequestError
-from twin.commands.options import AsJson
-from twin.host.guard import guarded, print_json
+from twin.commands.command import command
+from twin.host.guard import print_json
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from twin.check.robot_sheet import PicturedThing
 
-Which = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="MODEL",
-        help="A name of the list, the URDF or MJCF file of a robot or a tool, or a scenario, of which"
-        " every robot is shown with its tool.",
-    ),
-]
-Held = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--hold",
-        metavar="JOINT=VALUE",
-        help="Hold a joint at a value [rad or m], as 'joints' does in a scenario.",
-    ),
-]
-Flange = Annotated[
-    str | None, typer.Option(metavar="LINK", help="The link that is the flange.")
-]
-Pictures = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="DIR", help="Folder for a picture of each."),
-]
 
-
-@guarded
-def robots(
-    model: Which = None,
-    hold: Held = None,
-    flange: Flange = None,
-    out: Pictures = None,
-    as_json: AsJson = False,
+def show_robots(
+    model: str | None = None,
+    *,
+    hold: Sequence[str] = (),
+    flange: str | None = None,
+    out: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """List the robot models that a scenario can name, or show what is in one.
 
     Of a robot: joints with limits, links and where they are at HOME, the flange and the tool frames.
     Of a tool: joints that can be held, links and where they are, from the flange.
+
+    Args:
+        model: a name of the list, the URDF or MJCF file of a robot or a tool, or a
+            scenario, of which every robot is shown with its tool.
+        hold: hold a joint at a value [rad or m], as 'joints' does in a scenario.
+        flange: the link that is the flange.
+        out: folder for a picture of each.
+        as_json: print JSON only.
     """
     if model is None:
         _print_list(as_json)
@@ -80,7 +64,7 @@ def robots(
         typer.echo("")
 
 
-def _values(texts: list[str]) -> dict[str, float]:
+def _values(texts: Sequence[str]) -> dict[str, float]:
     out = {}
     for text in texts:
         name, _, value = text.rpartition("=")
@@ -153,3 +137,10 @@ def _print_table(table: Table) -> None:
     if not console.is_terminal:  # a file has room
         console = Console(width=10_000)
     console.print(table, markup=False)
+
+
+robots = command(
+    f"{__name__}:show_robots",
+    hold={"metavar": "JOINT=VALUE"},
+    flange={"metavar": "LINK"},
+)

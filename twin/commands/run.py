@@ -1,103 +1,67 @@
-"""``twin run`` and ``twin resume``: plan, execute in the twin, check, and show the figures."""
+"""``twin run``, ``twin resume`` and ``twin replay``: execute in the twin, and look at what happened."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-import twin
 from planning.errors import ScenarioError
-from twin.commands.options import (
-    AsJson,
-    AuditEngine,
-    Improve,
-    Out,
-    Quiet,
-    ScenarioFile,
-    Seed,
-    Shortcuts,
-)
-from twin.host.guard import (
-    COMPLETED,
-    FAILED,
-    INTERRUPTED,
-    guarded,
-    print_error,
-    print_json,
-)
+from twin.commands.command import View, command
+from twin.host.guard import COMPLETED, FAILED, INTERRUPTED, print_error, print_json
 
-Plan = Annotated[
-    Path | None,
-    typer.Option(
-        help="Execute the plan in this folder of an earlier run.", metavar="DIR"
-    ),
-]
-PolicyName = Annotated[
-    str | None,
-    typer.Option(
-        help="asynchronous, sequential, synchronous or open-loop, in place of the "
-        "scenario's."
-    ),
-]
-Stalls = Annotated[
-    int | None,
-    typer.Option(
-        min=0, help="Random standstills of each robot, in place of the scenario's."
-    ),
-]
-Robots = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        metavar="M",
-        help="Robots of the team, in place of the scenario's; without a team, the first M.",
-    ),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        help="Value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the "
-        "execution section, such as stalls.rate_per_h=60; may be given several times. Values "
-        "are words or JSON.",
-        metavar="KEY=VALUE",
-    ),
-]
-Audit = Annotated[
-    bool,
-    typer.Option(
-        "--audit/--no-audit", help="Check what was executed with code of its own."
-    ),
-]
-Recording = Annotated[
-    bool,
-    typer.Option("--recording/--no-recording", help="Write run.rrd for the viewer."),
-]
+if TYPE_CHECKING:
+    from twin.api.runs import Check
+    from twin.host.progress import Report
+    from twin.trial.run_result import RunResult
 
 
-@guarded
-def run(
-    scenario: ScenarioFile,
-    seed: Seed = None,
-    out: Out = None,
-    plan: Plan = None,
-    policy: PolicyName = None,
-    stalls: Stalls = None,
-    shortcuts: Shortcuts = None,
-    improve: Improve = None,
-    robots: Robots = None,
-    settings: Settings = None,
-    audit: Audit = True,
-    audit_engine: AuditEngine = None,
-    recording: Recording = True,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> int:
-    """Plan a scenario, execute it in the twin, check it, and show the figures."""
-    from twin.api.runs import released
-    from twin.host.progress import StageDisplay, compilation_shown
+def run_scenario(
+    scenario: Path,
+    *,
+    seed: int | None = None,
+    out: Path | None = None,
+    plan: Path | None = None,
+    policy: str | None = None,
+    stalls: int | None = None,
+    shortcuts: int | None = None,
+    improve: float | None = None,
+    robots: int | None = None,
+    settings: Sequence[str] = (),
+    audit: bool = True,
+    audit_engine: str | None = None,
+    recording: bool = True,
+    view: View,
+    progress: Report,
+) -> RunResult:
+    """Plan a scenario, execute it in the twin, check it, and show the figures.
+
+    Args:
+        scenario: file, or the name of one that comes with the program.
+        seed: in place of the scenario's.
+        out: folder for the results; default: logs/<scenario>-<UTC time>.
+        plan: execute the plan in this folder of an earlier run.
+        policy: asynchronous, sequential, synchronous or open-loop, in place of the scenario's.
+        stalls: random standstills of each robot, in place of the scenario's.
+        shortcuts: most shortcuts tried on each plan, in place of the scenario's.
+        improve: seconds to search for better robots, objects, grips and supports, in place of the
+            scenario's; what is found depends on the machine.
+        robots: of the team, in place of the scenario's; without a team, the first M.
+        settings: value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the
+            execution section, such as stalls.rate_per_h=60; may be given several times. Values
+            are words or JSON.
+        audit: check what was executed with code of its own.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+            is installed, else coal.
+        recording: write run.rrd for the viewer.
+        view: how to show.
+        progress: told how far each stage has come.
+    """
+    from twin.api import runs
+    from twin.trial.loaded_scenario import load
+    from twin.trial.plan_result import read_plan
 
     given = {
         "robots": robots,
@@ -108,43 +72,25 @@ def run(
         "stalls.count_per_robot": stalls,
     }
     values = {key: value for key, value in given.items() if value is not None}
-    values |= _values(settings or [])
-    silent = quiet or as_json
+    values |= _values(settings)
 
-    def begun(check: twin.Check, folder: Path) -> None:
-        if not silent:
+    def begun(check: Check, folder: Path) -> None:
+        if not view.silent:
             _announce(check, folder)
 
-    with (
-        StageDisplay(enabled=not silent) as progress,
-        compilation_shown(progress, silent=silent) as compiled,
-    ):
-        chosen = twin.load(scenario).varied(released(values))
-        done = twin.run(
-            chosen if plan is None else twin.read_plan(plan, chosen),
-            out=out,
-            recording=recording,
-            audit=audit,
-            audit_engine=audit_engine,
-            begun=begun,
-            progress=progress,
-        )
-    if as_json:
-        print_json({"folder": str(done.folder), **done.summary})
-    elif not quiet:
-        from twin.run.summary import print_summary
-
-        assert done.folder is not None
-        print_summary(
-            done.summary, done.folder, recording=recording, compiled=compiled() > 0
-        )
-    if done.outcome == "aborted":
-        print_error(f"interrupted; what happened until then is in {done.folder}")
-        return INTERRUPTED
-    return COMPLETED if done.passed else FAILED
+    chosen = load(scenario).varied(runs.released(values))
+    return runs.run(
+        chosen if plan is None else read_plan(plan, chosen),
+        out=out,
+        recording=recording,
+        audit=audit,
+        audit_engine=audit_engine,
+        begun=begun,
+        progress=progress,
+    )
 
 
-def _values(settings: list[str]) -> dict[str, Any]:
+def _values(settings: Sequence[str]) -> dict[str, Any]:
     """Return the keys that are set, and their values."""
     from twin.scenario.variations import parse_variation
 
@@ -157,7 +103,7 @@ def _values(settings: list[str]) -> dict[str, Any]:
     return found
 
 
-def _announce(check: twin.Check, folder: Path) -> None:
+def _announce(check: Check, folder: Path) -> None:
     """Print the warnings of a check, and what is run into which folder."""
     from rich.console import Console
 
@@ -171,45 +117,80 @@ def _announce(check: twin.Check, folder: Path) -> None:
     )
 
 
-Folder = Annotated[Path, typer.Argument(help="Folder of the run.", metavar="LOGDIR")]
-Base = Annotated[
-    Path | None,
-    typer.Option(
-        help="Where relative paths of the scenario start; default: where they did.",
-        metavar="DIR",
-    ),
-]
+def _show(done: RunResult, view: View) -> int:
+    """Print the figures of a run."""
+    from twin.run.folder import RECORDING
+    from twin.run.summary import print_summary
+
+    folder = done.files
+    if view.as_json:
+        print_json({"folder": str(folder), **done.summary})
+    elif not view.quiet:
+        recording = (folder / RECORDING).exists()
+        compiled = view.compiled()
+        print_summary(done.summary, folder, recording=recording, compiled=compiled)
+    if done.outcome == "aborted":
+        print_error(f"interrupted; what happened until then is in {folder}")
+        return INTERRUPTED
+    return COMPLETED if done.passed else FAILED
 
 
-@guarded
-def resume(
-    folder: Folder, base: Base = None, as_json: AsJson = False, quiet: Quiet = False
-) -> int:
+def resume_in_folder(
+    logdir: Path, *, base: Path | None = None, progress: Report
+) -> RunResult:
     """Go on with a simulated run from its event log, after its process was killed.
 
     The run is computed again from the start, compared with the log event by event, and brought
     to its end: the files are those of a run that was never killed.
+
+    Args:
+        logdir: folder of the run.
+        base: where relative paths of the scenario start; default: where they did.
+        progress: told how far each stage has come.
     """
-    from twin.host.progress import StageDisplay
     from twin.run.folder import locked
     from twin.trial.trial import resume_run
 
-    silent = quiet or as_json
-    with locked(folder), StageDisplay(enabled=not silent) as progress:
-        done = resume_run(folder, base=base, progress=progress)
-    summary = done.summary
-    if as_json:
-        print_json({"folder": str(folder), **summary})
-    elif not quiet:
-        from twin.run.folder import RECORDING
-        from twin.run.summary import print_summary
+    with locked(logdir):
+        return resume_run(logdir, base=base, progress=progress)
 
-        if done.resumed is None:
-            typer.echo(f"{folder}: the run has come to its end already")
-        else:
-            typer.echo(
-                f"{folder}: {done.resumed.agreed} events of the log happened again,"
-                f" {done.resumed.added} were missing"
-            )
-        print_summary(summary, folder, recording=(folder / RECORDING).exists())
-    return COMPLETED if done.passed else FAILED
+
+def _show_resumed(done: RunResult, view: View) -> int:
+    """Print what was missing of a run, and its figures."""
+    if not view.silent:
+        words = "the run has come to its end already"
+        if done.resumed is not None:
+            agreed, added = done.resumed
+            words = f"{agreed} events of the log happened again, {added} were missing"
+        typer.echo(f"{done.folder}: {words}")
+    return _show(done, view)
+
+
+def replay_run(
+    run: Path, *, stills: Sequence[float] = (), out: Path | None = None
+) -> None:
+    """Open a run in the Rerun viewer, or render pictures of it.
+
+    Args:
+        run: folder of a run, or a .rrd file.
+        stills: render a picture at this simulated time instead of opening the viewer, in seconds;
+            may be given several times.
+        out: folder for the pictures; default: stills beside the recording.
+    """
+    from twin.api.replays import replay
+
+    for picture in replay(run, stills=stills, out=out if stills else None):
+        typer.echo(picture)
+
+
+run = command(
+    f"{__name__}:run_scenario",
+    _show,
+    plan={"metavar": "DIR"},
+    stalls={"min": 0},
+    improve={"min": 0},
+    robots={"min": 1, "metavar": "M"},
+    settings={"names": ("--set",), "metavar": "KEY=VALUE"},
+)
+resume = command(f"{__name__}:resume_in_folder", _show_resumed, base={"metavar": "DIR"})
+replay = command(f"{__name__}:replay_run", stills={"metavar": "SECONDS"})

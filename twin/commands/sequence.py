@@ -4,48 +4,38 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from planning.errors import InfeasibleStepError, ScenarioError
-from twin.commands.options import AsJson, ScenarioFile
-from twin.host.guard import COMPLETED, guarded, print_json
+from twin.commands.command import command
+from twin.host.guard import COMPLETED, print_json
 
 if TYPE_CHECKING:
     from planning.lego.bricks.assembly import LegoAssembly, Support
     from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
 
-Output = Annotated[
-    Path | None,
-    typer.Option(
-        "--output", "-o", help="Write the scenario with these steps to a file."
-    ),
-]
 
-
-Explain = Annotated[
-    int | None,
-    typer.Option(
-        metavar="STEP",
-        help="Say what the structure bears at a step, and draw which joints give way first: "
-        "explain-STEP.png in this folder.",
-    ),
-]
-
-
-@guarded
-def sequence(
-    scenario: ScenarioFile,
-    output: Output = None,
-    explain: Explain = None,
-    as_json: AsJson = False,
+def find_order(
+    scenario: Path,
+    *,
+    output: Path | None = None,
+    explain: int | None = None,
+    as_json: bool = False,
 ) -> int:
     """Find the sequence of a LEGO assembly from its finished structure.
 
     Where the scenario gives steps, only what they build counts, not their order. Whether robots
     reach every brick is checked, but not what may be in their way.
+
+    Args:
+        scenario: file, or the name of one that comes with the program.
+        output: write the scenario with these steps to a file.
+        explain: say what the structure bears at a step, and draw which joints give way
+            first: explain-STEP.png in this folder.
+        as_json: print JSON only.
     """
     from planning.lego.sequencing.reachability import check_reach
     from twin.planning.build_workcell import build_workcell
@@ -235,3 +225,10 @@ def _write(source: Path, output: Path, found: SequencedStructure) -> None:
     note = f"The sequence that twin sequence found for {source.name}."
     write_text(output, scenario_text({**content, "assembly": assembly}, note))
     load_scenario(output)
+
+
+sequence = command(
+    f"{__name__}:find_order",
+    output={"names": ("--output", "-o")},
+    explain={"metavar": "STEP"},
+)

@@ -1,220 +1,129 @@
-"""``twin study``: many replications of a plan under uncertainty, and what they tell."""
+"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-import twin
 from planning.errors import RequestError
-from twin.commands.options import AsJson, AuditEngine, Out, Quiet, Seed, Shortcuts
-from twin.host.guard import COMPLETED, guarded, print_json
+from twin.commands.command import View, command
+from twin.host.guard import COMPLETED, print_json
 
 if TYPE_CHECKING:
+    from twin.api.comparisons import Comparison
+    from twin.api.studies import Study
     from twin.cluster.address import Cluster
-
-File = Annotated[
-    Path | None,
-    typer.Argument(
-        help="Scenario file, or the name of one that twin scenarios lists.",
-        metavar="SCENARIO",
-    ),
-]
-Replications = Annotated[
-    int | None,
-    typer.Option(
-        "--replications",
-        "-n",
-        min=1,
-        help="Replications of every policy and variant; default: until --precision.",
-    ),
-]
-PrecisionOf = Annotated[
-    float,
-    typer.Option(
-        min=1e-6,
-        help="Go on until the interval of the mean is this narrow, relative to it.",
-    ),
-]
-Least = Annotated[int, typer.Option(min=2, help="At least so many, with --precision.")]
-Most = Annotated[int, typer.Option(min=2, help="At most so many, with --precision.")]
-Confidence = Annotated[
-    float, typer.Option(min=0.5, max=0.9999, help="Of all intervals.")
-]
-PolicyNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',"
-        " asynchronous, 'asynchronous + shortcuts' or open-loop; give it again for more."
-        " Default: sequential, and what twin run executes."
-    ),
-]
-Vary = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="Vary any key, or one of the execution section: cell.robots.b.base.xyz_m.0=0.7,0.8"
-        " plans each layout and ranks them, skills.pick.scale=1,2 needs no other plan. Give it"
-        " again for every combination."
-    ),
-]
-Deadline = Annotated[
-    float | None, typer.Option(help="How likely is the run over by then [s]?")
-]
-Antithetic = Annotated[
-    bool, typer.Option("--antithetic", help="Draw replications in mirrored pairs.")
-]
-Sobol = Annotated[
-    int,
-    typer.Option(
-        min=0, help="Points of the sample for Sobol indices, such as 128; 0 for none."
-    ),
-]
-Audited = Annotated[
-    int,
-    typer.Option(
-        min=0, help="Open-loop replications that PyBullet checks for collisions."
-    ),
-]
-Workers = Annotated[
-    int | None,
-    typer.Option(
-        min=0, help="Processes; 0 for none besides this one. Default: one a core."
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        help="Address of a Dask scheduler that does the work: tls://host:port."
-    ),
-]
-CertificatesOf = Annotated[
-    Path | None,
-    typer.Option(
-        "--certificates",
-        metavar="DIR",
-        help="Folder with the certificates of the scheduler.",
-    ),
-]
-Insecure = Annotated[
-    bool,
-    typer.Option(
-        "--insecure", help="Use a tcp:// scheduler on another machine, unprotected."
-    ),
-]
-PlanOf = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="Study the plan in this folder of a run, instead of planning. Without SCENARIO that"
-        " of the run is taken.",
-    ),
-]
-Resume = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Go on with the study in this folder."),
-]
+    from twin.host.progress import Report
+    from twin.trial.loaded_scenario import LoadedScenario
+    from twin.trial.plan_result import PlanResult
 
 
-@guarded
-def study(
-    scenario: File = None,
-    replications: Replications = None,
-    precision: PrecisionOf = 0.02,
-    least: Least = 20,
-    most: Most = 10_000,
-    confidence: Confidence = 0.95,
-    policy: PolicyNames = None,
-    vary: Vary = None,
-    deadline: Deadline = None,
-    antithetic: Antithetic = False,
-    sobol: Sobol = 0,
-    audit_sample: Audited = 20,
-    audit_engine: AuditEngine = None,
-    shortcuts: Shortcuts = None,
-    seed: Seed = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    certificates: CertificatesOf = None,
-    insecure: Insecure = False,
-    plan: PlanOf = None,
-    resume: Resume = None,
-    out: Out = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> int:
+def study_scenario(
+    scenario: Path | None = None,
+    *,
+    replications: int | None = None,
+    precision: float = 0.02,
+    least: int = 20,
+    most: int = 10_000,
+    confidence: float = 0.95,
+    policy: Sequence[str] = (),
+    vary: Sequence[str] = (),
+    deadline: float | None = None,
+    antithetic: bool = False,
+    sobol: int = 0,
+    audit_sample: int = 20,
+    audit_engine: str | None = None,
+    shortcuts: int | None = None,
+    seed: int | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    certificates: Path | None = None,
+    insecure: bool = False,
+    plan: Path | None = None,
+    resume: Path | None = None,
+    out: Path | None = None,
+    progress: Report,
+) -> Study:
     """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
 
     All policies and variants see the same draws, so their differences are sharp. Leaves
     replications.parquet, tasks.parquet, edges.parquet, summary.json, pictures and report.html.
-    """
-    from rich.progress import (
-        MofNCompleteColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
-    from twin.host.progress import StageDisplay, compilation_shown
+    Args:
+        scenario: file, or the name of one that comes with the program.
+        replications: of every policy and variant; default: until --precision.
+        precision: go on until the interval of the mean is this narrow, relative to it.
+        least: at least so many, with --precision.
+        most: at most so many, with --precision.
+        confidence: of all intervals.
+        policy: sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',
+            asynchronous, 'asynchronous + shortcuts' or open-loop; give it again for more.
+            Default: sequential, and what twin run executes.
+        vary: any key, or one of the execution section: cell.robots.b.base.xyz_m.0=0.7,0.8
+            plans each layout and ranks them, skills.pick.scale=1,2 needs no other plan. Give it
+            again for every combination.
+        deadline: how likely is the run over by then [s]?
+        antithetic: draw replications in mirrored pairs.
+        sobol: points of the sample for Sobol indices, such as 128; 0 for none.
+        audit_sample: open-loop replications that PyBullet checks for collisions.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+            is installed, else coal.
+        shortcuts: most shortcuts tried on each plan, in place of the scenario's.
+        seed: in place of the scenario's.
+        workers: processes; 0 for none besides this one. Default: one a core.
+        scheduler: address of a Dask scheduler that does the work: tls://host:port.
+        certificates: folder with the certificates of the scheduler.
+        insecure: use a tcp:// scheduler on another machine, unprotected.
+        plan: study the plan in this folder of a run, instead of planning. Without SCENARIO that
+            of the run is taken.
+        resume: go on with the study in this folder.
+        out: folder for the results; default: logs/<scenario>-<UTC time>.
+        progress: told how far each stage has come.
+    """
+    from twin.api import studies
     from twin.scenario.variations import parse_variation
     from twin.study.replications.statistics import Precision
 
     cluster = _cluster(scheduler, certificates, insecure)
-    columns = (
-        *(MofNCompleteColumn(), TimeElapsedColumn()),
-        *(TextColumn("left"), TimeRemainingColumn()),
+    if resume is not None:
+        return studies.resume_study(
+            resume, scenario, workers=workers, cluster=cluster, progress=progress
+        )
+    return studies.study(
+        _subject(scenario, plan, seed),
+        [parse_variation(text) for text in vary],
+        replications=replications,
+        precision=Precision(precision, least, most, confidence),
+        policies=policy,
+        deadline_s=deadline,
+        antithetic=antithetic,
+        sobol=sobol,
+        audited=audit_sample,
+        audit_engine=audit_engine,
+        shortcuts=shortcuts,
+        workers=workers,
+        cluster=cluster,
+        out=out,
+        progress=progress,
     )
-    silent = quiet or as_json
-    with (
-        StageDisplay(enabled=not silent, columns=columns) as progress,
-        compilation_shown(progress, silent=silent),
-    ):
-        if resume is not None:
-            found = twin.resume_study(
-                resume, scenario, workers=workers, cluster=cluster, progress=progress
-            )
-        else:
-            found = twin.study(
-                _subject(scenario, plan, seed),
-                [parse_variation(text) for text in vary or ()],
-                replications=replications,
-                precision=Precision(precision, least, most, confidence),
-                policies=policy or (),
-                deadline_s=deadline,
-                antithetic=antithetic,
-                sobol=sobol,
-                audited=audit_sample,
-                audit_engine=audit_engine,
-                shortcuts=shortcuts,
-                workers=workers,
-                cluster=cluster,
-                out=out,
-                progress=progress,
-            )
-    if as_json:
-        print_json(found.summary)
-    elif not quiet:
-        from twin.study.report.terminal_table import print_study
-
-        print_study(found.result)
-    return COMPLETED
 
 
 def _subject(
     path: Path | None, plan: Path | None, seed: int | None
-) -> twin.LoadedScenario | twin.PlanResult:
+) -> LoadedScenario | PlanResult:
     """Return what is studied: a scenario, or the plan that a run left."""
-    from twin.trial.plan_result import scenario_of_run
+    from twin.trial.loaded_scenario import load
+    from twin.trial.plan_result import read_plan, scenario_of_run
 
     if path is not None:
-        chosen = twin.load(path)
+        chosen = load(path)
     elif plan is not None:
         chosen = scenario_of_run(plan)
     else:
         raise RequestError("give a scenario file, --plan DIR or --resume DIR")
     chosen = chosen.varied({} if seed is None else {"seed": seed})
-    return chosen if plan is None else twin.read_plan(plan, chosen)
+    return chosen if plan is None else read_plan(plan, chosen)
 
 
 def _cluster(
@@ -229,3 +138,61 @@ def _cluster(
         return None
     held = None if certificates is None else certificates_in(certificates)
     return Cluster(scheduler, held, insecure)
+
+
+def _show_study(found: Study, view: View) -> int:
+    if view.as_json:
+        print_json(found.summary)
+    elif not view.quiet:
+        from twin.study.report.terminal_table import print_study
+
+        print_study(found.result)
+    return COMPLETED
+
+
+def _columns() -> Sequence[Any]:
+    """Return what stands behind the bar of a stage: how many, how long, and how long yet."""
+    from rich.progress import (
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    return (
+        *(MofNCompleteColumn(), TimeElapsedColumn()),
+        *(TextColumn("left"), TimeRemainingColumn()),
+    )
+
+
+def _show_comparison(found: Comparison, view: View) -> int:
+    if view.as_json:
+        print_json(found.figures)
+    elif not view.quiet:
+        from twin.comparison.table import print_comparison
+
+        print_comparison(
+            found.figures,
+            found.folder,
+            heading=found.heading,
+            compiled=view.compiled(),
+        )
+    return COMPLETED
+
+
+study = command(
+    f"{__name__}:study_scenario",
+    _show_study,
+    columns=_columns,
+    replications={"names": ("--replications", "-n"), "min": 1},
+    precision={"min": 1e-6},
+    least={"min": 2},
+    most={"min": 2},
+    confidence={"min": 0.5, "max": 0.9999},
+    sobol={"min": 0},
+    audit_sample={"min": 0},
+    certificates={"metavar": "DIR"},
+    plan={"metavar": "DIR"},
+    resume={"metavar": "DIR"},
+)
+compare = command("twin.api.comparisons:compare", _show_comparison, seeds={"min": 1})

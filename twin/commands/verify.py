@@ -5,42 +5,39 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from twin.commands.options import AsJson, AuditEngine, Quiet
-from twin.host.guard import COMPLETED, FAILED, guarded, print_json
+from twin.commands.command import command
+from twin.host.guard import COMPLETED, FAILED, print_json
 
 if TYPE_CHECKING:
     from scheduling.verification.verify import VerificationReport
     from twin.trial.adversary import AdversaryReport
 
-Folder = Annotated[
-    Path,
-    typer.Argument(help="Folder with plan.json and plan.npz, a run's.", metavar="PLAN"),
-]
-Adversary = Annotated[
-    bool,
-    typer.Option(
-        "--adversary/--no-adversary",
-        help="Also stop each robot wherever another waits for it, and audit what stands.",
-    ),
-]
 
-
-@guarded
-def verify(
-    folder: Folder,
-    adversary: Adversary = True,
-    audit_engine: AuditEngine = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+def verify_folder(
+    folder: Path,
+    *,
+    adversary: bool = True,
+    audit_engine: str | None = None,
+    as_json: bool = False,
+    quiet: bool = False,
 ) -> int:
     """Prove that a saved plan is safe for any delays.
 
     The proof shares no code with the planner: it is slow and looks at everything anew. The
     worst delays are then tried out and audited: robots that stop for ever.
+
+    Args:
+        folder: folder with plan.json and plan.npz, a run's.
+        adversary: also stop each robot wherever another waits for it, and audit what
+            stands.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet
+            where it is installed, else coal.
+        as_json: print JSON only.
+        quiet: print errors only.
     """
     from scheduling.verification.verify import verify_plan
     from twin.audit.worlds.engine import engine_named
@@ -112,3 +109,9 @@ def _content(
             ],
         }
     return content
+
+
+verify = command(
+    f"{__name__}:verify_folder",
+    folder={"metavar": "PLAN"},
+)

@@ -3,51 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from planning.errors import InfeasibleStepError, RequestError
-from twin.commands.imports.options import Output
-from twin.host.guard import guarded
-
-Folder = Annotated[
-    Path, typer.Argument(help="Folder with the published files.", metavar="FOLDER")
-]
-Task = Annotated[str, typer.Option(help="Name of the task, such as cliff.")]
-Prescribed = Annotated[
-    bool,
-    typer.Option(
-        "--prescribed-stock", help="Take the stock brick of each step as published."
-    ),
-]
+from twin.commands.command import command
 
 
-Tool = Annotated[
-    str | None,
-    typer.Option(
-        help="Tool of both arms: dual-arm or slim; by default the first with which some robot can do every step."
-    ),
-]
-PressSource = Annotated[
-    str,
-    typer.Option(
-        "--press-from",
-        help="Where the two ways to give a grip contradict each other: side (press_side, press_offset) or cell (press_x, press_ori).",
-    ),
-]
-
-
-@guarded
-def apex_mr(
-    folder: Folder,
-    task: Task,
-    output: Output,
-    prescribed_stock: Prescribed = False,
-    tool: Tool = None,
-    press_from: PressSource = "side",
+def import_apex_mr_task(
+    folder: Path,
+    *,
+    task: str,
+    output: Path,
+    prescribed_stock: bool = False,
+    tool: str | None = None,
+    press_from: str = "side",
 ) -> None:
-    """Read a task as the authors of APEX-MR publish them."""
+    """Read a task as the authors of APEX-MR publish them.
+
+    Args:
+        folder: folder with the published files.
+        task: name of the task, such as cliff.
+        output: scenario file to write.
+        prescribed_stock: take the stock brick of each step as published.
+        tool: tool of both arms: dual-arm or slim; by default the first with which some
+            robot can do every step.
+        press_from: where the two ways to give a grip contradict each other: side
+            (press_side, press_offset) or cell (press_x, press_ori).
+    """
     from planning.importers.apex_mr.brick_steps import READINGS
     from planning.importers.apex_mr.importer import import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
@@ -95,3 +78,10 @@ def apex_mr(
 
 def _note(line: str) -> None:
     typer.echo(f"note: {line}", err=True)
+
+
+apex_mr = command(
+    f"{__name__}:import_apex_mr_task",
+    output={"names": ("--output", "-o")},
+    press_from={"names": ("--press-from",)},
+)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from planning.errors import InfeasibleStepError, ScenarioError
-from twin.commands.imports.options import Output
-from twin.host.guard import guarded
+from twin.commands.command import command
 
 if TYPE_CHECKING:
     from planning.importers.brick_models.model import BrickModel
@@ -22,38 +21,40 @@ _MOST = 6
 
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
 
-Cell = Annotated[
-    Path | None,
-    typer.Option(
-        "--cell",
-        help="Scenario whose cell, plate and stock are taken; by default a cell is chosen: two"
-        " arms across a plate, and feeding stations.",
-        metavar="SCENARIO",
-    ),
-]
-List = Annotated[
-    Path,
-    typer.Argument(
-        help="Brick list, one brick a line: hxw (x,y,z), as BrickGPT writes them.",
-        metavar="FILE",
-    ),
-]
-Model = Annotated[
-    Path, typer.Argument(help="Model of LDraw, .ldr or .mpd.", metavar="FILE")
-]
 
+def import_brick_list(
+    file: Path,
+    *,
+    output: Path,
+    cell: Path | None = None,
+) -> None:
+    """Make a scenario of a brick list.
 
-@guarded
-def bricks(file: List, output: Output, cell: Cell = None) -> None:
-    """Make a scenario of a brick list."""
+    Args:
+        file: brick list, one brick a line: hxw (x,y,z), as BrickGPT writes them.
+        output: scenario file to write.
+        cell: scenario whose cell, plate and stock are taken; by default a cell is chosen:
+            two arms across a plate, and feeding stations.
+    """
     from planning.importers.brick_models.brick_list import read_brick_list
 
     _write(file, read_brick_list(file), output, cell)
 
 
-@guarded
-def ldraw(file: Model, output: Output, cell: Cell = None) -> None:
-    """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them."""
+def import_ldraw(
+    file: Path,
+    *,
+    output: Path,
+    cell: Path | None = None,
+) -> None:
+    """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them.
+
+    Args:
+        file: model of LDraw, .ldr or .mpd.
+        output: scenario file to write.
+        cell: scenario whose cell, plate and stock are taken; by default a cell is chosen:
+            two arms across a plate, and feeding stations.
+    """
     from planning.importers.brick_models.ldraw import read_ldraw
 
     _write(file, read_ldraw(file), output, cell)
@@ -151,3 +152,15 @@ def _check_reach(scenario: Scenario, folder: Path) -> None:
         more = len(faults) - _MOST
         shown = [*faults[:_MOST], *([f"and {more} more"] if more > 0 else [])]
         raise InfeasibleStepError("\n".join(shown))
+
+
+bricks = command(
+    f"{__name__}:import_brick_list",
+    output={"names": ("--output", "-o")},
+    cell={"names": ("--cell",), "metavar": "SCENARIO"},
+)
+ldraw = command(
+    f"{__name__}:import_ldraw",
+    output={"names": ("--output", "-o")},
+    cell={"names": ("--cell",), "metavar": "SCENARIO"},
+)

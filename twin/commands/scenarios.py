@@ -1,0 +1,145 @@
+"""Files of scenarios: ``twin init``, ``scenarios``, ``validate``, ``check`` and ``schema``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from planning.errors import ScenarioError
+from twin.commands.command import View, command
+from twin.host.guard import BAD_INPUT, COMPLETED, describe, print_error, print_json
+
+if TYPE_CHECKING:
+    from twin.api.runs import Check
+    from twin.check.check import CheckReport
+
+
+def begin(path: Path, *, source: str | None = None, quiet: bool = False) -> None:
+    """Begin a scenario of one's own with one that works; nothing is overwritten.
+
+    Args:
+        path: folder, or YAML file, for the new scenario.
+        source: scenario to begin with, one that twin scenarios lists; by default two arms with
+            grippers that put five parts into a tray.
+        quiet: print errors only.
+    """
+    from twin.scenario.shipped import TEMPLATE, begin_scenario
+
+    file = begin_scenario(path, source or TEMPLATE)
+    if quiet:
+        return
+    typer.echo(f"{file}: a copy of {source or TEMPLATE}. Try")
+    for step in ("check", "run", "study"):
+        typer.echo(f"  twin {step} {file}")
+
+
+def list_scenarios(*, as_json: bool = False) -> None:
+    """List the scenarios that come with the program; every command takes their names.
+
+    Args:
+        as_json: print JSON only.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from planning.files import read_file
+    from twin.scenario.document.yaml_text import read_yaml
+    from twin.scenario.shipped import shipped_scenarios
+
+    rows = []
+    for name, path in shipped_scenarios().items():
+        data = read_yaml(path, read_file(path).decode("utf-8")).data
+        kind = data["assembly"]["kind"]
+        about = data.get("description", "")
+        rows.append(
+            {"name": name, "kind": kind, "description": about, "file": str(path)}
+        )
+    if as_json:
+        print_json(rows)
+        return
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("name", "kind", "description"):
+        table.add_column(heading, no_wrap=heading != "description")
+    for row in sorted(rows, key=lambda row: (row["kind"], row["name"])):
+        table.add_row(row["name"], row["kind"], row["description"])
+    Console(highlight=False).print(table)
+    typer.echo("twin run NAME runs one, twin init PATH --from NAME copies it.")
+
+
+def validate_files(files: Sequence[Path], *, resolved: bool = False) -> int:
+    """Check scenario files and report every problem in them.
+
+    Args:
+        files: scenario files.
+        resolved: print each scenario with all defaults, as JSON.
+    """
+    from twin.planning.kind import assembly_kind
+    from twin.trial.loaded_scenario import load
+
+    code = COMPLETED
+    for file in files:
+        try:
+            scenario = load(file)
+        except ScenarioError as error:
+            print_error(describe(error))
+            code = BAD_INPUT
+            continue
+        if resolved:
+            print_json(scenario.resolved())
+        else:
+            supply = assembly_kind(scenario.sections.assembly).supply()
+            typer.echo(
+                f"{file}: ok ({len(scenario.robots)} robots, {scenario.steps} steps, {supply})"
+            )
+    return code
+
+
+def _show_check(found: Check, view: View) -> int:
+    """Print what a check found, and draw the cell where that is wanted."""
+    report, out = found.report, view.given["out"]
+    picture = None if out is None else found.draw(out)
+    if view.as_json:
+        drawn = None if picture is None else str(picture)
+        print_json({**report.content(), "picture": drawn})
+    else:
+        if report.errors or (report.warnings and not view.quiet):
+            shown = report.errors if view.quiet else report.findings
+            print_error(report.excerpts(shown).report())
+        if not view.quiet:
+            typer.echo(f"{view.given['scenario']}: {verdict(report)}")
+            if picture is not None:
+                typer.echo(f"picture: {picture}")
+    return BAD_INPUT if report.errors else COMPLETED
+
+
+def verdict(report: CheckReport) -> str:
+    """Return in words how many errors and warnings there are."""
+    if not report.findings:
+        return "nothing found"
+    counts = (len(report.errors), "error"), (len(report.warnings), "warning")
+    return ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counts if n)
+
+
+def print_schema() -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    from twin.scenario.file import scenario_schema
+
+    print_json(scenario_schema())
+
+
+init = command(f"{__name__}:begin", source={"names": ("--from",), "metavar": "NAME"})
+scenarios = command(f"{__name__}:list_scenarios")
+validate = command(f"{__name__}:validate_files", files={"metavar": "FILE..."})
+check = command(
+    "twin.api.runs:check",
+    _show_check,
+    out={
+        "type": "Path | None",
+        "metavar": "DIR",
+        "help": "Folder for the picture cell.png.",
+    },
+)
+schema = command(f"{__name__}:print_schema")
