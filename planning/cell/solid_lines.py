@@ -20,7 +20,7 @@ _JOINED = 1e-5
 
 
 @dataclass(frozen=True)
-class Stretch:
+class InnerStretch:
     """A stretch of a line that runs inside of a shape.
 
     Attributes:
@@ -65,7 +65,7 @@ class SolidLines:
         _, _, enter, leave = self._cut(starts, direction)
         return enter, leave
 
-    def stretches(self, start: Array, direction: Array) -> list[Stretch]:
+    def stretches(self, start: Array, direction: Array) -> list[InnerStretch]:
         """Return the stretches of one line inside of the shape, in order."""
         low, high, enters, leaves = self._cut(start[None], direction)
         first, count = self._planes[2], len(self._planes[1])
@@ -76,14 +76,14 @@ class SolidLines:
         )
         enter, leave = enters[0], leaves[0]
         normals = self._planes[0]
-        found: list[Stretch] = []
+        found: list[InnerStretch] = []
         inside = np.flatnonzero(leave > enter)
         for k in inside[np.argsort(enter[inside], kind="stable")].tolist():
             if found and enter[k] <= found[-1].end + _JOINED:
                 if leave[k] > found[-1].end:
                     last = found.pop()
                     found.append(
-                        Stretch(
+                        InnerStretch(
                             last.begin,
                             float(leave[k]),
                             last.begin_normal,
@@ -92,7 +92,7 @@ class SolidLines:
                     )
                 continue
             found.append(
-                Stretch(
+                InnerStretch(
                     float(enter[k]), float(leave[k]), normals[into[k]], normals[out[k]]
                 )
             )

@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.cell.cover import directions
 from planning.cell.shape import Box, Element, Mesh, Shape
-from planning.cell.solid_lines import SolidLines, Stretch
+from planning.cell.solid_lines import SolidLines, InnerStretch
 from planning.kept_answers import KeptAnswers
 from planning.parts.assembly import Grip, GripRules, box_grips, points_well
 from planning.transforms import Array, Transform, readonly
@@ -226,7 +226,7 @@ class _ToolView:
         """Return a point in the part's frame."""
         return np.asarray(self.turn @ np.array([x, y, z]))
 
-    def across(self, x: float, z: float) -> list[Stretch]:
+    def across(self, x: float, z: float) -> list[InnerStretch]:
         """Return where the line along which fingers close is inside of the part."""
         return self.lines.stretches(self.point(x, 0.0, z), self.turn[:, 1])
 
@@ -276,13 +276,13 @@ def _holds(
                 yield at, f"grip {width * 1e3:.0f} mm wide at ({_millimetres(at)})"
 
 
-def _spanned(walls: Sequence[Stretch]) -> list[Stretch]:
+def _spanned(walls: Sequence[InnerStretch]) -> list[InnerStretch]:
     """Return walls of a part, and all of them as one: a ring is held from outside, too."""
     if len(walls) < 2:
         return list(walls)
     first = min(walls, key=lambda wall: wall.begin)
     last = max(walls, key=lambda wall: wall.end)
-    whole = Stretch(first.begin, last.end, first.begin_normal, last.end_normal)
+    whole = InnerStretch(first.begin, last.end, first.begin_normal, last.end_normal)
     return [*walls, whole]
 
 
@@ -307,7 +307,7 @@ def _depth_below(
 
 
 def _fits(
-    view: _ToolView, held: Stretch, at: tuple[float, float], rules: GripRules
+    view: _ToolView, held: InnerStretch, at: tuple[float, float], rules: GripRules
 ) -> bool:
     """Tell whether fingers span a stretch, meet it squarely, and have room beside it."""
     width, (x, z) = held.end - held.begin, at
