@@ -333,7 +333,7 @@ def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
 
 
 def test_what_is_in_hand_is_known_node_by_node(tmp_path: Path) -> None:
-    plan = planned_steps(["screw", "block", "seal"], tmp_path).motion_plan
+    plan = planned_steps(["screw", "block", "seal"], tmp_path).motions.motion_plan
     tpg = build_nodes(plan)
     (loads,) = hand_loads(tpg)
     chain = tpg.chains[0]
