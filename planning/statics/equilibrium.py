@@ -56,6 +56,7 @@ class ContactForce:
         within: bound of the force in both senses [N], or of the torque, which does not count as
             pull; None for a contact that pushes without limit.
         turns: True for a torque.
+        share: True for a share of the load of a case.
     """
 
     first: str | None
@@ -65,6 +66,7 @@ class ContactForce:
     pull: float = 0.0
     within: float | None = None
     turns: bool = False
+    share: bool = False
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ class Equilibrium:
         self._centres = np.array([centres[name] for name in self._names])
         self._weights = np.array([weights[name] for name in self._names])
         self._own = len(contacts)
-        self._columns: dict[tuple[ContactForce, bool], int] = {}
+        self._columns: dict[ContactForce, int] = {}
         self._on = np.empty((0, 2), dtype=np.intp)
         self._limits = np.empty((0, 2))
         self._pulls = np.empty(0)
@@ -172,7 +174,7 @@ class Equilibrium:
         self._solver.addRows(
             size, *self._rows.T, 0, np.zeros(size, np.int32), none, none
         )
-        self._add(contacts, shares=False)
+        self._add(contacts)
         self.solved = 0
         """Number of linear programs solved so far."""
 
@@ -239,15 +241,10 @@ class Equilibrium:
         there = np.zeros(len(self._names) + 1, dtype=bool)
         there[[self._index[name] for name in case.there]] = True
         there[-1] = True  # the ground
-        shares = _shares(case.load)
-        extra = [*((c, False) for c in case.pushes), *((c, True) for c in shares)]
-        for shared in (True, False):
-            new = dict.fromkeys(
-                c for c, s in extra if s is shared and (c, s) not in self._columns
-            )
-            self._add(tuple(new), shares=shared)
+        extra = [*case.pushes, *_shares(case.load)]
+        self._add([c for c in dict.fromkeys(extra) if c not in self._columns])
         own = np.flatnonzero(there[self._on[: self._own]].all(axis=1))
-        return np.array([*own, *(self._columns[key] for key in extra)], dtype=np.intp)
+        return np.array([*own, *(self._columns[c] for c in extra)], dtype=np.intp)
 
     def _loosened(self, case: LoadCase) -> Array:
         """Return which contacts do not pull because of a body that is being put in its place."""
@@ -286,17 +283,12 @@ class Equilibrium:
             status = self._solver.getModelStatus()
         return status
 
-    def _add(self, contacts: Sequence[ContactForce], *, shares: bool) -> None:
-        """Add columns to the program, switched off.
-
-        Args:
-            contacts: whose forces they are.
-            shares: whether they are shares of a load, which are maximised.
-        """
+    def _add(self, contacts: Sequence[ContactForce]) -> None:
+        """Add columns to the program, switched off."""
         if not contacts:
             return
         known = enumerate(contacts, len(self._on))
-        self._columns |= {(c, shares): k for k, c in known}
+        self._columns |= {c: k for k, c in known}
         on = [[self._body(c.first), self._body(c.second)] for c in contacts]
         limits = [
             (-c.pull, np.inf) if c.within is None else (-c.within, c.within)
@@ -308,20 +300,19 @@ class Equilibrium:
         pushing = [c.within is None for c in contacts]
         self._pushing = np.append(self._pushing, pushing)
         self._bounds = np.vstack([self._bounds, np.zeros((len(contacts), 2))])
-        matrix = self._wrenches(contacts, shares=shares)
+        matrix = self._wrenches(contacts)
         self._blocks.append(matrix)
         zeros = np.zeros(len(contacts))
+        cost = -np.array([float(c.share) for c in contacts])
         self._solver.addCols(
-            *(len(contacts), zeros - shares, zeros, zeros),
+            *(len(contacts), cost, zeros, zeros),
             *(matrix.nnz, matrix.indptr[:-1], matrix.indices, matrix.data),
         )
 
     def _body(self, name: str | None) -> int:
         return -1 if name is None else self._index[name]
 
-    def _wrenches(
-        self, contacts: Sequence[ContactForce], *, shares: bool
-    ) -> csc_matrix:
+    def _wrenches(self, contacts: Sequence[ContactForce]) -> csc_matrix:
         """Return a column for the unit of each force: its share, and six rows for each body."""
         points = np.array([c.point for c in contacts])
         directions = np.array([c.direction for c in contacts])
@@ -337,10 +328,10 @@ class Equilibrium:
             rows.append((1 + 6 * on[k, end][:, None] + np.arange(6)).ravel())
             columns.append(np.repeat(k, 6))
             values.append(np.hstack([force, moment]).ravel())
-        if shares:
-            rows.append(np.zeros(len(contacts), dtype=np.intp))
-            columns.append(np.arange(len(contacts)))
-            values.append(np.ones(len(contacts)))
+        shares = np.flatnonzero([c.share for c in contacts])
+        rows.append(np.zeros_like(shares))
+        columns.append(shares)
+        values.append(np.ones(len(shares)))
         entries = np.concatenate(values)
         there = entries != 0.0
         place = (np.concatenate(rows)[there], np.concatenate(columns)[there])
@@ -383,7 +374,10 @@ def _shares(load: Load | None) -> list[ContactForce]:
     if load is None:
         return []
     x, y, z = (np.array(load.force) / np.linalg.norm(load.force)).tolist()
-    return [ContactForce(None, load.body, point, (x, y, z)) for point in load.points]
+    return [
+        ContactForce(None, load.body, point, (x, y, z), share=True)
+        for point in load.points
+    ]
 
 
 def _minimised(
