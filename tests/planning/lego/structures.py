@@ -9,6 +9,16 @@ from hypothesis import strategies as st
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
 from planning.lego.bricks.grid import covered_studs, occupied_places
 
+CELLS = st.builds(
+    Cell,
+    st.integers(0, 40),
+    st.integers(0, 40),
+    st.integers(1, 20),
+    st.booleans(),
+    st.integers(0, 2),
+)
+"""Anywhere on a plate."""
+
 
 def brick(
     name: str, kind: str, x: int, y: int, z: int, turned: bool = False

@@ -32,18 +32,11 @@ from planning.lego.bricks.grid import (
     top_pose,
 )
 from planning.transforms import Array, Transform, from_rpy, inverse, rotation
+from tests.planning.lego.structures import CELLS
 
 FLAT = Plate(np.eye(4))
 
 bricks = st.sampled_from(sorted(BRICKS)).map(BRICKS.__getitem__)
-cells = st.builds(
-    Cell,
-    st.integers(0, 40),
-    st.integers(0, 40),
-    st.integers(1, 20),
-    st.booleans(),
-    st.integers(0, 2),
-)
 near_cells = st.builds(
     Cell,
     st.integers(0, 6),
@@ -80,12 +73,12 @@ def test_a_brick_at_the_corner_stands_on_the_corner() -> None:
     np.testing.assert_allclose(turned[:3, 0], [0, 1, 0], atol=1e-15)
 
 
-@given(plates, cells, bricks)
+@given(plates, CELLS, bricks)
 def test_from_cell_to_pose_and_back(plate: Plate, cell: Cell, brick: BrickType) -> None:
     assert cell_at(plate, top_pose(plate, cell, brick), brick) == cell
 
 
-@given(plates, cells, bricks)
+@given(plates, CELLS, bricks)
 def test_half_a_turn_of_a_brick_is_the_same_cell(
     plate: Plate, cell: Cell, brick: BrickType
 ) -> None:
@@ -93,7 +86,7 @@ def test_half_a_turn_of_a_brick_is_the_same_cell(
     assert cell_at(plate, pose, brick) == cell
 
 
-@given(plates, cells, bricks)
+@given(plates, CELLS, bricks)
 def test_the_box_hangs_half_its_height_below_the_top(
     plate: Plate, cell: Cell, brick: BrickType
 ) -> None:

@@ -30,17 +30,10 @@ from planning.lego.bricks.grips import (
     side_studs,
 )
 from planning.transforms import Transform, from_rpy, rotation, translation
+from tests.planning.lego.structures import CELLS
 
 OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}
 
-cells = st.builds(
-    Cell,
-    st.integers(0, 40),
-    st.integers(0, 40),
-    st.integers(1, 20),
-    st.booleans(),
-    st.integers(0, 2),
-)
 tops = st.builds(
     lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
     st.floats(-1, 1),
@@ -115,7 +108,7 @@ def contact_press(contact: Cell, press: Press) -> Press:
     return Press(1 if press.side in low else 4, 0)
 
 
-@given(cells, gripped(), st.booleans())
+@given(CELLS, gripped(), st.booleans())
 def test_the_contact_cell_is_where_the_tool_presses(
     cell: Cell, grip: tuple[BrickType, Press], up: bool
 ) -> None:
