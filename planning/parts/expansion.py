@@ -29,10 +29,16 @@ from planning.steps.step_writer import StepWriter
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task, door_shut
-from planning.tasks.work import AssemblyWork
+from planning.tasks.work import AssemblyWork, TaskHistory
 from planning.transforms import Transform
 
 _PICK, _PLACE = "pick", "place-down"
+
+_PICKED, _PLACED, _MACHINED, _DONE = "picked", "placed", "machined", "done"
+"""What was done last to a part, or which named step."""
+
+_USED, _PUT = "used", "put"
+"""What was done to a part, and put to it, since it was picked last."""
 
 
 def part_work(candidates: PartCandidates) -> AssemblyWork:
@@ -213,87 +219,59 @@ def _waiting_tasks(
     """
     changes = [_begin_and_end(*pair)[1] for pair in zip(handled, steps, strict=True)]
     yield from ((changes[a], changes[b]) for a, b in sorted(balance))
-    history = _History(_stock_contacts(handled))
+    history, contacts = TaskHistory(), _stock_contacts(handled)
     for step, tasks in zip(handled, steps, strict=True):
-        yield from history.step(step, tasks)
+        yield from _waits_of_step(history, contacts, step, tasks)
 
 
-class _History:
-    """Tasks of the steps so far that later ones may have to wait for.
+def _waits_of_step(
+    history: TaskHistory,
+    contacts: Mapping[str, frozenset[str]],
+    step: KnownStep,
+    tasks: StepTasks,
+) -> Iterator[tuple[Task, Task]]:
+    """Yield what the tasks of the next step wait for, each with the one that waits.
 
     Args:
+        history: tasks of the steps before; those of this one are noted.
         contacts: what each part touches at the start.
+        step: what is done.
+        tasks: of the step.
     """
-
-    def __init__(self, contacts: Mapping[str, frozenset[str]]) -> None:
-        self._contacts = contacts
-        self._picked: dict[str, Task] = {}
-        self._placed: dict[str, Task] = {}
-        self._machine: dict[str, Task] = {}
-        self._done: dict[str, Task] = {}
-        # What was done to a part, and put to it, since it was picked last.
-        self._used: dict[str, list[Task]] = {}
-        self._put: dict[str, list[Task]] = {}
-
-    def step(self, step: KnownStep, tasks: StepTasks) -> Iterator[tuple[Task, Task]]:
-        """Yield what the tasks of the next step wait for, each with the one that waits."""
-        begins, ends = _begin_and_end(step, tasks)
-        for name in step.step.after:
-            if name in self._done:
-                yield self._done[name], begins
-        for name in _concerned(step):
-            if name in self._machine:
-                yield self._machine[name], begins
-        for task in tasks.tasks:
-            if task.kind == HOLD:
-                assert step.held is not None
-                yield from self._hold(step.held.part.name, task)
-        if isinstance(step, MachineStep):
-            yield from self._machine_work(step.step.part, begins)
-        elif isinstance(step, WorkStep):
-            for name in sorted(step.touched & self._placed.keys()):
-                yield self._placed[name], begins
-            for name in sorted(step.touched & step.around.keys()):
-                self._used.setdefault(name, []).append(ends)
-        else:
-            pick = next(task for task in tasks.tasks if task.kind == _PICK)
-            yield from self._pick(step.part.name, pick)
-            yield from self._place(step, ends)
-        if step.step.name is not None:
-            self._done[step.step.name] = ends
-
-    def _hold(self, part: str, hold: Task) -> Iterator[tuple[Task, Task]]:
-        if part in self._placed:
-            yield self._placed[part], hold
-        if part in self._machine:
-            yield self._machine[part], hold
-        self._used.setdefault(part, []).append(hold)
-
-    def _machine_work(self, part: str, work: Task) -> Iterator[tuple[Task, Task]]:
-        if part in self._placed:
-            yield self._placed[part], work
-        for earlier in (*self._used.get(part, ()), *self._put.get(part, ())):
-            yield earlier, work
-        self._machine[part] = work
-        self._used.setdefault(part, []).append(work)
-
-    def _pick(self, part: str, pick: Task) -> Iterator[tuple[Task, Task]]:
-        yield from ((earlier, pick) for earlier in self._used.pop(part, ()))
-        self._put.pop(part, None)
-        if part in self._placed:
-            yield self._placed[part], pick
-        else:
-            for name in self._contacts[part]:
-                if name in self._picked:
-                    yield self._picked[name], pick
-        self._picked[part] = pick
-
-    def _place(self, step: PartStep, place: Task) -> Iterator[tuple[Task, Task]]:
+    begins, ends = _begin_and_end(step, tasks)
+    yield from history.before(begins, _DONE, *step.step.after)
+    yield from history.before(begins, _MACHINED, *_concerned(step))
+    for hold in (task for task in tasks.tasks if task.kind == HOLD):
+        assert step.held is not None
+        held = step.held.part.name
+        yield from history.before(hold, _PLACED, held)
+        yield from history.before(hold, _MACHINED, held)
+        history.add(_USED, held, hold)
+    if isinstance(step, MachineStep):
+        part = step.step.part
+        for did in (_PLACED, _USED, _PUT):
+            yield from history.before(begins, did, part)
+        history.put(_MACHINED, part, begins)
+        history.add(_USED, part, begins)
+    elif isinstance(step, WorkStep):
+        yield from history.before(begins, _PLACED, *step.touched)
+        for name in step.touched & step.around.keys():
+            history.add(_USED, name, ends)
+    else:
+        part = step.part.name
+        pick = next(task for task in tasks.tasks if task.kind == _PICK)
+        yield from history.before(pick, _USED, part)
+        history.forget(_USED, part)
+        history.forget(_PUT, part)
+        placed = list(history.before(pick, _PLACED, part))
+        yield from placed or history.before(pick, _PICKED, *contacts[part])
+        history.put(_PICKED, part, pick)
+        yield from history.before(ends, _PLACED, *step.at_goal)
         for name in step.at_goal:
-            if name in self._placed:
-                yield self._placed[name], place
-            self._put.setdefault(name, []).append(place)
-        self._placed[step.part.name] = place
+            history.add(_PUT, name, ends)
+        history.put(_PLACED, part, ends)
+    if step.step.name is not None:
+        history.put(_DONE, step.step.name, ends)
 
 
 def _concerned(step: KnownStep) -> frozenset[str]:

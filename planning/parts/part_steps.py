@@ -28,6 +28,7 @@ from planning.parts.assembly import (
     Work,
 )
 from planning.parts.tool_grips import tool_grips
+from planning.steps.skill_scene import Objects
 from planning.steps.tool_changes import with_each_tool
 from planning.transforms import Transform, readonly
 
@@ -36,9 +37,6 @@ TIP = 0.005
 
 DEEPEST_NODE = 0.05
 """Deepest that bars that meet in a node may be said to be in each other [m]."""
-
-Around = Mapping[str, tuple[CellObject, Attachment]]
-"""Parts by name, and where they are."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class PartStep:
     step: PlacePart
     part: CellObject
     goal: Transform
-    around: Around
+    around: Objects
     grips: list[Grip]
     at_start: Mapping[str, float]
     at_goal: Mapping[str, float]
@@ -95,7 +93,7 @@ class WorkStep:
 
     step: Work
     place: Transform
-    around: Around
+    around: Objects
     touched: frozenset[str]
     held: Held | None = None
 
@@ -111,7 +109,7 @@ class MachineStep:
     """
 
     step: MachineWork
-    around: Around
+    around: Objects
     held: None = None
 
     @property
@@ -353,7 +351,7 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
         )
 
 
-def _around(cell: Workcell, where: Mapping[str, Transform]) -> Around:
+def _around(cell: Workcell, where: Mapping[str, Transform]) -> Objects:
     return {
         item.name: (item, Attachment(None, where[item.name]))
         for item in cell.objects

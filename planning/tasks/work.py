@@ -70,6 +70,31 @@ class AssemblyWork:
         return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
 
+class TaskHistory:
+    """Tasks so far, by what they did and to which object: those that later ones may wait for."""
+
+    def __init__(self) -> None:
+        self._tasks: dict[tuple[str, str], list[Task]] = {}
+
+    def add(self, did: str, name: str, task: Task) -> None:
+        """Note what a task did to an object, beside all that did so before."""
+        self._tasks.setdefault((did, name), []).append(task)
+
+    def put(self, did: str, name: str, task: Task) -> None:
+        """Note what a task did to an object, instead of all that did so before."""
+        self._tasks[did, name] = [task]
+
+    def forget(self, did: str, name: str) -> None:
+        """Forget what was done to an object."""
+        self._tasks.pop((did, name), None)
+
+    def before(self, task: Task, did: str, *names: str) -> Iterator[tuple[Task, Task]]:
+        """Yield the tasks that did something to one of some objects, each with one that waits."""
+        for name in names:
+            for earlier in self._tasks.get((did, name), ()):
+                yield earlier, task
+
+
 @dataclass
 class StepExpansions:
     """Expands steps in order, and offers other ways when motion planning fails.

@@ -46,7 +46,7 @@ from planning.steps.skill_scene import ResolvedSkill
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
-from planning.tasks.work import AssemblyWork
+from planning.tasks.work import AssemblyWork, TaskHistory
 from planning.transforms import Array, Transform, inverse
 
 PLACES = ("place-down", "place-up")
@@ -83,22 +83,16 @@ def _waits(
     A place waits for the place before it, and so does a support; a brick of the stock is picked
     after those that stood on it, a station's after the one before it.
     """
-    world = candidates.world
-    last_place: Task | None = None
-    picked: dict[str, Task] = {}
-    for step in steps:
-        place: Task | None = None
-        for task in step.tasks:
-            if task.kind in PLACES:
-                place = task
-            if task.kind in (*PLACES, *SUPPORTS) and last_place is not None:
-                yield last_place, task
-            if task.kind == "pick" and task.object is not None:
-                source = source_of(task.object, world.stations)
-                for name in {*world.above(source), source} & picked.keys():
-                    yield picked[name], task
-                picked[source] = task
-        last_place = place or last_place
+    world, history = candidates.world, TaskHistory()
+    for task in (task for step in steps for task in step.tasks):
+        if task.kind in (*PLACES, *SUPPORTS):
+            yield from history.before(task, "placed", "the brick before")
+        if task.kind in PLACES:
+            history.put("placed", "the brick before", task)
+        if task.kind == "pick" and task.object is not None:
+            source = source_of(task.object, world.stations)
+            yield from history.before(task, "picked", source, *world.above(source))
+            history.put("picked", source, task)
 
 
 class _ChosenBrickStep:
