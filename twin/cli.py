@@ -13,9 +13,9 @@ from twin.commands.doctor import doctor
 from twin.commands.export import export
 from twin.commands.fit import fit
 from twin.commands.follow import follow
-from twin.commands.imports.app import app as import_app
 from twin.commands.robots import robots
 from twin.commands.run import replay, resume, run
+from twin.commands.scenario_imports import app as import_app
 from twin.commands.scenarios import check, init, scenarios, schema, validate
 from twin.commands.sequence import sequence
 from twin.commands.study import compare, study

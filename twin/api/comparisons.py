@@ -18,7 +18,7 @@ from twin.comparison.table import mean, percent, spread
 from twin.host.atomic import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.run.folder import CHART, COMPARISON, keep_new, run_folder, set_aside
+from twin.run.folder import CHART, COMPARISON, new_results, run_folder
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
@@ -126,20 +126,19 @@ def compare(
             )
         progress(SEEDS, seeds, seeds)
         figures = comparison_figures(found)
-        set_aside(folder)
-        write_manifest(
-            folder,
-            chosen,
-            build_workcell(chosen, base),
-            base,
-            seeds=list(numbers),
-            shortcut_candidates=candidates,
-        )
         counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
         heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
         if reference_skills:
             heading += ", skills follow their reference paths"
-        draw_comparison(folder / CHART, {chosen.name: figures}, heading)
-        write_json(folder / COMPARISON, figures)
-        keep_new(folder)
+        with new_results(folder):
+            write_manifest(
+                folder,
+                chosen,
+                build_workcell(chosen, base),
+                base,
+                seeds=list(numbers),
+                shortcut_candidates=candidates,
+            )
+            draw_comparison(folder / CHART, {chosen.name: figures}, heading)
+            write_json(folder / COMPARISON, figures)
     return Comparison(loaded, heading, figures, folder)

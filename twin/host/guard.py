@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import functools
 import json
+import platform
 import sys
+import tempfile
+import traceback
 from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, ParamSpec
 
 import typer
@@ -19,6 +24,7 @@ from planning.errors import (
     ScenarioError,
     TwinError,
 )
+from twin.host.versions import versions
 
 COMPLETED, FAILED, BAD_INPUT, UNFORESEEN, INTERRUPTED = 0, 1, 2, 70, 130
 """Exit codes: done and whole; the work failed or violates a guarantee; input is at fault; an error
@@ -58,8 +64,6 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:
-            from twin.host.last_resort import unforeseen
-
             print_error(unforeseen(error))
             code = UNFORESEEN
         raise typer.Exit(code or COMPLETED)
@@ -96,3 +100,33 @@ def _has_place(line: str) -> bool:
     """Tell whether a line starts with file:line:column, which editors jump to."""
     parts = line.split(":")
     return len(parts) > 3 and parts[1].isdigit() and parts[2].isdigit()
+
+
+def write_error_report(error: BaseException) -> Path | None:
+    """Write what a maintainer needs to know about an error; None where nothing can be written.
+
+    The file goes to the system's folder for temporary files and names the command, versions
+    and the traceback.
+    """
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%fZ")
+    path = Path(tempfile.gettempdir()) / f"assembly-twin-error-{stamp}.txt"
+    lines = [
+        f"command: {' '.join(sys.argv)}",
+        f"system: {platform.platform()}",
+        *(f"{name}: {version}" for name, version in versions().items()),
+        "",
+        "".join(traceback.format_exception(error)),
+    ]
+    try:
+        path.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    return path
+
+
+def unforeseen(error: BaseException) -> str:
+    """Return what is told of an error that nobody foresaw, with the path of its report."""
+    what = f"{type(error).__name__}: {error}".rstrip(": ").splitlines()[0][:200]
+    path = write_error_report(error)
+    where = f"the report is in {path}" if path else "no report could be written"
+    return f"this should not happen, please tell us: {what} ({where})"

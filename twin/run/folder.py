@@ -1,15 +1,18 @@
-"""The folder of a run: one process at a time writes to it, and old results stay until new are whole."""
+"""The folder of a run: its files and their hashes; one process at a time writes, and old results stay until new are whole."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 from planning.errors import OutputError, RequestError
+from planning.files import read_file
 
 EVENTS = "events.jsonl"
 TRAJECTORY = "trajectory.parquet"
@@ -147,6 +150,14 @@ def set_aside(folder: Path) -> None:
         raise OutputError(f"{folder}: cannot be written to: {error}") from error
 
 
+@contextmanager
+def new_results(folder: Path) -> Iterator[None]:
+    """Put earlier results away while new ones are made, and drop them when those are whole."""
+    set_aside(folder)
+    yield
+    keep_new(folder)
+
+
 def keep_new(folder: Path) -> None:
     """Drop the earlier results: the new ones are whole."""
     with suppress(FileNotFoundError):
@@ -185,3 +196,50 @@ def _new_log_folder(name: str) -> Path:
         count += 1
         folder = first.with_name(f"{first.name}-{count}")
     return folder
+
+
+PLAN_FILES = ("plan.json", "plan.npz")
+_READ_BACK = (*PLAN_FILES, EVENTS, TRAJECTORY, OBJECTS)
+
+
+def hashes_as_written(folder: Path) -> dict[str, str]:
+    """Return the sha256 of each file of a run that commands read back, by its name.
+
+    Raises:
+        OutputError: a file cannot be read.
+    """
+    return {name: _sha256(folder / name) for name in _READ_BACK}
+
+
+def require_as_written(folder: Path, names: Iterable[str]) -> None:
+    """Refuse files of a run that are not those that its summary was made with.
+
+    A folder without a summary, as a killed run leaves, has nothing to compare with.
+
+    Args:
+        folder: of the run.
+        names: files that are about to be read.
+
+    Raises:
+        OutputError: a file has changed, is of another run, or cannot be read.
+    """
+    path = folder / SUMMARY
+    try:
+        files = json.loads(read_file(path)).get("files", {})
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, RecursionError, AttributeError) as error:
+        raise OutputError(f"{path}: no summary of a run: {error!r}") from error
+    for name in names:
+        if name in files and files[name] != _sha256(folder / name):
+            raise OutputError(
+                f"{folder / name} is not as the run wrote it: its sha256 is not the one in {SUMMARY}"
+            )
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be read: {error}") from error

@@ -16,9 +16,8 @@ from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions
-from twin.run.folder import TURNS
+from twin.run.folder import PLAN_FILES, TURNS, require_as_written
 from twin.run.policies import IN_SLOTS, IN_TURNS
-from twin.run.written import PLAN_FILES, require_as_written
 from twin.scenario.manifest import MANIFEST, manifest_base, read_manifest
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 

@@ -14,11 +14,17 @@ from planning.errors import OutputError, RequestError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.events import Event, EventLogError, parse_event, read_log
-from twin.run.folder import EVENTS, GANTT, OBJECTS, SUMMARY, TRAJECTORY
+from twin.run.folder import (
+    EVENTS,
+    GANTT,
+    OBJECTS,
+    SUMMARY,
+    TRAJECTORY,
+    require_as_written,
+)
 from twin.run.run_record import ExecutionRecord
 from twin.run.summary import summary_rows
 from twin.run.trajectory import Trajectory
-from twin.run.written import require_as_written
 from twin.scenario.manifest import MANIFEST
 from twin.scenario.sections.scenario import Scenario, restored
 from twin.trial.loaded_scenario import PathOrName

@@ -28,12 +28,13 @@ from twin.run.folder import (
     RECORDING,
     SUMMARY,
     TURNS,
+    hashes_as_written,
     keep_new,
-    set_aside,
+    new_results,
+    require_as_written,
 )
 from twin.run.gantt import gantt_figure
 from twin.run.run_record import ExecutionRecord
-from twin.run.written import hashes_as_written, require_as_written
 from twin.scenario.manifest import (
     manifest_base,
     read_manifest,
@@ -84,8 +85,7 @@ def try_plan(
     """
     scenario, base, tpg = plan.scenario.sections, plan.scenario.folder, plan.tpg
     about = prepare(plan, recording=recording, audit=audit)
-    set_aside(folder)
-    with whole_or_failed(folder):
+    with new_results(folder), whole_or_failed(folder):
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
         save_plan(tpg, folder)
         if plan.turns is not None:
@@ -97,7 +97,6 @@ def try_plan(
         log.require_whole()
         progress(SIMULATION, 1, 1)
         _conclude(plan, folder, record, memory.events, about, progress)
-    keep_new(folder)
     return RunResult(folder, plan=plan, history=memory.events, record=record)
 
 
