@@ -82,7 +82,7 @@ MUTANTS = (
     Mutant("draws: robots share their draws", "counter[2], counter[3] = robot[i], purpose[i]", "counter[2], counter[3] = purpose[i], purpose[i]", DRAWS),
     Mutant("draws: a round has the wrong key", "k1 += _WEYL_1", "k1 += _WEYL_0", DRAWS),
     Mutant("statistics: one-sided interval", "stats.t.ppf(0.5 + 0.5 * confidence, len(sample) - 1)", "stats.t.ppf(confidence, len(sample) - 1)", STUDY),
-    Mutant("audit: limits may be passed by half", "runs(share > 1.0): worst = where[np.argmax(share[where, joint])]", "runs(share > 1.5):\n                worst = where[np.argmax(share[where, joint])]", AUDIT),
+    Mutant("audit: limits may be passed by half", "runs(share > 1.0): worst = where[np.argmax(share[where, joint])] most", "runs(share > 1.5):\n                worst = where[np.argmax(share[where, joint])]\n                most", AUDIT),
     Mutant("audit: jumps are overlooked", "if jump > JUMP:", "if jump > 100 * JUMP:", AUDIT),
 )  # fmt: skip
 
