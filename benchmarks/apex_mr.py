@@ -17,14 +17,14 @@ import argparse
 import gc
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, SkillTimes, write_report
 from benchmarks.apex_mr_tables import Measured
-from benchmarks.machine import date_line, machine_line
-from benchmarks.measured_store import MeasuredStore
+from benchmarks.machine import machine_line
+from benchmarks.store import RowStore
 from planning.errors import TwinError
 from twin.comparison.comparison import (
     Measurement,
@@ -47,34 +47,11 @@ WARM_UP = ("cliff", "faucet", "rearrangement")
 ALL = "structures and cells"
 
 
-@dataclass(frozen=True)
-class Options:
-    """Options of the command.
-
-    Attributes:
-        only: names of scenarios, in the order of the report.
-        skills: what decides how long skills take; a report each.
-        seeds: how many, counted from the seed of each scenario.
-        shortcuts: tried on each plan, None for what the scenario or the program says.
-        out: folder of the report.
-        fresh: measure again what was measured before.
-        quiet: show no progress.
-    """
-
-    only: tuple[str, ...]
-    skills: tuple[SkillTimes, ...]
-    seeds: int
-    shortcuts: int | None
-    out: Path
-    fresh: bool
-    quiet: bool
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write the reports; 1 if something could not be planned."""
     options = _options(arguments)
     bench = _Bench(
-        options, MeasuredStore(ROOT / "benchmarks" / ".measured", ROOT, machine_line())
+        options, RowStore(ROOT / "benchmarks" / ".measured" / "apex_mr", ROOT)
     )
     options.out.mkdir(parents=True, exist_ok=True)
     failed = False
@@ -100,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 class _Bench:
     """Measures what is not in the store."""
 
-    def __init__(self, options: Options, store: MeasuredStore) -> None:
+    def __init__(self, options: argparse.Namespace, store: RowStore) -> None:
         self._options = options
         self._store = store
         self._warm = False
@@ -120,20 +97,20 @@ class _Bench:
         rows, dates = {}, set()
         seeds = range(scenario.seed, scenario.seed + self._options.seeds)
         for seed in seeds:
-            key = f"{name}-{skills.name}"
-            found = None
-            if not self._options.fresh:
-                found = self._store.load(key, seed, candidates)
+            key = f"{name}-{skills.name}-{seed}-{candidates}"
+            found = None if self._options.fresh else self._store.load(key)
             if found is None:
                 self._warm_up(progress)
                 try:
                     row = _measure(name, scenario, seed, candidates, progress)
                 except TwinError as error:
                     raise TwinError(f"seed {seed}: {error}") from error
-                self._store.save(key, seed, candidates, row, date_line())
-                found = row, date_line()
-            rows[seed] = found[0]
-            dates.add(found[1])
+                policies = {policy: asdict(one) for policy, one in row.items()}
+                found = self._store.save(key, {"policies": policies})
+            rows[seed] = {
+                policy: Measurement(**one) for policy, one in found["policies"].items()
+            }
+            dates.add(found["date"])
         robots = len(scenario.cell.robots)
         return Measured(comparison_figures(rows), robots, candidates, max(dates))
 
@@ -166,7 +143,7 @@ def _warm_up(progress: Report) -> None:
     progress("warm-up", len(WARM_UP), len(WARM_UP))
 
 
-def _options(arguments: Sequence[str] | None) -> Options:
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.apex_mr", description=__doc__.splitlines()[0]
     )
@@ -188,13 +165,12 @@ def _options(arguments: Sequence[str] | None) -> Options:
     parser.add_argument("--fresh", action="store_true", help="measure all again")
     parser.add_argument("--quiet", action="store_true", help="show no progress")
     given = parser.parse_args(arguments)
-    chosen = tuple(name for name in SCENARIOS if not given.only or name in given.only)
     everything = ROOT / "benchmarks" / "results"
-    out = given.out or (ROOT / "logs" / "apex-mr" if given.only else everything)
-    skills = tuple(each for each in (REFERENCE, DRAWN) if each.name in given.skills)
-    return Options(
-        chosen, skills, given.seeds, given.shortcuts, out, given.fresh, given.quiet
-    )
+    given.out = given.out or (ROOT / "logs" / "apex-mr" if given.only else everything)
+    # In the order of the reports.
+    given.only = [n for n in SCENARIOS if not given.only or n in given.only]
+    given.skills = [s for s in (REFERENCE, DRAWN) if s.name in given.skills]
+    return given
 
 
 if __name__ == "__main__":

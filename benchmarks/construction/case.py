@@ -12,8 +12,8 @@ from benchmarks.construction.critical_path import longest_chain
 from benchmarks.construction.fine_check.check import check_construction
 from benchmarks.construction.fixed_time import plan_fixed_time
 from benchmarks.construction.schedule import schedule
-from benchmarks.construction.store import Row
 from benchmarks.stalled_runs import audited_runs
+from benchmarks.store import Row
 from planning.construction.export.motion_plan_export import motion_plan
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.problem import ConstructionProblem

@@ -19,8 +19,8 @@ from benchmarks.construction.rows import (
     spread,
     teams_of,
 )
-from benchmarks.construction.store import Row
 from benchmarks.construction.tables import paper_total
+from benchmarks.store import Row
 from twin.host.atomic import replacing
 
 _INK = "#2b2f36"

@@ -21,7 +21,7 @@ from pathlib import Path
 from benchmarks.construction.case import measure_baseline, measure_method, warm_up
 from benchmarks.construction.paper import DURATIONS, SEEDS, TEAMS, WITH_BASELINE
 from benchmarks.construction.report import write_report
-from benchmarks.construction.store import Row, RowStore
+from benchmarks.store import Row, RowStore
 from twin.host.progress import Report, StageDisplay
 
 ROOT = Path(__file__).parents[2]
@@ -52,31 +52,6 @@ class Case:
         return f"{self.model}-{self.robots}-{self.seed}-{what}"
 
 
-@dataclass(frozen=True)
-class Options:
-    """Options of the command.
-
-    Attributes:
-        cases: in the order in which they are measured.
-        limit: processor time for a plan [s].
-        stalled: runs with stalls that follow the nominal one, with the first seed.
-        out: folder of the report.
-        fresh: measure again what was measured before.
-        any_version: take what other versions of the program measured.
-        report: only write the report.
-        quiet: show no progress.
-    """
-
-    cases: tuple[Case, ...]
-    limit: float
-    stalled: int
-    out: Path
-    fresh: bool
-    any_version: bool
-    report: bool
-    quiet: bool
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write the report; 1 if a plan is not safe.
 
@@ -99,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _collect(
-    rows: list[Row], options: Options, store: RowStore, progress: Report
+    rows: list[Row], options: argparse.Namespace, store: RowStore, progress: Report
 ) -> None:
     """Add the rows of all cases, measured now or before."""
     warm = False
@@ -138,7 +113,7 @@ def _with_best(case: Case, store: RowStore) -> Case | None:
     return Case(case.model, case.robots, case.seed, best["duration_s"])
 
 
-def _measure(case: Case, options: Options, progress: Report) -> Row:
+def _measure(case: Case, options: argparse.Namespace, progress: Report) -> Row:
     if isinstance(case.duration, float):
         return measure_baseline(
             case.model,
@@ -189,7 +164,7 @@ def all_cases(
     return tuple(out)
 
 
-def _options(arguments: Sequence[str] | None) -> Options:
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.construction", description=__doc__.splitlines()[0]
     )
@@ -218,17 +193,9 @@ def _options(arguments: Sequence[str] | None) -> Options:
     )
     parser.add_argument("--quiet", action="store_true", help="show no progress")
     given = parser.parse_args(arguments)
-    models = tuple(name for name in TEAMS if not given.models or name in given.models)
     part = given.models or given.robots or given.seeds
     everything = ROOT / "benchmarks" / "results"
-    out = given.out or (ROOT / "logs" / "construction" if part else everything)
-    return Options(
-        all_cases(models, given.robots, given.seeds),
-        given.limit,
-        given.stalled,
-        out,
-        given.fresh,
-        given.any_version,
-        given.report,
-        given.quiet,
-    )
+    given.out = given.out or (ROOT / "logs" / "construction" if part else everything)
+    models = tuple(name for name in TEAMS if not given.models or name in given.models)
+    given.cases = all_cases(models, given.robots, given.seeds)
+    return given

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME
-from benchmarks.construction.store import Row
+from benchmarks.store import Row
 from twin.host.atomic import replacing
 from twin.run.activities import LANE_COLOURS
 

@@ -10,8 +10,8 @@ from benchmarks.construction.charts import draw_speed_ups, draw_times
 from benchmarks.construction.gantt import Chart, draw_schedules
 from benchmarks.construction.paper import SEEDS
 from benchmarks.construction.rows import best_baseline, methods, models_of, teams_of
-from benchmarks.construction.store import Row
 from benchmarks.construction.summary import summary
+from benchmarks.store import Row
 from twin.host.atomic import replacing, write_json
 
 NAME = "construction"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.construction.paper import TEAMS
-from benchmarks.construction.store import Row
+from benchmarks.store import Row
 
 
 @dataclass(frozen=True)

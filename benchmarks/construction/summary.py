@@ -13,8 +13,8 @@ from benchmarks.construction.rows import (
     planned,
     spread,
 )
-from benchmarks.construction.store import Row
 from benchmarks.construction.tables import paper_total
+from benchmarks.store import Row
 
 _TENTH = 0.1
 _EFFICIENCY = 0.8

@@ -15,7 +15,7 @@ from benchmarks.construction.rows import (
     planned,
     spread,
 )
-from benchmarks.construction.store import Row
+from benchmarks.store import Row
 
 Lines = list[str]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.machine import machine_line
-from benchmarks.measured_store import program_hash
+from benchmarks.store import program_hash
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "benchmarks" / ".measured" / "tracking"

@@ -15,8 +15,8 @@ from benchmarks.construction.paper import DURATIONS
 from benchmarks.construction.report import write_report
 from benchmarks.construction.rows import best_baseline
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME, schedule
-from benchmarks.construction.store import RowStore
 from benchmarks.construction.summary import summary
+from benchmarks.store import RowStore
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.world.building import Building, PlannedTask
@@ -109,7 +109,9 @@ def test_a_case_is_the_shipped_scenario_with_another_team() -> None:
     ]
 
 
-def test_rows_of_another_program_do_not_count_unless_asked_for(tmp_path: Path) -> None:
+def test_rows_of_another_program_or_machine_do_not_count_unless_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     program = tmp_path / "root"
     (program / "planning").mkdir(parents=True)
     source = program / "planning" / "a.py"
@@ -117,8 +119,12 @@ def test_rows_of_another_program_do_not_count_unless_asked_for(tmp_path: Path) -
     store = RowStore(tmp_path / "rows", program)
     kept = store.save("tower-1-0-method", {"ok": True})
     assert store.load("tower-1-0-method") == kept
+    assert RowStore(tmp_path / "rows", program).load("tower-1-0-method") == kept
     assert kept["date"]
     assert store.load("tower-2-0-method") is None
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr("benchmarks.store.machine_line", lambda: "there")
+        assert RowStore(tmp_path / "rows", program).load("tower-1-0-method") is None
     source.write_text("a = 2\n")
     later = RowStore(tmp_path / "rows", program)
     assert later.load("tower-1-0-method") is None

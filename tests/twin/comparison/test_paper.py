@@ -13,7 +13,6 @@ from benchmarks.apex_mr import main
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I, TABLE_II
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, write_report
 from benchmarks.apex_mr_tables import Measured
-from benchmarks.measured_store import MeasuredStore
 from twin.comparison.comparison import (
     ASYNCHRONOUS_SHORTCUTS,
     BASELINES,
@@ -123,28 +122,6 @@ def test_columns_of_the_paper_add_up_to_its_totals() -> None:
         for t in TABLE_II.values()
     ]
     assert np.mean(saved) == pytest.approx(0.26, abs=0.005)
-
-
-def test_what_another_program_measured_is_not_found_again(
-    compared: dict[str, Rows], tmp_path: Path
-) -> None:
-    root, folder = tmp_path / "root", tmp_path / "kept"
-    (root / "planning").mkdir(parents=True)
-    source = root / "planning" / "a.py"
-    source.write_text("one = 1\n")
-    rows = compared["cliff"][0]
-    store = MeasuredStore(folder, root, "here")
-    assert store.load("cliff", 0, 70) is None
-    store.save("cliff", 0, 70, rows, "2026-01-02")
-    assert MeasuredStore(folder, root, "here").load("cliff", 0, 70) == (
-        rows,
-        "2026-01-02",
-    )
-    for other in (("cliff", 1, 70), ("cliff", 0, 71), ("fish", 0, 70)):
-        assert store.load(*other) is None
-    assert MeasuredStore(folder, root, "there").load("cliff", 0, 70) is None
-    source.write_text("one = 2\n")
-    assert MeasuredStore(folder, root, "here").load("cliff", 0, 70) is None
 
 
 def test_what_cannot_be_planned_is_named_and_left_out(

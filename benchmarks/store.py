@@ -1,7 +1,8 @@
-"""Store of measured constructions, so that hours of measuring can be interrupted."""
+"""Store of measurements, so that hours of measuring can be interrupted."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 from collections.abc import Iterator
@@ -9,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import date_line, machine_line
-from benchmarks.measured_store import program_hash
 from twin.host.atomic import write_json
 
 Row = dict[str, Any]
+_PACKAGES = ("planning", "scheduling", "twin", "scenarios")
 
 
 class RowStore:
@@ -70,3 +71,14 @@ def _commit(root: Path) -> str:
         check=False,
     )
     return done.stdout.strip() or "unknown"
+
+
+def program_hash(root: Path, machine: str) -> str:
+    """Return a short hash of all sources, scenarios and the machine."""
+    digest = hashlib.sha256(machine.encode())
+    for package in _PACKAGES:
+        for path in sorted((root / package).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(str(path.relative_to(root)).encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
