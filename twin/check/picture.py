@@ -45,7 +45,7 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
         ]
         for name, pose in (*assembly.goals.items(), *stops):
             for piece in cell.object(name).shape.pieces:
-                yield name, piece.vertices @ pose[:3, :3].T + pose[:3, 3]
+                yield name, placed_points(piece.vertices, pose)
     elif isinstance(section, LegoSection):
         yield from _bricks(section)
     else:
@@ -68,8 +68,7 @@ def _bricks(section: LegoSection) -> Iterator[tuple[str, Array]]:
 
 
 def _box_corners(size: Array, pose: Transform) -> Array:
-    vertices = box_body("place", size).vertices
-    return np.asarray(vertices @ pose[:3, :3].T + pose[:3, 3])
+    return placed_points(box_body("place", size).vertices, pose)
 
 
 PICTURE = "cell.png"
@@ -213,18 +212,20 @@ def _shapes(subject: Subject) -> Iterator[_DrawnShape]:
         counts = item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
         face = _FIXTURE if item.colour is None else _unit(item.colour)
         for piece in item.shape.pieces:
-            corners = _placed(piece.vertices, item.pose)
+            corners = placed_points(piece.vertices, item.pose)
             yield _DrawnShape(corners, face, _FIXTURE_EDGE, 1.0, counts)
     for thing in cell.objects:
         if not thing.later:
             face = _unit(thing.colour)
             for piece in thing.shape.pieces:
-                yield _DrawnShape(_placed(piece.vertices, thing.start), face, INK, 0.95)
+                yield _DrawnShape(
+                    placed_points(piece.vertices, thing.start), face, INK, 0.95
+                )
     for number, robot in enumerate(cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
         poses = joint_poses_of(robot, robot.home)
         for part in robot.model.parts:
-            corners = _placed(part.body.vertices, poses[part.joint + 1])
+            corners = placed_points(part.body.vertices, poses[part.joint + 1])
             alpha = 0.9 if part.group == "tool" else 0.55
             yield _DrawnShape(corners, colour, colour, alpha)
 
@@ -322,12 +323,12 @@ def _draw_names(
     """Write names of objects and fixtures where there is room for them, small things first."""
     cell = subject.cell
     named = [
-        (o.name, _placed(_corners(o.shape), o.start), INK)
+        (o.name, placed_points(_corners(o.shape), o.start), INK)
         for o in cell.objects
         if not o.later
     ]
     fixtures = [
-        (f.name, _placed(_corners(f.shape), f.pose), _FIXTURE_NAME)
+        (f.name, placed_points(_corners(f.shape), f.pose), _FIXTURE_NAME)
         for f in cell.fixtures
         if f.name in subject.own_fixtures
     ]
@@ -385,7 +386,8 @@ def _frame(robot: PlacedRobot) -> str:
     return "tool" if "tool" in robot.model.frames else "flange"
 
 
-def _placed(points: Array, pose: Array) -> Array:
+def placed_points(points: Array, pose: Transform) -> Array:
+    """Return points of a frame in the world, shape (n, 3) [m]."""
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 

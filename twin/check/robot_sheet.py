@@ -24,7 +24,7 @@ from planning.robots.overview import JointRow, LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import why_unchecked
 from planning.transforms import Array, Transform, identity, inverse
-from twin.check.picture import AXIS_COLOURS, hull_outline
+from twin.check.picture import AXIS_COLOURS, hull_outline, placed_points
 from twin.check.tools import finger_gap, misplaced
 from twin.host.pictures import INK, new_picture, save_png, style_axes
 
@@ -56,7 +56,7 @@ def picture_of_robot(model: RobotModel) -> PicturedThing:
     frames = {"flange": flange}
     frames |= {name: flange @ pose for name, pose in model.frames.items()}
     hulls = tuple(
-        (_placed(part.body.vertices, poses[part.joint + 1]), part.group == "tool")
+        (placed_points(part.body.vertices, poses[part.joint + 1]), part.group == "tool")
         for part in model.parts
     )
     return PicturedThing(f"{model.name} at HOME", hulls, frames)
@@ -66,7 +66,7 @@ def picture_of_tool(model: RobotModel, title: str) -> PicturedThing:
     """Return the tool of a robot alone, as seen from the flange."""
     back = inverse(model.flange)
     hulls = tuple(
-        (_placed(part.body.vertices, back), True)
+        (placed_points(part.body.vertices, back), True)
         for part in model.parts
         if part.group == "tool"
     )
@@ -167,10 +167,6 @@ def _together(
         yield pose, names
         for name in names:
             del left[name]
-
-
-def _placed(points: Array, pose: Transform) -> Array:
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 _CARRIER = "iiwa14"
@@ -349,7 +345,7 @@ def _extents(model: RobotModel, back: Transform) -> dict[str, tuple[str, str]]:
     corners: dict[str, list[Array]] = {}
     for part in model.parts:
         if part.group == "tool":
-            placed = part.body.vertices @ back[:3, :3].T + back[:3, 3]
+            placed = placed_points(part.body.vertices, back)
             link = part.body.name.rpartition("_")[0]
             corners.setdefault(link, []).append(np.asarray(placed))
     return {
