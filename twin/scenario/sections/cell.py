@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from planning.cell.robot_model import ToolGrip
+from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
 from twin.durations import AnyDuration, Fixed
 from twin.scenario.document.section import Name, Section, Several, Two
@@ -317,9 +318,11 @@ class ClearanceSection(Section):
             default is the gap between neighbouring bricks, 0.1 mm on each side.
     """
 
-    robot_robot_m: Annotated[float, Field(ge=0, le=1)] = 0.001
-    robot_object_m: Annotated[float, Field(ge=0, le=1)] = 0.0
-    contact_tolerance_m: Annotated[float, Field(ge=0, le=0.002)] = 0.0002
+    robot_robot_m: Annotated[float, Field(ge=0, le=1)] = Clearances.robot_robot
+    robot_object_m: Annotated[float, Field(ge=0, le=1)] = Clearances.robot_object
+    contact_tolerance_m: Annotated[float, Field(ge=0, le=0.002)] = (
+        Clearances.contact_tolerance
+    )
 
 
 class CellSection(Section):
