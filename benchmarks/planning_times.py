@@ -25,7 +25,7 @@ from pathlib import Path
 
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_II
 from benchmarks.machine import date_line, load_line, machine_line
-from planning.kept_answers import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.kinematics import kinematics
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns

@@ -31,7 +31,7 @@ import numpy as np
 import yaml
 
 from benchmarks.machine import date_line, load_line, machine_line
-from planning.kept_answers import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.kinematics import kinematics
 from planning.lego.sequencing.reachability import check_reach
 from planning.lego.sequencing.stable_steps import stable_steps

@@ -1,4 +1,4 @@
-"""Files: read of bounded size, whatever the path names; written whole or not at all."""
+"""Files: read of bounded size, whatever names them (``package://`` too); written whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib import format as npy
 
-from planning.errors import OutputError
+from planning.errors import OutputError, TwinError
 
 _PIECE = 1 << 20
 """Bytes read at once: what grows while it is read is noticed after so many."""
@@ -126,3 +127,49 @@ def arrays_text(arrays: Mapping[str, npt.NDArray[Any]]) -> Iterator[bytes]:
     for name in sorted(arrays):
         yield f"{name} {arrays[name].dtype} {arrays[name].shape}".encode()
         yield np.ascontiguousarray(arrays[name]).tobytes()
+
+
+SCHEME = "package://"
+
+
+def file_named(name: str, folder: Path, error: type[TwinError]) -> Path:
+    """Return the file that a name means: a path, or ``package://PACKAGE/PATH``.
+
+    Args:
+        name: as a user wrote it.
+        folder: where relative paths start.
+        error: what is raised.
+
+    Raises:
+        TwinError: of the class ``error``: there is no such package, or no such file in it.
+    """
+    if not name.startswith(SCHEME):
+        return folder / name
+    package, _, rest = name.removeprefix(SCHEME).partition("/")
+    places = list(_package_folders(package))
+    if not places:
+        raise error(
+            f"{name}: no package {package!r} is installed in this Python"
+            " or found by ROS_PACKAGE_PATH or AMENT_PREFIX_PATH"
+        )
+    found = next((place / rest for place in places if is_file(place / rest)), None)
+    if found is None:
+        raise error(f"{name}: there is no file {rest!r} in {places[0]}")
+    return found
+
+
+def ros_folders() -> list[Path]:
+    """Return the folders in which ROS has its packages, where it is set up."""
+    ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
+    ament = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
+    return ros + [Path(prefix, "share") for prefix in ament if prefix]
+
+
+def _package_folders(package: str) -> Iterator[Path]:
+    yield from (f / package for f in ros_folders() if (f / package).is_dir())
+    if package.isidentifier():  # a dot would import what is before it
+        try:
+            spec = find_spec(package)
+        except (ImportError, ValueError):
+            spec = None
+        yield from map(Path, (spec and spec.submodule_search_locations) or ())

@@ -1,11 +1,15 @@
-"""Keeping the chatter of compiled libraries off the terminal."""
+"""Keeping the chatter of compiled libraries off the terminal, and HiGHS without its greeting."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import highspy
+import pulp
 
 
 @contextmanager
@@ -27,3 +31,28 @@ def silenced() -> Iterator[None]:
             stack.callback(os.dup2, kept, number)
             os.dup2(nowhere, number)
         yield
+
+
+def new_highs() -> Any:
+    """Return a solver that prints nothing."""
+    new_solver: Callable[[], Any] = highspy.Highs
+    with silenced():
+        solver = new_solver()
+    solver.setOptionValue("output_flag", False)
+    return solver
+
+
+class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its type
+    """HiGHS as PuLP drives it, on one thread and the same every time; it prints nothing.
+
+    Args:
+        options: further ones of ``pulp.HiGHS``.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(msg=False, threads=1, random_seed=0, **options)
+
+    def createAndConfigureSolver(self, lp: pulp.LpProblem) -> None:  # noqa: N802, PuLP's name
+        """Make the solver of a program."""
+        with silenced():
+            super().createAndConfigureSolver(lp)

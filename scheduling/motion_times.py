@@ -2,7 +2,7 @@
 
 The nodes of a temporal plan graph are pieces of paths; here they get the times that robots need
 for them when nobody makes them wait. What robots do when somebody does is up to the engines, by
-the same functions of ``planning.timing.ramps``.
+the same functions of ``planning.timing.stretch``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from planning.cell.motion_limits import MotionLimits
 from planning.kernels import kernel
-from planning.timing.ramps import exit_bound, pass_through
 from planning.timing.smooth_path import SmoothPath, smooth_path
+from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
 from scheduling.graph.drive import Drive
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph

@@ -16,7 +16,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.kinematics.chain import joint_table
 from planning.timing.blend import BlendedPath
 from planning.timing.path_bounds import PathBounds
-from planning.timing.rounded_stretch import RoundedStretch, rounded_stretch
+from planning.timing.rounded_path import RoundedStretch, rounded_stretch
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along

@@ -14,7 +14,7 @@ from benchmarks.construction.fixed_time import plan_fixed_time
 from benchmarks.construction.schedule import schedule
 from benchmarks.stalled_runs import audited_runs
 from benchmarks.store import Row
-from planning.construction.export.motion_plan_export import motion_plan
+from planning.construction.motion_plan_export import motion_plan
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError

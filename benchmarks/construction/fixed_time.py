@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planning.construction.keyframes.keyframes import (
+from planning.construction.keyframes import (
     Keyframe,
     KeyframeSolver,
     Phase,
     holds_of,
 )
-from planning.construction.keyframes.step_scenes import StepScenes
-from planning.construction.legs import Leg, LegPlanner, retreat_hints
 from planning.construction.planner import (
     ConstructionPlan,
     plan_with,
@@ -27,9 +25,17 @@ from planning.construction.planner import (
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings
-from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
-from planning.construction.world.building import Building
-from planning.construction.world.skill_motion import SkillMotion
+from planning.construction.step_scenes import StepScenes
+from planning.construction.subproblem import (
+    Attempt,
+    Leg,
+    LegPlanner,
+    Solution,
+    SubproblemSolver,
+    retreat_hints,
+)
+from planning.construction.world.fixed_world import Building
+from planning.construction.world.timeline import SkillMotion
 from planning.progress import Progress, no_progress
 from planning.steps.skill import gripped
 from planning.transforms import Array

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
+from planning.caches import Arrays, remembered
 from planning.cell.body import Capsules, ConvexBody
-from planning.disk_cache import Arrays, remembered
 from planning.transforms import Array, readonly
 
 _ROUNDING = 1e-9

@@ -19,7 +19,7 @@ from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import SearchSettings
 from planning.construction.subproblem import Attempt, Skeleton, Solution
-from planning.construction.world.building import Building
+from planning.construction.world.fixed_world import Building
 
 _GROUP = 2
 """Most robots that work on one part together: one that gives and one that takes."""

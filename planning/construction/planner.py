@@ -15,7 +15,7 @@ from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.construction.problem.settings import PlannerSettings, SearchSettings
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
-from planning.construction.world.building import Building, nothing_built
+from planning.construction.world.fixed_world import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
 from planning.progress import Progress, no_progress

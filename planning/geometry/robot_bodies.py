@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.geometry.exact import Solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept import SKIP
-from planning.kept_answers import KeptAnswers
 from planning.kinematics.chain import placed_joints
 from planning.transforms import Array
 

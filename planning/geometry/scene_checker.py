@@ -21,8 +21,7 @@ from planning.geometry.exact import (
 )
 from planning.geometry.robot_bodies import Held, entity, held_by, robot_bodies
 from planning.geometry.separation import room_for
-from planning.geometry.sorted_objects import sort_objects
-from planning.geometry.standing import StandingBoxes, stand_robots
+from planning.geometry.standing import StandingBoxes, sort_objects, stand_robots
 from planning.geometry.swept import SKIP, make_swept
 from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed

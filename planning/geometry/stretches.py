@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.gjk import BETWEEN, FAR, gap_class
+from planning.geometry.distance import BETWEEN, FAR, gap_class
 from planning.geometry.hull_table import AT_REST, HullTable, place_corners, stray
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints

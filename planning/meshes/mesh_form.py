@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from planning.caches import Arrays, remembered
 from planning.cell import cover
 from planning.cell.shape import Mesh
-from planning.disk_cache import Arrays, remembered
 from planning.errors import ShapeError
 from planning.meshes import convex_pieces, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex

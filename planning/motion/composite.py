@@ -13,8 +13,8 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
-from planning.geometry.moving_pair import MovingPair
 from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.separation import MovingPair
 from planning.motion.motion_plan import TaskMotion
 from planning.motion.speed import SpeedModel
 from planning.tasks.task import AllowedContact, allowed_pairs
@@ -49,7 +49,7 @@ class CompositeSpeed:
 class CompositeChecker:
     """Collision checks of robots that move at once, everything else standing.
 
-    Motions keep their clearance part by part, see ``planning.geometry.moving_pair``.
+    Motions keep their clearance part by part, see ``planning.geometry.separation``.
 
     Args:
         cell: the static cell.

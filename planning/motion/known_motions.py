@@ -8,18 +8,140 @@ search holds where just the same stands around.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from planning.caches import KeptAnswers
+from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.errors import TransitError
-from planning.kept_answers import KeptAnswers
-from planning.motion.known_scenes import KnownScenes, Scene
+from planning.tasks.task import Handling
 from planning.transforms import Array
+
+Pairs = frozenset[frozenset[str]]
+"""Unordered pairs of entities that may touch."""
+
+_MOST_SCENES = 10_000
+"""Objects whose shapes are kept: of feeding stations there are others in every plan."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Surroundings of a robot that moves.
+
+    Attributes:
+        amid: other robots, what is in hands, what may be touched, and what changes hands.
+        standing: all else at rest, by shape and place: a bit for each.
+    """
+
+    amid: Hashable
+    standing: int
+
+    def is_within(self, others: int) -> bool:
+        """Tell whether all that stands is among others."""
+        return self.standing & ~others == 0
+
+
+class KnownScenes:
+    """Numbers of shapes and places of one cell, and the scenes made of them."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Hashable, int] = {}
+        self._places: dict[Hashable, int] = {}
+        self._shapes: dict[CellObject, int] = {}
+        self._objects: tuple[tuple[CellObject, ...], dict[str, CellObject]] = (), {}
+        self._rest: tuple[Mapping[str, Attachment], dict[str, int]] = {}, {}
+
+    def scene(
+        self,
+        cell: Workcell,
+        state: WorldState,
+        allowed: Sequence[Pairs],
+        handlings: Sequence[Handling] = (),
+    ) -> Scene:
+        """Return the scene of a state.
+
+        Args:
+            cell: with all objects.
+            state: where everything is at first.
+            allowed: who may touch whom, at first and each time that something changes hands.
+            handlings: what changes hands.
+        """
+        objects, at_rest = self._objects_of(cell), self._at_rest(cell, state)
+        special = {n for pairs in allowed for pair in pairs for n in pair}
+        special |= {handling.object for handling in handlings}
+        special |= state.attachments.keys() - at_rest.keys()
+        special &= objects.keys()
+        # Objects are told apart by where they are.
+        things = sorted(
+            (_place(state.attachments.get(name)), self._shape(objects[name]), name)
+            for name in special
+        )
+        role = {name: f"{k}" for k, (_, _, name) in enumerate(things)}
+        amid = (
+            _joint_values(state.configurations),
+            tuple((place, shape) for place, shape, _ in things),
+            tuple(
+                (role[h.object], h.waypoint, h.holder, h.pose.tobytes())
+                for h in handlings
+            ),
+            tuple(
+                frozenset(frozenset(role.get(n, n) for n in pair) for pair in pairs)
+                for pairs in allowed
+            ),
+        )
+        standing = 0
+        for name, number in at_rest.items():
+            if name not in special:
+                standing |= 1 << number
+        return Scene(amid, standing)
+
+    def _objects_of(self, cell: Workcell) -> dict[str, CellObject]:
+        if cell.objects is not self._objects[0]:
+            self._objects = cell.objects, {item.name: item for item in cell.objects}
+        return self._objects[1]
+
+    def _at_rest(self, cell: Workcell, state: WorldState) -> dict[str, int]:
+        """Return the numbers of the objects at rest, by their names."""
+        if state.attachments is not self._rest[0]:
+            objects = self._objects_of(cell)
+            found = {
+                name: _number(
+                    self._places, (self._shape(objects[name]), at.pose.tobytes())
+                )
+                for name, at in state.attachments.items()
+                if at.holder is None
+            }
+            self._rest = state.attachments, found
+        return self._rest[1]
+
+    def _shape(self, item: CellObject) -> int:
+        """Return a number that objects of one shape have in common."""
+        known = self._shapes.get(item)
+        if known is None:
+            if len(self._shapes) >= _MOST_SCENES:
+                self._shapes.clear()
+            corners = tuple(p.vertices.tobytes() for p in item.shape.pieces)
+            known = _number(self._numbers, (item.kind, corners))
+            self._shapes[item] = known
+        return known
+
+
+def _number(numbers: dict[Hashable, int], thing: Hashable) -> int:
+    return numbers.setdefault(thing, len(numbers))
+
+
+def _joint_values(configurations: Mapping[str, Array]) -> Hashable:
+    return tuple((name, q.tobytes()) for name, q in configurations.items())
+
+
+def _place(at: Attachment | None) -> tuple[str, bytes]:
+    return ("absent", b"") if at is None else (at.holder or "", at.pose.tobytes())
+
 
 Way = tuple[Array, Array]
 """Waypoints, and the times at which they are passed, from 0 [s]."""
 
-_MOST = 20_000
+_MOST_ANSWERS = 20_000
 """Ways that are kept; all are forgotten when there are more."""
 
 
@@ -49,7 +171,9 @@ class KnownMotions:
 
     scenes: KnownScenes = field(default_factory=KnownScenes)
     _clear: dict[Hashable, _ClearWay] = field(default_factory=dict)
-    _found: KeptAnswers[Way | str] = field(default_factory=lambda: KeptAnswers(_MOST))
+    _found: KeptAnswers[Way | str] = field(
+        default_factory=lambda: KeptAnswers(_MOST_ANSWERS)
+    )
 
     def way(
         self,
@@ -90,6 +214,6 @@ class KnownMotions:
 
     def _note_clear(self, alike: Hashable, way: Way, of: int) -> None:
         known = self._clear.get(alike)
-        if known is None and len(self._clear) >= _MOST:
+        if known is None and len(self._clear) >= _MOST_ANSWERS:
             self._clear.clear()
         self._clear[alike] = _ClearWay(way, of if known is None else known.of | of)

@@ -16,8 +16,8 @@ import numpy as np
 import pulp
 
 from planning.cell.workcell import Workcell
-from planning.highs import QuietHighs
 from planning.motion.sequential import MotionSettings
+from planning.silence import QuietHighs
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.task import SUPPLY_KINDS, TRANSIT, StepTasks, Task, cell_with_steps
 from planning.tasks.work import AssemblyWork

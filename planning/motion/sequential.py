@@ -11,8 +11,7 @@ from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import TransitError
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.full_turns import take_near_turns
-from planning.motion.known_motions import FoundWay, KnownMotions, Way
-from planning.motion.known_scenes import Pairs
+from planning.motion.known_motions import FoundWay, KnownMotions, Pairs, Way
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.motion.speed import RobotSpeed, sample_path
 from planning.motion.transit import TransitPlanner

@@ -14,10 +14,10 @@ from itertools import product
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.cover import directions
 from planning.cell.shape import Box, Element, Mesh, Shape
-from planning.cell.solid_lines import SolidLines, InnerStretch
-from planning.kept_answers import KeptAnswers
+from planning.cell.solid_lines import InnerStretch, SolidLines
 from planning.parts.assembly import Grip, GripRules, box_grips, points_well
 from planning.transforms import Array, Transform, readonly
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.body import ConvexBody
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.geometry.exact import Solid, distance, place, resting_solid
 from planning.geometry.robot_bodies import GROUPS
-from planning.kept_answers import KeptAnswers
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import Grip, GripRules
 from planning.parts.grips import part_grips, thinnest

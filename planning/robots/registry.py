@@ -12,8 +12,7 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import FittingError, RobotModelError
-from planning.files import is_file
-from planning.packages import file_named
+from planning.files import file_named, is_file
 from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.read_description import is_plain_urdf
 from planning.robots.descriptions.urdf_file import UrdfOptions

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from planning.caches import Arrays, remembered
 from planning.cell.robot_model import KinematicChain, LinkPart
-from planning.disk_cache import Arrays, remembered
 from planning.geometry import exact
 from planning.geometry.exact import Solid, distance_at
 from planning.kinematics import chain as kinematic_chain

@@ -19,7 +19,7 @@ import highspy
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, eye, hstack
 
-from planning.highs import new_highs
+from planning.silence import new_highs
 from planning.transforms import Array
 
 STANDARD_GRAVITY = 9.80665

@@ -9,7 +9,7 @@ from typing import Any
 import pulp
 
 from planning.errors import InfeasibleStepError
-from planning.highs import QuietHighs
+from planning.silence import QuietHighs
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,

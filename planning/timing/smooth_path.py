@@ -15,9 +15,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.cell.motion_limits import MotionLimits
-from planning.timing.curve_times import PathPiece, quickest_piece
+from planning.timing.curve_times import PathPiece, line_times, quickest_piece
 from planning.timing.rounded_path import rounded_path
-from planning.timing.s_curve import line_times
 from planning.transforms import Array
 
 STRAY = 1e-4

@@ -1,4 +1,4 @@
-"""The quickest motion along a straight line in joint space within limits."""
+"""The quickest motion along a straight line in joint space within limits, from speed to speed."""
 
 from __future__ import annotations
 
@@ -149,3 +149,75 @@ def from_rest_to_rest(cruise: float, ramp: float) -> float:
     if cruise >= ramp:
         return cruise + ramp
     return 2.0 * math.sqrt(cruise * ramp)
+
+
+_ROUNDING = 1e-9
+"""Share of a way by which rounding may have made a way of braking longer."""
+
+
+@kernel
+def exit_bound(length: Array, top: Array, node: int, last: int, ramp: Array) -> float:
+    """Return the greatest speed at the end of a node from which one can stop at the end of another.
+
+    No speed on the way is beyond what its nodes allow, either.
+
+    Args:
+        length: of each node.
+        top: greatest speed in each node, at most 1.
+        node: the node that is left.
+        last: the node at whose end the robot has to be able to stand.
+        ramp: time from rest to full speed in each node.
+    """
+    j, far = node + 1, 0.0
+    # Beyond the way in which full speed is lost nothing counts.
+    while j <= last and far < 0.5:
+        far += length[j] / ramp[j]
+        j += 1
+    speed = 0.0 if j > last else min(top[j - 1], top[j])
+    while j > node + 1:
+        j -= 1
+        speed = math.sqrt(speed * speed + 2.0 * length[j] / ramp[j])
+        speed = min(speed, min(top[j - 1], top[j]))
+    return speed
+
+
+@kernel
+def pass_through(
+    length: float, top: float, entry: float, bound: float, ramp: float
+) -> tuple[float, float, float]:
+    """Return the least time through a piece of a stretch, the speed at its end and the greatest.
+
+    Args:
+        length: of the piece.
+        top: greatest speed in it.
+        entry: speed at its start, from which ``bound`` can be reached by braking.
+        bound: greatest speed at its end.
+        ramp: time from rest to full speed.
+    """
+    gain = 2.0 * length / ramp
+    leave = min(bound, math.sqrt(entry * entry + gain))
+    peak = min(top, math.sqrt(0.5 * (entry * entry + leave * leave + gain)))
+    peak = max(peak, max(entry, leave))
+    if peak <= 0.0:
+        return 0.0, 0.0, 0.0
+    speeding = (peak - entry) * ramp
+    slowing = (peak - leave) * ramp
+    covered = 0.5 * (speeding * (peak + entry) + slowing * (peak + leave))
+    steady = max(0.0, length - covered) / peak
+    return speeding + steady + slowing, leave, peak
+
+
+@kernel
+def braked(length: float, entry: float, ramp: float) -> tuple[float, float, float]:
+    """Return how long a robot brakes within a piece, its speed then, and how far it got.
+
+    Args:
+        length: of the piece; the robot stands before its end, or leaves it at some speed.
+        entry: speed at its start.
+        ramp: time from full speed to rest.
+    """
+    way = 0.5 * entry * entry * ramp
+    if way <= length * (1.0 + _ROUNDING):
+        return entry * ramp, 0.0, min(way, length)
+    leave = math.sqrt(max(0.0, entry * entry - 2.0 * length / ramp))
+    return (entry - leave) * ramp, leave, length

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.kept_answers import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.tasks.task import AllowedContact
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg

@@ -8,8 +8,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, TransitError
-from planning.motion.known_motions import KnownMotions
-from planning.motion.known_scenes import KnownScenes
+from planning.motion.known_motions import KnownMotions, KnownScenes
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.assignment import TaskPlan

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from planning.timing.blend import BlendedPath, ordered_windows
-from planning.timing.rounded_stretch import RoundedStretch
+from planning.timing.rounded_path import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.pace import Pace

@@ -12,13 +12,13 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
+from planning.caches import KeptAnswers
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.geometry.scene_checker import SceneChecker
-from planning.kept_answers import KeptAnswers
-from planning.motion.known_scenes import KnownScenes, Pairs
+from planning.motion.known_motions import KnownScenes, Pairs
 from planning.motion.sequential import MARGIN
-from planning.motion.smoothing import smooth_path
 from planning.motion.speed import SpeedModel
+from planning.motion.transit import smooth_path
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Rest

@@ -19,8 +19,7 @@ from benchmarks.construction.summary import summary
 from benchmarks.store import RowStore
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.world.building import Building, PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fixed_world import Building, FixedWorld, PlannedTask
 from planning.construction.world.timeline import RobotTimeline
 from planning.tasks.task import Handling
 from planning.transforms import identity

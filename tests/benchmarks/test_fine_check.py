@@ -20,11 +20,11 @@ from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.models import tower
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
+    Spiral,
     build_problem,
     ground_fixture,
     part_objects,
 )
-from planning.construction.problem.supply import Spiral
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity, readonly, rotation, translation

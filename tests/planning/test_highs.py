@@ -8,7 +8,7 @@ import highspy
 import pulp
 import pytest
 
-from planning.highs import QuietHighs, new_highs
+from planning.silence import QuietHighs, new_highs
 
 
 class Greeting(highspy.Highs):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from planning.kept_answers import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.kernels import (
     files_of_kernels,
     inner_kernel,
@@ -161,5 +161,5 @@ def test_a_change_of_a_kernel_makes_those_stale_that_may_contain_it(
 def test_kernels_of_the_program_name_the_files_that_they_contain() -> None:
     found = files_of_kernels(ROOT, "planning.geometry.clearing")
     names = {str(path.relative_to(ROOT)) for path in found}
-    assert "planning/geometry/gjk.py" in names
+    assert "planning/geometry/distance.py" in names
     assert not any(name.startswith("twin/") for name in names)

@@ -8,7 +8,7 @@ import pytest
 
 import planning
 from planning.errors import ShapeError
-from planning.packages import file_named
+from planning.files import file_named
 
 HERE = Path(planning.__file__).parent
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import PlanInvariantError
-from planning.geometry.moving_pair import MovingPair
 from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.separation import MovingPair
 from planning.motion.composite import CompositeChecker
 from planning.motion.motion_plan import MotionPlan
 from planning.motion.sequential import MotionSettings

@@ -17,8 +17,8 @@ from planning.cell.motion_limits import limits_of
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
+from planning.files import file_named
 from planning.kinematics.kinematics import joint_poses_of
-from planning.packages import file_named
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.overview import JointRow, LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planning.timing.ramps import braked, exit_bound, pass_through
+from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds

@@ -29,8 +29,8 @@ from planning.cell.workcell import (
     Workcell,
 )
 from planning.errors import ShapeError
+from planning.files import file_named
 from planning.kinematics.kinematics import frame_pose
-from planning.packages import file_named
 from planning.transforms import Transform, identity, readonly
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.cell import LimitsSection, ToolSection

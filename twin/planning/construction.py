@@ -29,7 +29,7 @@ from twin.scenario.sections.shapes import build_transform, plain_values
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
     from planning.construction.problem.problem import ConstructionProblem
-    from planning.construction.problem.supply import SupplyLayout
+    from planning.construction.problem.site import SupplyLayout
     from planning.motion.sequential import MotionSettings
 
 CHECKS, PARTS = "what can be built", "parts"
@@ -109,7 +109,7 @@ class ConstructionKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Plan in space and time; the stages are checks, keyframes, path and search."""
-        from planning.construction.export.motion_plan_export import motion_plan
+        from planning.construction.motion_plan_export import motion_plan
         from planning.construction.planner import plan_construction
         from planning.tasks.assignment import TaskPlan
 
@@ -204,7 +204,7 @@ def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
 
 def supply_layout(section: SupplySection) -> SupplyLayout:
     """Return the layout of a supply."""
-    from planning.construction.problem.supply import Rows, Spiral
+    from planning.construction.problem.site import Rows, Spiral
 
     values = plain_values(section, without=("layout", "near"))
     return Spiral(**values) if section.layout == "spiral" else Rows(**values)

@@ -8,7 +8,7 @@ from pathlib import Path
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Element
 from planning.errors import FittingError, RobotModelError, ShapeError
-from planning.packages import file_named
+from planning.files import file_named
 from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.registry import robot_model, with_tool
 from twin.planning.build_workcell import build_shape

@@ -13,7 +13,7 @@ from planning.transforms import Array
 class Commands:
     """Pieces of constant acceleration, in order; each lasts until the next one begins.
 
-    Speeds are shares of full speed and lengths times at full speed, see ``planning.timing.ramps``.
+    Speeds are shares of full speed and lengths times at full speed, see ``planning.timing.stretch``.
     """
 
     _rows: list[tuple[float, int, float, float, float]] = field(default_factory=list)

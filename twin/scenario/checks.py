@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
-from planning.packages import file_named
+from planning.files import file_named
 from planning.tasks.task import (
     HOLD,
     LEAVE_TOOL,

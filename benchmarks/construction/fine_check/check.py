@@ -18,7 +18,7 @@ from benchmarks.construction.fine_check.clearance import Progress, measure_clear
 from benchmarks.construction.fine_check.motion import Motion, moved_corners
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.world.building import PlannedTask
+from planning.construction.world.fixed_world import PlannedTask
 from planning.construction.world.timeline import ObjectChange, RobotTimeline
 from planning.kinematics.kinematics import frame_in_flange
 from planning.transforms import Array, Transform, inverse

@@ -9,17 +9,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.body_pairs import capsules_meet, pairs_apart
 from planning.construction.checks.scene import (
     Scene,
     own_at,
     sweep_between,
     sweep_stretch,
 )
-from planning.construction.checks.still_checks import movers_clear
+from planning.construction.checks.still_checks import (
+    capsules_meet,
+    movers_clear,
+    pairs_apart,
+)
 from planning.construction.world.fleet import bodies_of, set_motion
-from planning.construction.world.swept_track import Sweeps, sweep_carrier
-from planning.construction.world.tracks import near_stretch, pieces_at
+from planning.construction.world.tracks import (
+    Sweeps,
+    near_stretch,
+    pieces_at,
+    sweep_carrier,
+)
 from planning.geometry.distance import boxes_apart
 from planning.geometry.hull_table import HullTable
 from planning.kernels import ZERO, inner_kernel

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.world.fleet import Carrier, Fleet, bodies_of, make_fleet
-from planning.construction.world.motion_pieces import STEP
-from planning.construction.world.swept_track import (
+from planning.construction.world.timeline import STEP
+from planning.construction.world.tracks import (
     Room,
     Sweeps,
+    Tracks,
     no_sweeps,
     sweep_carrier,
 )
-from planning.construction.world.tracks import Tracks
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import Scratch, room_for
 from planning.kernels import inner_kernel

@@ -15,7 +15,7 @@ from planning.construction.checks.motion_checks import clear_throughout
 from planning.construction.checks.moving_checks import clear_of_pieces
 from planning.construction.checks.scene import Scene, sweep_between
 from planning.construction.checks.still_checks import still_clear_until
-from planning.construction.world.motion_pieces import STEP
+from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import pieces_at
 from planning.geometry.distance import boxes_apart
 from planning.kernels import ZERO, inner_kernel, kernel

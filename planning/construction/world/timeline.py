@@ -1,16 +1,23 @@
-"""Timelines: the motion of one robot, and the places of one object, as far as planned."""
+"""Timelines: the motion of one robot, and the places of one object, as far as planned.
+
+They are cut into pieces, each of which becomes a node of a temporal plan graph.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.cell.workcell import Attachment
+from planning.cell.workcell import Attachment, PlacedRobot
 from planning.errors import PlanInvariantError
-from planning.transforms import Array, Transform, readonly
+from planning.kinematics.chain import joint_table
+from planning.kinematics.damped_least_squares import follow_targets
+from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
+from planning.transforms import Array, Transform, inverse, readonly
 
 SAME = 1e-9
 """Times that differ by less are the same time [s]; likewise joint values [rad or m]."""
@@ -200,3 +207,209 @@ def hand_changes(objects: Mapping[str, ObjectTimeline], robot: str) -> list[Hand
 def pose_of(hand: bytes) -> Transform:
     """Return a pose from its bytes."""
     return np.frombuffer(hand, dtype=np.float64).reshape(4, 4)
+
+
+STEP = 0.1
+"""Length of the cells of time, and of pose nodes [s]."""
+
+
+class Pieces(NamedTuple):
+    """The motion of one robot from some time on, in order.
+
+    Attributes:
+        start, end: the time for which a piece counts, shape (p,) [s]; the last one may never
+            end.
+        q_a, q_b: ends of its straight motion, shape (p, n).
+        whole: True where it counts as a whole all the time, False where the robot is at a
+            definite place at each time, shape (p,).
+        moment: when it begins to be carried out, shape (p,) [s]; ``start`` but in skills.
+    """
+
+    start: Array
+    end: Array
+    q_a: Array
+    q_b: Array
+    whole: npt.NDArray[np.bool_]
+    moment: Array
+
+    def later(self, k: int) -> Pieces:
+        """Return all but the first ``k``."""
+        return Pieces._make(values[k:] for values in self)
+
+
+def cut_timeline(
+    line: RobotTimeline,
+    start: float,
+    until: float,
+    step: float,
+    changes: Sequence[float] = (),
+    cuts: Sequence[float] = (),
+) -> Pieces:
+    """Return the pieces of a timeline.
+
+    Args:
+        line: the timeline.
+        start: pieces that end before are left out [s].
+        until: the robot is there up to this time, infinity for ever [s].
+        step: cells of time begin at its multiples [s].
+        changes: times at which pieces end even where the robot stands, such as those at which
+            objects change hands.
+        cuts: more times at which motions are cut.
+    """
+    inside = [span for span in line.skills if span[0] <= start < span[1]]
+    begin = min([start, *(span[0] for span in inside)])
+    last = min(line.end, until)
+    skills = [s for s in line.skills if s[1] > begin and s[0] < until]
+    given = np.concatenate([line.time, changes, cuts])
+    times = _cut_times(begin, last, step, skills, given)
+    q = np.stack([np.interp(times, line.time, column) for column in line.path.T], 1)
+    if until > last + SAME:
+        # It stands from the end of its timeline on.
+        later = sorted(c for c in changes if last + SAME < c < until)
+        times = np.concatenate([times, later, [until]])
+        q = np.vstack([q, np.tile(q[-1], (len(later) + 1, 1))])
+    t_a, t_b = times[:-1].copy(), times[1:].copy()
+    whole = np.zeros(len(t_a), dtype=np.bool_)
+    for a, b in skills:
+        whole |= (t_a >= a - SAME) & (t_b <= b + SAME)
+    q_a, q_b = q[:-1], q[1:]
+    moves = np.any(q_a != q_b, axis=1) | whole
+    # Stands that follow each other are one stand, unless something changes in the hand.
+    joined = np.zeros(len(t_a), dtype=np.bool_)
+    joined[1:] = ~moves[1:] & ~moves[:-1]
+    if len(changes):
+        nearest = np.searchsorted(np.sort(changes), t_a - SAME)
+        bounds = np.append(np.sort(changes), np.inf)
+        joined &= bounds[nearest] > t_a + SAME
+    first = np.flatnonzero(~joined)
+    stop = np.append(first[1:], len(t_a)) - 1
+    moment = t_a[first]
+    t_a, t_b = t_a[first], t_b[stop]
+    whole = whole[first]
+    for a, b in skills:
+        own = whole & (t_a >= a - SAME) & (t_b <= b + SAME)
+        t_a[own], t_b[own] = a, b
+    return Pieces(
+        t_a,
+        t_b,
+        np.ascontiguousarray(q_a[first]),
+        np.ascontiguousarray(q_b[stop]),
+        whole,
+        moment,
+    )
+
+
+def _cut_times(
+    begin: float,
+    last: float,
+    step: float,
+    skills: Sequence[tuple[float, float]],
+    given: Array,
+) -> Array:
+    """Return the times at which pieces begin and end: of the grid, of skills, and given ones.
+
+    The grid does not cut skills.
+    """
+    grid = np.arange(np.ceil(begin / step), np.floor(last / step) + 1) * step
+    for a, b in skills:
+        grid = grid[(grid <= a + SAME) | (grid >= b - SAME)]
+    ends = [t for span in skills for t in span]
+    times = np.concatenate([[begin], grid, given, ends, [last]])
+    times = np.unique(times[(times >= begin) & (times <= max(last, begin))])
+    return np.asarray(times[np.concatenate([[True], np.diff(times) > SAME])])
+
+
+SPACING = 0.025
+"""Distance of the tool poses on a straight way [m]."""
+
+_BEND = 0.35
+"""Most that a joint moves between two of them; more is another posture [rad or m]."""
+
+
+@dataclass(frozen=True)
+class SkillMotion:
+    """Motion of a robot in a skill.
+
+    Attributes:
+        robot: who does it.
+        path: waypoints, shape (w, n): in, touch, out.
+        touch: waypoint at which the part changes hands.
+        time: of the waypoints from the start of the skill on, shape (w,) [s].
+    """
+
+    robot: str
+    path: Array
+    touch: int
+    time: Array
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the skill [s]."""
+        return float(self.time[-1])
+
+    @property
+    def before(self) -> Array:
+        """The way in, the touch included."""
+        return self.path[: self.touch + 1]
+
+    @property
+    def after(self) -> Array:
+        """The way out, from the touch on."""
+        return self.path[self.touch :]
+
+
+def skill_motion(
+    robot: PlacedRobot,
+    frame: str,
+    touch: Array,
+    ways: tuple[Array, Array],
+    velocity: Array,
+    seconds: float,
+) -> SkillMotion | None:
+    """Return the motion of a skill around a touch, None where an arm cannot follow the ways.
+
+    Args:
+        robot: who does it.
+        frame: its tool frame.
+        touch: configuration at the touch, shape (n,).
+        ways: vectors in the world from where the tool comes to the touch, and from the touch
+            to where it goes, each of shape (3,) [m].
+        velocity: joint speed limits, shape (n,).
+        seconds: nominal duration of the skill; more where the joints need more for the ways [s].
+    """
+    at = frame_pose(robot, touch, frame)
+    into = _follow(robot, frame, at, touch, -ways[0])
+    out = _follow(robot, frame, at, touch, ways[1])
+    if into is None or out is None:
+        return None
+    path = np.vstack([into[::-1], out[1:]])
+    moving = np.max(np.abs(np.diff(path, axis=0)) / velocity, axis=1)
+    stand = max(seconds - float(moving.sum()), 0.0)
+    k = len(into) - 1
+    # The stand is a waypoint twice: the part changes hands at its end.
+    path = np.insert(path, k, path[k], axis=0)
+    time = np.concatenate([[0.0], np.cumsum(np.insert(moving, k, stand))])
+    return SkillMotion(robot.name, readonly(path), k + 1, readonly(time))
+
+
+def _follow(
+    robot: PlacedRobot, frame: str, at: Transform, q: Array, way: Array
+) -> Array | None:
+    """Return configurations along a straight way of the tool, shape (k + 1, n), ``q`` first."""
+    count = max(int(np.ceil(float(np.linalg.norm(way)) / SPACING - 1e-9)), 1)
+    targets = np.repeat(np.asarray(at)[None], count + 1, axis=0)
+    targets[:, :3, 3] += np.linspace(0.0, 1.0, count + 1)[:, None] * way
+    model = robot.model
+    chain = np.empty((count + 1, model.dof))
+    chain[0] = q
+    tip = np.ascontiguousarray(frame_in_last_joint(model, frame))
+    done = follow_targets(
+        joint_table(model),
+        np.repeat(tip[None], count + 1, axis=0),
+        np.ascontiguousarray(inverse(robot.base) @ targets),
+        chain,
+        1,
+    )
+    if done <= count or np.max(np.abs(np.diff(chain, axis=0))) > _BEND:
+        return None
+    return chain

@@ -1,18 +1,208 @@
-"""Robots on fixed timelines as obstacles: swept capsules in a tree over time."""
+"""Robots on fixed timelines as obstacles: what they sweep, piece by piece, in a tree over time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.world.motion_pieces import Pieces
-from planning.construction.world.swept_track import Sweeps, SweptTrack, no_sweeps
+from planning.cell.workcell import CellObject, PlacedRobot
+from planning.construction.world.fleet import (
+    Carrier,
+    Fleet,
+    bodies_of,
+    make_carrier,
+    make_fleet,
+)
+from planning.construction.world.timeline import HandChange, Pieces, pose_of
 from planning.geometry.distance import boxes_apart
+from planning.geometry.hull_table import HullTable
+from planning.geometry.swept import place_capsules
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
+
+
+class Sweeps(NamedTuple):
+    """Bounds of what bodies sweep in pieces of motion.
+
+    Attributes:
+        box: least and greatest corner of what a piece sweeps, shape (p, 6).
+        body_first: where a piece's bodies begin in ``body_box``, shape (p + 1,).
+        body_box: likewise of every body, shape (bodies of all pieces, 6).
+        capsule_first: where a piece's capsules begin in the next three, shape (p + 1,).
+        capsule_a, capsule_b, radius: swept capsules, shapes (c, 3), (c, 3), (c,).
+    """
+
+    box: Array
+    body_first: Indices
+    body_box: Array
+    capsule_first: Indices
+    capsule_a: Array
+    capsule_b: Array
+    radius: Array
+
+
+class SweptTrack(NamedTuple):
+    """The pieces of one robot, and what it sweeps in each.
+
+    Attributes:
+        pieces: in order.
+        carriers: the robot with each of the things that it holds at some time.
+        hand: which of them it is, shape (p,).
+        sweeps: what it sweeps.
+    """
+
+    pieces: Pieces
+    carriers: tuple[Carrier, ...]
+    hand: Indices
+    sweeps: Sweeps
+
+    def since(self, t: float) -> SweptTrack:
+        """Return the pieces that end after a time [s]."""
+        k = int(np.searchsorted(self.pieces.end, t, side="right"))
+        s = self.sweeps
+        b, c = s.body_first[k], s.capsule_first[k]
+        return SweptTrack(
+            self.pieces.later(k),
+            self.carriers,
+            self.hand[k:],
+            Sweeps(
+                s.box[k:],
+                s.body_first[k:] - b,
+                s.body_box[b:],
+                s.capsule_first[k:] - c,
+                s.capsule_a[c:],
+                s.capsule_b[c:],
+                s.radius[c:],
+            ),
+        )
+
+
+def sweep_track(
+    robot: PlacedRobot,
+    pieces: Pieces,
+    changes: Sequence[HandChange],
+    item: Callable[[str], CellObject],
+) -> SweptTrack:
+    """Sweep all pieces of a robot.
+
+    Args:
+        robot: who moves.
+        pieces: how.
+        changes: what it holds from when on; pieces end there.
+        item: returns an object by its name.
+    """
+    times = np.array([t for t, _ in changes])
+    at = np.searchsorted(times, pieces.moment + 1e-9, side="right") - 1
+    used, hand = np.unique(at, return_inverse=True)
+    carriers = [
+        make_carrier(robot, tuple((item(name), pose_of(pose)) for name, pose in held))
+        for held in (changes[k][1] for k in used.tolist())
+    ]
+    bodies = np.array([len(c.names) for c in carriers])[hand]
+    capsules = np.array([len(c.hulls.radius) for c in carriers])[hand]
+    sweeps = no_sweeps(bodies, capsules)
+    hand = hand.astype(np.int64)
+    q_a, q_b = pieces.q_a, pieces.q_b
+    room = packed(Room(np.empty((q_a.shape[1] + 1, 4, 4)), np.empty(q_a.shape[1])))
+    _sweep_pieces(make_fleet(carriers), q_a, q_b, hand, packed(sweeps), room)
+    return SweptTrack(pieces, tuple(carriers), hand, sweeps)
+
+
+def no_sweeps(bodies: Indices, capsules: Indices) -> Sweeps:
+    """Return room for what is swept in pieces, with so many bodies and capsules each."""
+    body_first, capsule_first = (
+        np.cumsum([0, *counts]).astype(np.int64) for counts in (bodies, capsules)
+    )
+    count = int(capsule_first[-1])
+    return Sweeps(
+        np.zeros((len(bodies), 6)),
+        body_first,
+        np.zeros((int(body_first[-1]), 6)),
+        capsule_first,
+        np.zeros((count, 3)),
+        np.zeros((count, 3)),
+        np.zeros(count),
+    )
+
+
+class Room(NamedTuple):
+    """Room to sweep a carrier in.
+
+    Attributes:
+        poses: of its joints, shape (n + 1, 4, 4).
+        middle: a configuration, shape (n,).
+    """
+
+    poses: Array
+    middle: Array
+
+
+@kernel
+def _sweep_pieces(
+    fleet: Fleet, q_a: Array, q_b: Array, hand: Indices, sweeps: Sweeps, room: Room
+) -> None:
+    most = 0
+    for p in range(len(hand)):
+        most = max(most, sweeps.capsule_first[p + 1] - sweeps.capsule_first[p])
+    moved = np.empty((most, q_a.shape[1] + 1))
+    box, body_box = sweeps.box, sweeps.body_box
+    for p in range(len(hand)):
+        first = sweeps.body_first[p], sweeps.capsule_first[p]
+        hulls = bodies_of(fleet, hand[p])
+        sweep_carrier(hulls, q_a[p], q_b[p], first, sweeps, moved, room)
+        b0, b1 = sweeps.body_first[p], sweeps.body_first[p + 1]
+        for r in range(3):
+            box[p, r] = np.min(body_box[b0:b1, r])
+            box[p, r + 3] = np.max(body_box[b0:b1, r + 3])
+
+
+@inner_kernel
+def sweep_carrier(
+    hulls: HullTable,
+    q_a: Array,
+    q_b: Array,
+    first: tuple[int, int],
+    out: Sweeps,
+    moved: Array,
+    room: Room,
+) -> None:
+    """Write the capsules and the boxes of the bodies of a carrier on a straight motion.
+
+    Args:
+        hulls: its bodies.
+        q_a, q_b: ends of its motion, shape (n,).
+        first: where its bodies and its capsules begin in ``out``.
+        out: ``body_box``, ``capsule_a``, ``capsule_b`` and ``radius`` are written.
+        moved: how far capsules stray, see ``place_capsules``, shape (at least c, n + 1), written.
+        room: room to work in.
+    """
+    body, start = first
+    capsules, count = hulls.capsule_first, len(hulls.radius)
+    a, b, radius = out.capsule_a, out.capsule_b, out.radius
+    place_capsules(
+        hulls,
+        q_a,
+        q_b,
+        room.poses,
+        room.middle[: len(q_a)],
+        a[start : start + count],
+        b[start : start + count],
+        moved,
+    )
+    bare, box = hulls.radius, out.body_box
+    for c in range(count):
+        radius[start + c] = bare[c] + moved[c, 0]
+    for k in range(len(hulls.joint)):
+        low, high = start + capsules[k], start + capsules[k + 1]
+        for r in range(3):
+            least, most = np.inf, -np.inf
+            for c in range(low, high):
+                least = min(least, min(a[c, r], b[c, r]) - radius[c])
+                most = max(most, max(a[c, r], b[c, r]) + radius[c])
+            box[body + k, r], box[body + k, r + 3] = least, most
 
 
 class Tracks(NamedTuple):

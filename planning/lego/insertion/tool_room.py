@@ -13,8 +13,8 @@ from functools import cache
 
 import numpy as np
 
+from planning.caches import KeptAnswers
 from planning.cell.cover import cut_across
-from planning.kept_answers import KeptAnswers
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,

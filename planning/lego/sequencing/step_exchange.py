@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from planning.kept_answers import KeptAnswers
+from planning.caches import KeptAnswers
 from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules

@@ -10,8 +10,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from planning.errors import RobotModelError
-from planning.files import is_file, read_file
-from planning.packages import ros_folders
+from planning.files import is_file, read_file, ros_folders
 
 # Some files begin with comments, and say only then that they are XML.
 _DECLARATION = re.compile(rb"\A((?:\s+|<!--.*?-->)+)<\?xml[^>]*\?>", re.DOTALL)

@@ -19,7 +19,7 @@ from benchmarks.construction.fixed_time import FixedTimeSolver, plan_fixed_time
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.construction.candidates import Candidates, robot_groups
-from planning.construction.export.motion_plan_export import motion_plan
+from planning.construction.motion_plan_export import motion_plan
 from planning.construction.object_order import rank_parts, ready_at
 from planning.construction.planner import (
     ConstructionPlan,
@@ -31,13 +31,13 @@ from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import PlannerSettings
 from planning.construction.problem.site import (
+    Spiral,
     build_problem,
     ground_fixture,
     part_objects,
 )
-from planning.construction.problem.supply import Spiral
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
-from planning.construction.world.building import Building, nothing_built
+from planning.construction.world.fixed_world import Building, nothing_built
 from planning.contacts.precedence import PartGraph
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose

@@ -12,7 +12,7 @@ from planning.construction.planner import Round, Rounds
 from planning.construction.problem.problem import Part
 from planning.construction.problem.settings import SearchSettings
 from planning.construction.subproblem import Solution
-from planning.construction.world.building import Building, nothing_built
+from planning.construction.world.fixed_world import Building, nothing_built
 from tests.planning.construction.toy_sites import toy_part, toy_problem
 
 PARTS = 7

@@ -10,8 +10,7 @@ from planning.cell.workcell import Attachment, Workcell
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.problem.settings import RrtSettings
-from planning.construction.world.building import PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation
 from tests.planning.construction.toy_tasks import PLAIN, find_path, state_at, with_task

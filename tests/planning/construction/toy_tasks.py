@@ -12,8 +12,7 @@ from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.paths.query import SpaceTimePath
 from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.settings import RrtSettings
-from planning.construction.world.building import PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array
 

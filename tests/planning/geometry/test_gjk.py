@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.geometry.gjk import BETWEEN, FAR, TOO_CLOSE, gap_class
+from planning.geometry.distance import BETWEEN, FAR, TOO_CLOSE, gap_class
 from planning.transforms import Array, from_rpy
 from tests.kernels import outer
 

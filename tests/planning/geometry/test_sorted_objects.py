@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture
-from planning.geometry.sorted_objects import sort_objects
-from planning.geometry.standing import stand_boxes
+from planning.geometry.standing import sort_objects, stand_boxes
 from planning.transforms import readonly, translation
 
 SIZE = readonly([0.016, 0.032, 0.0096])

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.motion.composite import CompositeSpeed
-from planning.motion.smoothing import smooth_path
 from planning.motion.speed import (
     JointSpeed,
     L1Speed,
@@ -19,7 +18,7 @@ from planning.motion.speed import (
     path_times,
     sample_path,
 )
-from planning.motion.transit import RrtConnect
+from planning.motion.transit import RrtConnect, smooth_path
 from planning.transforms import Array
 
 

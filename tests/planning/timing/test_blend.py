@@ -14,7 +14,7 @@ from planning.timing.blend import (
     longest_window,
     ordered_windows,
 )
-from planning.timing.rounded_stretch import rounded_stretch
+from planning.timing.rounded_path import rounded_stretch
 from planning.timing.stretch import straight_stretch
 
 SEEDS = st.integers(0, 10**6)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from planning.timing.blend import BlendedPath, ordered_windows
 from planning.timing.path_bounds import PathBounds
-from planning.timing.rounded_stretch import RoundedStretch, rounded_stretch
+from planning.timing.rounded_path import RoundedStretch, rounded_stretch
 from planning.timing.stretch import straight_stretch
 from tests.planning.timing.drawn_arm import MODELS, Drawn
 

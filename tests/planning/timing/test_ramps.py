@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.timing.ramps import braked, exit_bound, pass_through
+from planning.timing.stretch import braked, exit_bound, pass_through
 
 LENGTHS = st.lists(st.floats(0.01, 2.0), min_size=2, max_size=12)
 RAMPS = st.floats(0.05, 5.0)

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
 from planning.geometry.exact import TOLERANCE, come_close, distance_at
-from planning.geometry.gjk import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
 from planning.geometry.separation import (
     APART,
     CONFLICT,

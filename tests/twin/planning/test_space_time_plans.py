@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.export.motion_plan_export import export_motion_plan
-from planning.construction.world.building import PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.motion_plan_export import export_motion_plan
+from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan
 from planning.tasks.task import TRANSIT

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.kernels import inner_kernel, kernel
-from planning.timing.ramps import braked, exit_bound, pass_through
+from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds

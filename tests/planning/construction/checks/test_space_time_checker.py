@@ -19,8 +19,7 @@ from planning.construction.checks.still_checks import (
     still_clear_until,
 )
 from planning.construction.checks.time_windows import arrival_windows, strike_out
-from planning.construction.world.building import PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.geometry.exact import hull_shape
 from planning.kinematics.kinematics import joint_poses_of

@@ -9,14 +9,13 @@ from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.models import pavilion
 from planning.construction.problem.reach_sampler import ReachSampler
 from planning.construction.problem.site import (
+    Spiral,
     build_problem,
     ground_fixture,
     part_objects,
 )
-from planning.construction.problem.supply import Spiral
-from planning.construction.world.building import lying_at
-from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.skill_motion import skill_motion
+from planning.construction.world.fixed_world import FixedWorld, lying_at
+from planning.construction.world.timeline import skill_motion
 from planning.robots.registry import robot_model
 from planning.transforms import readonly
 

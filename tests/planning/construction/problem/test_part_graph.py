@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from benchmarks.construction.critical_path import longest_chain
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
-from planning.construction.problem.site import ground_fixture, part_objects
-from planning.construction.problem.supply import Spiral
+from planning.construction.problem.site import Spiral, ground_fixture, part_objects
 from planning.contacts.precedence import (
     PartGraph,
     build_part_graph,

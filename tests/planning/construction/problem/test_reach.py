@@ -20,11 +20,13 @@ from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.reach_bounds import ReachBounds, require_reach
 from planning.construction.problem.reach_sampler import ReachSampler
 from planning.construction.problem.site import (
+    Rows,
+    Spiral,
+    SupplyLayout,
     build_problem,
     ground_fixture,
     part_objects,
 )
-from planning.construction.problem.supply import Rows, Spiral, SupplyLayout
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.robots.registry import robot_model

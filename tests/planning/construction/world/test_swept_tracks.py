@@ -8,9 +8,14 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import CellObject
 from planning.construction.world.fixed_world import SweptTracks
-from planning.construction.world.motion_pieces import STEP, cut_timeline
-from planning.construction.world.swept_track import SweptTrack, sweep_track
-from planning.construction.world.timeline import HandChange, RobotTimeline, pose_of
+from planning.construction.world.timeline import (
+    STEP,
+    HandChange,
+    RobotTimeline,
+    cut_timeline,
+    pose_of,
+)
+from planning.construction.world.tracks import SweptTrack, sweep_track
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array, translation
 from tests.planning.construction.toy_teams import box, placed, rover

@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.construction.world.building import PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.motion_pieces import cut_timeline
-from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
+from planning.construction.world.fixed_world import FixedWorld, PlannedTask
+from planning.construction.world.timeline import (
+    ObjectTimeline,
+    RobotTimeline,
+    cut_timeline,
+)
 from planning.errors import PlanInvariantError
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import translation

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
-from planning.construction.checks.body_pairs import capsules_meet, proved_apart
+from planning.construction.checks.still_checks import capsules_meet, proved_apart
 from planning.construction.world.fleet import (
     Carrier,
     Fleet,

@@ -1,15 +1,15 @@
-"""Answers that take a while to find, remembered from run to run in the user's cache folder."""
+"""Answers that take a while to find: kept while the program runs, or in the user's cache folder."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -76,3 +76,27 @@ def _write(file: Path, answer: Arrays) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         with replacing(file) as part:
             np.savez_compressed(part, **arrays)
+
+
+Answer = TypeVar("Answer")
+
+
+class KeptAnswers(Generic[Answer]):
+    """Answers by what was asked; all are forgotten when there are too many.
+
+    Args:
+        most: how many are kept.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._answers: dict[Hashable, Answer] = {}
+
+    def get(self, question: Hashable, work_out: Callable[[], Answer]) -> Answer:
+        """Return the answer, worked out unless it is known."""
+        known = self._answers.get(question)
+        if known is None:
+            if len(self._answers) >= self._most:
+                self._answers.clear()
+            known = self._answers[question] = work_out()
+        return known

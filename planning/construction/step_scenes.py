@@ -13,8 +13,7 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.problem import ConstructionProblem, Part
-from planning.construction.world.building import lying_at
-from planning.construction.world.fixed_world import FixedWorld
+from planning.construction.world.fixed_world import FixedWorld, lying_at
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import entity
 from planning.steps.skill import Pairs, gripped

@@ -17,11 +17,11 @@ import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.keyframes.step_scenes import Hold, StepScenes
 from planning.construction.problem.problem import Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.problem.settings import KeyframeSettings
-from planning.construction.world.skill_motion import SkillMotion, skill_motion
+from planning.construction.step_scenes import Hold, StepScenes
+from planning.construction.world.timeline import SkillMotion, skill_motion
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
 

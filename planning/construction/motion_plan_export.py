@@ -15,14 +15,18 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.construction.checks.scene import HALVINGS
-from planning.construction.export.piece_conflicts import conflicting_pieces
+from planning.construction.piece_conflicts import conflicting_pieces
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.world.building import Building, PlannedTask
-from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.motion_pieces import STEP, Pieces, cut_timeline
-from planning.construction.world.swept_track import sweep_track
-from planning.construction.world.timeline import SAME, RobotTimeline, hand_changes
-from planning.construction.world.tracks import build_tracks
+from planning.construction.world.fixed_world import Building, FixedWorld, PlannedTask
+from planning.construction.world.timeline import (
+    SAME,
+    STEP,
+    Pieces,
+    RobotTimeline,
+    cut_timeline,
+    hand_changes,
+)
+from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
 from planning.motion.motion_plan import MotionPlan, TaskMotion
 from planning.steps.skill import NOTHING, gripped
