@@ -33,7 +33,7 @@ from twin.comparison.comparison import (
     shortcut_budget,
 )
 from twin.host.progress import Report, StageDisplay
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
 
 ROOT = Path(__file__).parents[1]

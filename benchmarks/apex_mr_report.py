@@ -18,7 +18,7 @@ from benchmarks.apex_mr_tables import (
 )
 from twin.comparison.chart import draw_comparison
 from twin.comparison.comparison import SEQUENTIAL
-from twin.host.atomic import replacing, write_json
+from twin.host.guard import replacing, write_json
 
 
 @dataclass(frozen=True)

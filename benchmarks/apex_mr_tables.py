@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import apex_mr_paper as paper
+from twin.comparison.chart import mean, percent, spread
 from twin.comparison.comparison import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
@@ -19,7 +20,6 @@ from twin.comparison.comparison import (
     SYNCHRONOUS_TPG,
     TOTAL,
 )
-from twin.comparison.table import mean, percent, spread
 
 
 @dataclass(frozen=True)

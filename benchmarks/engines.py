@@ -31,7 +31,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageDisplay, StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.variations import varied
 from twin.study.replications.workload import timing_graph
 from twin.trial.planning import plan_scenario
@@ -271,10 +271,9 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     """Run a study of one cell and return the peak memory of this process [MiB]."""
     import tempfile
 
-    from twin.study.replications.executors import open_executor
-    from twin.study.replications.experiment import Experiment
     from twin.study.replications.runner import run_replications
-    from twin.study.replications.workload import Workload
+    from twin.study.replications.statistics import Experiment
+    from twin.study.replications.workload import Workload, open_executor
     from twin.study.tables import write_replications
 
     path = ROOT / "scenarios" / "lego" / "cliff.yaml"

@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 import twin
-from twin.scenario.file import scenario_schema
+from twin.scenario.manifest import scenario_schema
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 AUDITED = ("cliff", "gearbox", "tower")

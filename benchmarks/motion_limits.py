@@ -33,8 +33,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import date_line, machine_line
-from planning.cell.motion_limits import BUILD_UP_S, MotionLimits
-from scheduling.graph.rollout import earliest_times
+from planning.cell.robot_model import BUILD_UP_S, MotionLimits
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import nominal_durations, within_limits
 from scheduling.shortcuts.corners import round_corners
@@ -43,12 +43,12 @@ from twin.audit.motion.executed import read_recording
 from twin.durations import NANOSECONDS, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.host.atomic import write_json
-from twin.recorders.motion_tables import objects_table, trajectory_table, write_table
+from twin.host.guard import write_json
+from twin.recorders.observers import objects_table, trajectory_table, write_table
+from twin.run.events import ExecutionRecord
 from twin.run.folder import OBJECTS, TRAJECTORY
-from twin.run.run_record import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import varied
 from twin.trial.planning import plan_scenario

@@ -25,11 +25,11 @@ from pathlib import Path
 
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_II
 from benchmarks.machine import date_line, load_line, machine_line
-from planning.caches import KeptAnswers
+from planning.files import KeptAnswers
 from planning.kinematics import kinematics
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 RESULTS = Path(__file__).parent / "results"
 SCENARIOS = Path("scenarios/lego")

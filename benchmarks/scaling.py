@@ -31,9 +31,9 @@ import numpy as np
 import yaml
 
 from benchmarks.machine import date_line, load_line, machine_line
-from planning.caches import KeptAnswers
+from planning.files import KeptAnswers
 from planning.kinematics import kinematics
-from planning.lego.sequencing.reachability import check_reach
+from planning.lego.sequencing.blocking import check_reach
 from planning.lego.sequencing.stable_steps import stable_steps
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
@@ -44,7 +44,7 @@ from scheduling.build_tpg import build_tpg
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, sequencing_rules
 from twin.planning.pipeline import motion_settings
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 from twin.trial import trial
 from twin.trial.loaded_scenario import LoadedScenario

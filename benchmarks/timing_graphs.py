@@ -20,10 +20,10 @@ import numpy as np
 from planning.errors import OutputError
 from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.host.atomic import replacing
+from twin.host.guard import replacing
 from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
 from twin.planning.pipeline import order_motions, plan_in_turns
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.study.replications.workload import bare_cell, timing_graph
 from twin.uncertainty.contraction import contract
 

@@ -1,8 +1,8 @@
 """Draw the rooms of the code, what they import, and the way of a scenario through them.
 
-From the top of the repository: ``python docs/house.py`` writes ``docs/images/house.svg``; another
-file, such as ``house.png``, may be named. Everything but the stages of the way is read from the
-code.
+From the top of the repository: ``python docs/house.py`` writes ``docs/images/house.svg``, and the table
+of rooms in ``docs/design.md``; another file for the picture, such as ``house.png``, may be named.
+Everything but the stages of the way is read from the code.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ from matplotlib.path import Path as Curve
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "house.svg"
+DESIGN = ROOT / "docs" / "design.md"
+ROOMS = "<!-- rooms: python docs/house.py -->\n"
+"""What stands before and after the table of rooms in the design."""
 FLOORS = ("twin", "scheduling", "planning")
 """Packages from top to bottom: each imports those below."""
 
@@ -97,7 +100,29 @@ def _targets(tree: ast.Module, code: Mapping[str, ast.Module]) -> Iterable[str]:
                         yield name
                         break
         elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name in code)
+            for alias in node.names:
+                for name in (alias.name, f"{alias.name}.__init__"):
+                    if name in code:
+                        yield name
+
+
+def lines_of(code: Iterable[str]) -> Counter[str]:
+    """Return the lines of code, comments and docstrings of each room."""
+    lines: Counter[str] = Counter()
+    for name in code:
+        path = ROOT / (name.replace(".", "/") + ".py")
+        lines[room_of(name)] += len(path.read_text(encoding="utf-8").splitlines())
+    return lines
+
+
+def room_table(code: Mapping[str, ast.Module]) -> str:
+    """Return the table of docs/design.md: rooms, their lines, and what their docstrings say first."""
+    rows = ["| room | lines | what is in it |", "|---|---:|---|"]
+    for room, lines in sorted(lines_of(code).items()):
+        said = ast.get_docstring(code[f"{room.replace('/', '.')}.__init__"]) or ""
+        words = said.partition("\n\n")[0].replace("\n", " ").replace("``", "`")
+        rows.append(f"| `{room}/` | {lines:,} | {words.removesuffix('.')} |")
+    return "\n".join(rows) + "\n"
 
 
 def floor_arrows(graph: nx.DiGraph[str]) -> list[tuple[str, str]]:
@@ -335,13 +360,13 @@ def _draw_way(axes: Axes, stages: list[tuple[str, str]], top: float) -> None:
 
 
 def main(picture: Path) -> None:
-    """Draw the house into a file."""
+    """Draw the house into a file, and write the table of its rooms."""
     code = modules()
+    before, _, after = DESIGN.read_text(encoding="utf-8").split(ROOMS)
+    text = ROOMS.join((before, room_table(code), after))
+    DESIGN.write_text(text, encoding="utf-8")
     graph = imports(code)
-    lines: Counter[str] = Counter()
-    for name in code:
-        path = ROOT / (name.replace(".", "/") + ".py")
-        lines[room_of(name)] += len(path.read_text(encoding="utf-8").splitlines())
+    lines = lines_of(code)
     mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "house"})
     mpl.rcParams["font.family"] = "sans-serif"
     arrows = floor_arrows(graph)

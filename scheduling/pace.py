@@ -2,24 +2,30 @@
 
 A stretch is passed as slowly as its fastest point asks for, and with accelerations that joints bear all
 along it; a skill, whose path is followed by one clock, is slowed down as a whole.
+
+What makes robots slower than their joints could be: limits of the tool's speed, and of effort.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.kinematics.chain import joint_table
 from planning.timing.blend import BlendedPath
-from planning.timing.path_bounds import PathBounds
+from planning.timing.path_bounds import (
+    PathBounds,
+    greatest_tool_speed,
+    tool_speed_along,
+)
 from planning.timing.rounded_path import RoundedStretch, rounded_stretch
 from planning.timing.smooth_path import SmoothPath
 from planning.timing.stretch import Stretch, straight_stretch
-from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
 from planning.timing.torque import (
     ArmDynamics,
     Bearing,
@@ -27,9 +33,9 @@ from planning.timing.torque import (
     borne_stretch,
     why_unchecked,
 )
-from planning.transforms import Array
-from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from planning.transforms import Array, Indices
+from scheduling.graph.drive import BY_EFFORT, BY_JOINTS, BY_TOOL_SPEED, Drive
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.hand_loads import HandLoad, HandLoads, hand_loads
 
 _SAME = 1.0 + 1e-9
@@ -270,3 +276,72 @@ def _is_bounded(robot: PlacedRobot) -> bool:
         return False
     caps = limits.tool_speed, limits.loaded_tool_speed
     return bool(np.isfinite(caps).any()) or why_unchecked(robot) is None
+
+
+def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
+    """Return by robot how many of its stretches and skills are slowed, and by what.
+
+    Robots of which nothing is slowed are left out.
+    """
+    found = {}
+    for chain in tpg.chains:
+        if chain.drive is None or not np.any(chain.drive.slowed_by > BY_JOINTS):
+            continue
+        moves = motions(chain)
+        names = tpg.cell.robot(chain.robot).model.joint_names
+        causes = {"tool speed": BY_TOOL_SPEED}
+        causes |= {f"effort of {name}": BY_EFFORT + j for j, name in enumerate(names)}
+        found[chain.robot] = _counts(chain, moves) | {
+            "by": {
+                cause: _slowed_by(tpg, chain, chain.drive, moves, number)
+                for cause, number in causes.items()
+                if np.any(chain.drive.slowed_by == number)
+            }
+        }
+    return found
+
+
+def motions(chain: NodeChain) -> Indices:
+    """Return the first node of each stretch, and each skill that moves; none without limits."""
+    drive = chain.drive
+    if drive is None:
+        return np.empty(0, dtype=np.int64)
+    first = np.append(True, drive.rests[:-1])[: len(chain)]
+    return np.flatnonzero(first & (drive.cruise > 0.0))
+
+
+def _counts(chain: NodeChain, nodes: Indices) -> dict[str, int]:
+    skills = int(np.count_nonzero(chain.skill[nodes]))
+    return {"stretches": len(nodes) - skills, "skills": skills}
+
+
+def _slowed_by(
+    tpg: TemporalPlanGraph, chain: NodeChain, drive: Drive, moves: Indices, cause: int
+) -> dict[str, Any]:
+    own = moves[drive.slowed_by[moves] == cause]
+    worst = own[int(np.argmax(drive.slowed[own]))]
+    task = tpg.tasks[int(chain.task[worst])]
+    return _counts(chain, own) | {
+        "longest": float(drive.slowed[worst]),
+        "task": task.index,
+        "label": task.label,
+    }
+
+
+def overloads(tpg: TemporalPlanGraph) -> tuple[str, ...]:
+    """Return in words which joints do not bear what they have to hold, however slow they are."""
+    found = []
+    for chain in tpg.chains:
+        drive, drives = chain.drive, tpg.cell.robot(chain.robot).model.drives
+        if drive is None or drives is None:
+            continue
+        names = tpg.cell.robot(chain.robot).model.joint_names
+        for cause in np.unique(drive.slowed_by[drive.slowed_by < BY_JOINTS]).tolist():
+            node, joint = int(np.argmax(drive.slowed_by == cause)), -1 - cause
+            task = tpg.tasks[int(chain.task[node])]
+            found.append(
+                f"{chain.robot}: gravity alone takes the effort of {names[joint]}"
+                f" ({drives.effort[joint]:g} N m or N), first in task {task.index} ({task.label}):"
+                " no motion is slow enough for that; give a lighter part, another robot, or limits.effort"
+            )
+    return tuple(found)

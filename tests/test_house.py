@@ -13,6 +13,7 @@ import networkx as nx
 import pytest
 
 ROOT = Path(__file__).parents[1]
+DESIGN_ROW = re.compile(r"^\| `([\w/]+)/` \| ([\d,]+) \| .+ \|$", re.MULTILINE)
 MOST_FILES, MOST_LINES, MOST_DOCSTRING_LINES = 15, 450, 5
 
 
@@ -65,6 +66,40 @@ def test_no_room_imports_itself_by_way_of_others(
     except nx.NetworkXNoCycle:
         return
     pytest.fail(f"rooms import each other: {' -> '.join([*circle, circle[0]])}")
+
+
+def test_a_package_that_is_imported_whole_is_an_arrow() -> None:
+    code = {
+        "twin.__init__": ast.parse("from twin.commands.run import run"),
+        "twin.commands.run": ast.parse("def run():\n    import twin"),
+    }
+    assert set(HOUSE.imports(code).edges) == {
+        ("twin", "twin/commands"),
+        ("twin/commands", "twin"),
+    }
+
+
+def test_a_name_of_a_class_stands_once(code: dict[str, ast.Module]) -> None:
+    places: dict[str, list[str]] = {}
+    for name, tree in code.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(f"{name}, line {node.lineno}")
+    assert not {name: where for name, where in places.items() if len(where) > 1}
+
+
+def test_the_design_names_every_room(code: dict[str, ast.Module]) -> None:
+    """Lines are printed beside those of the table: a room that grew is seen, not refused."""
+    table = DESIGN_ROW.findall(
+        (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    )
+    told = {room: int(lines.replace(",", "")) for room, lines in table}
+    lines = HOUSE.lines_of(code)
+    assert set(told) == set(lines), "the house has changed: python docs/house.py"
+    print(f"the house has {sum(lines.values()):,} lines")  # noqa: T201
+    for room, count in lines.items():
+        if abs(count - told[room]) > 0.05 * told[room]:
+            print(f"{room}: {count:,} lines, {told[room]:,} in docs/design.md")  # noqa: T201
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: str(f.relative_to(ROOT)))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from planning.errors import TwinError as TwinError
     from twin.api.comparisons import Comparison as Comparison
     from twin.api.comparisons import compare as compare
-    from twin.api.replays import replay as replay
+    from twin.api.comparisons import replay as replay
     from twin.api.runs import Audit as Audit
     from twin.api.runs import Check as Check
     from twin.api.runs import audit as audit
@@ -54,7 +54,7 @@ _HOMES = {
     "Precision": "twin.study.replications.statistics",
     "Comparison": "twin.api.comparisons",
     "compare": "twin.api.comparisons",
-    "replay": "twin.api.replays",
+    "replay": "twin.api.comparisons",
     "TwinError": "planning.errors",
 }
 

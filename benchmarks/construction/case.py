@@ -19,12 +19,12 @@ from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.problem import ConstructionProblem
 from planning.errors import TwinError
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from twin.host.progress import Report
 from twin.planning.build_workcell import build_workcell
 from twin.planning.construction import ConstructionKind
 from twin.planning.pipeline import motion_settings
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.scenario import Scenario, resolved, restored

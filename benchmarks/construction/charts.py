@@ -21,7 +21,7 @@ from benchmarks.construction.rows import (
 )
 from benchmarks.construction.tables import paper_total
 from benchmarks.store import Row
-from twin.host.atomic import replacing
+from twin.host.guard import replacing
 
 _INK = "#2b2f36"
 _GRID = "#e4e7eb"

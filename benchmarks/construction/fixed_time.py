@@ -22,9 +22,8 @@ from planning.construction.planner import (
     ConstructionPlan,
     plan_with,
 )
-from planning.construction.problem.problem import ConstructionProblem
+from planning.construction.problem.problem import ConstructionProblem, PlannerSettings
 from planning.construction.problem.reach_bounds import reach_bounds
-from planning.construction.problem.settings import PlannerSettings
 from planning.construction.step_scenes import StepScenes
 from planning.construction.subproblem import (
     Attempt,
@@ -36,7 +35,7 @@ from planning.construction.subproblem import (
 )
 from planning.construction.world.fixed_world import Building
 from planning.construction.world.timeline import SkillMotion
-from planning.progress import Progress, no_progress
+from planning.silence import Progress, no_progress
 from planning.steps.skill import gripped
 from planning.transforms import Array
 

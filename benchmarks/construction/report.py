@@ -12,7 +12,7 @@ from benchmarks.construction.paper import SEEDS
 from benchmarks.construction.rows import best_baseline, methods, models_of, teams_of
 from benchmarks.construction.summary import summary
 from benchmarks.store import Row
-from twin.host.atomic import replacing, write_json
+from twin.host.guard import replacing, write_json
 
 NAME = "construction"
 

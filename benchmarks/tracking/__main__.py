@@ -38,11 +38,10 @@ from benchmarks.tracking.following import (
     follow,
     least_distances,
 )
-from benchmarks.tracking.picture import SPACING_S, draw_errors
 from benchmarks.tracking.plant import Flaws
-from benchmarks.tracking.report import report
+from benchmarks.tracking.report import SPACING_S, draw_errors, report
 from planning.transforms import Array
-from twin.host.atomic import write_json
+from twin.host.guard import write_json
 
 RESULTS = ROOT / "benchmarks" / "results"
 PICTURE = ROOT / "docs" / "images" / "tracking.png"

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.tracking.bullet import load_body, new_world, without_shapes
 from benchmarks.tracking.described_robot import PLACE, DescribedRobot, Payload
+from benchmarks.tracking.plant import load_body, new_world, without_shapes
 from planning.transforms import Array
 
 PERIOD_S = 0.001

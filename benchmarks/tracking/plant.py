@@ -3,24 +3,69 @@
 Each joint turns as Featherstone's algorithm says, under gravity, with the masses and inertias of the
 description and those of parts in hand. Nothing touches anything: robots have no shapes here, and a part
 is a mass at its place on the tool from when it is picked until it is put down.
+
+Worlds of PyBullet, and how robots get into them.
 """
 
 from __future__ import annotations
 
+import tempfile
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tracking.bullet import (
-    TORQUE_CONTROL,
-    VELOCITY_CONTROL,
-    load_body,
-    new_world,
-    without_shapes,
-)
 from benchmarks.tracking.described_robot import PLACE, DescribedRobot, Payload
-from planning.transforms import Array
+from planning.silence import silenced
+from planning.transforms import Array, quat_wxyz
+
+with silenced():  # it greets on standard error
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient
+
+GRAVITY = 9.81
+TORQUE_CONTROL: int = pybullet.TORQUE_CONTROL
+VELOCITY_CONTROL: int = pybullet.VELOCITY_CONTROL
+
+# Without a word Bullet makes up inertias from shapes, and prisms of cylinders.
+_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
+
+
+def new_world() -> BulletClient:
+    """Return an empty world with gravity; disconnect it after use."""
+    with silenced():  # it tells its options
+        bullet = BulletClient(pybullet.DIRECT)
+    bullet.setGravity(0.0, 0.0, -GRAVITY)
+    return bullet
+
+
+def without_shapes(urdf: str) -> str:
+    """Return a description without anything to see or to touch."""
+    root = ElementTree.fromstring(urdf)
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def load_body(bullet: BulletClient, robot: DescribedRobot, urdf: str) -> int:
+    """Load a robot, fixed at its base, from a text with the inertias that it states."""
+    w, x, y, z = quat_wxyz(robot.base)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "robot.urdf")
+        path.write_text(urdf, encoding="utf-8")
+        with silenced():
+            number: int = bullet.loadURDF(
+                str(path),
+                robot.base[:3, 3].tolist(),
+                [x, y, z, w],
+                useFixedBase=1,
+                flags=_FLAGS,
+            )
+    return number
+
 
 STEP_S = 0.0005
 """Of the integration [s]."""

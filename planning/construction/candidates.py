@@ -15,9 +15,12 @@ from itertools import combinations, islice, pairwise, permutations
 
 import numpy as np
 
-from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.problem import (
+    ConstructionProblem,
+    Part,
+    SearchSettings,
+)
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.problem.settings import SearchSettings
 from planning.construction.subproblem import Attempt, Skeleton, Solution
 from planning.construction.world.fixed_world import Building
 

@@ -21,14 +21,14 @@ from planning.construction.world.fixed_world import Building, FixedWorld, Planne
 from planning.construction.world.timeline import (
     SAME,
     STEP,
-    Pieces,
+    MotionPieces,
     RobotTimeline,
     cut_timeline,
     hand_changes,
 )
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.steps.skill import NOTHING, gripped
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices
@@ -194,7 +194,7 @@ def export_motion_plan(
 class _Cut(NamedTuple):
     """The pieces of a robot, and for each the tasks it belongs to, shape (p, 2); see _tasks_of."""
 
-    pieces: Pieces
+    pieces: MotionPieces
     tasks: Indices
 
 
@@ -271,7 +271,7 @@ def _halve(
 
 
 def _tasks_of(
-    pieces: Pieces, tasks: Sequence[PlannedTask], own: Sequence[int]
+    pieces: MotionPieces, tasks: Sequence[PlannedTask], own: Sequence[int]
 ) -> Indices:
     """Return the tasks that pieces belong to, for a stand those before and after it."""
     if not own:

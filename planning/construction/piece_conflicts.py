@@ -14,15 +14,15 @@ import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
 from planning.construction.checks.still_checks import capsules_meet, proved_apart
-from planning.construction.world.fleet import (
+from planning.construction.world.tracks import (
     Carrier,
     Fleet,
+    Tracks,
     bodies_of,
     cell_entities,
     make_fleet,
     set_motion,
 )
-from planning.construction.world.tracks import Tracks
 from planning.geometry.distance import boxes_apart
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.separation import Scratch, room_for
@@ -35,7 +35,7 @@ _MARGIN = 1.5 * TOLERANCE
 """Kept on top of the clearances: enough for the exact decisions of the conflict search [m]."""
 
 
-class _Plan(NamedTuple):
+class _CarrierPieces(NamedTuple):
     """Pieces of all carriers, and how close they may come to each other.
 
     Attributes:
@@ -86,7 +86,7 @@ def conflicting_pieces(
     joints = max(c.hulls.q_a.shape[1] for c in carriers)
     corners = max(c.hulls.most_corners for c in carriers)
     plan = packed(
-        _Plan(
+        _CarrierPieces(
             make_fleet(carriers),
             np.array([numbers[name] for name in names], dtype=np.int64),
             tracks,
@@ -106,7 +106,7 @@ def conflicting_pieces(
 
 
 @kernel
-def _find(plan: _Plan, out: Indices) -> int:
+def _find(plan: _CarrierPieces, out: Indices) -> int:
     first, box = plan.tracks.first, plan.tracks.sweeps.box
     start, end = plan.tracks.pieces.start, plan.tracks.pieces.end
     widest = np.max(plan.limits)
@@ -132,7 +132,7 @@ def _find(plan: _Plan, out: Indices) -> int:
 
 
 @inner_kernel
-def _pair_clear(plan: _Plan, i: int, j: int) -> bool:
+def _pair_clear(plan: _CarrierPieces, i: int, j: int) -> bool:
     bodies, entity, limits = plan.fleet.body_first, plan.entity, plan.limits
     pieces, sweeps, box = (
         plan.tracks.pieces,
@@ -167,7 +167,7 @@ def _pair_clear(plan: _Plan, i: int, j: int) -> bool:
 
 
 @inner_kernel
-def _allowed(plan: _Plan, piece: int, x: int, y: int) -> bool:
+def _allowed(plan: _CarrierPieces, piece: int, x: int, y: int) -> bool:
     """Tell whether two entities may touch in a task that a piece belongs to."""
     allowed, before, after = plan.allowed, plan.tasks[piece, 0], plan.tasks[piece, 1]
     if before >= 0 and allowed[before, x, y]:

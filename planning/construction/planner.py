@@ -10,15 +10,19 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.candidates import Candidates, EasyPlacement
-from planning.construction.object_order import rank_parts
-from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.problem import (
+    ConstructionProblem,
+    Part,
+    PlannerSettings,
+    SearchSettings,
+)
 from planning.construction.problem.reach_bounds import reach_bounds
-from planning.construction.problem.settings import PlannerSettings, SearchSettings
+from planning.construction.step_scenes import rank_parts
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
-from planning.progress import Progress, no_progress
+from planning.silence import Progress, no_progress
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,26 @@
-"""Collision checkers of one sub-problem, one per phase: what is held, and what may touch."""
+"""Collision checkers of one sub-problem, one per phase: what is held, and what may touch.
+
+Ranking of the parts that can be placed next (Hartmann et al. IV-D1, V-A1, eq. 6).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.machine import immovable
 from planning.cell.shape import Shape
-from planning.cell.workcell import Attachment, PlacedRobot
+from planning.cell.workcell import Attachment, PlacedRobot, immovable
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.fixed_world import FixedWorld, lying_at
 from planning.construction.world.timeline import RobotTimeline
 from planning.geometry.robot_bodies import entity
 from planning.steps.skill import Pairs, gripped
+from planning.transforms import Array
 
 _GHOST = "part in its place"
 
@@ -132,3 +136,97 @@ def _ghost(shape: Shape, part: Part) -> PlacedRobot:
     """Return a robot that is nothing but the part in its place."""
     model = immovable(_GHOST, shape.pieces)
     return PlacedRobot(_GHOST, model, part.goal, model.home)
+
+
+ROOM = 1.0
+"""Robots that place parts nearer to each other than this are in each other's way [m]."""
+
+_PACE = 0.8
+"""Rough speed of fetching and bringing a part [m/s]."""
+
+_ALIKE = 1.0
+"""Parts that can be in place within this time of each other are equally good [s]."""
+
+_FIRST = 3.0
+"""So much later a part may come for every part that must follow it, one on the other [s]."""
+
+
+def ready_at(
+    problem: ConstructionProblem, part: str, placed: Mapping[str, float]
+) -> float:
+    """Return the time before which a part must not be placed [s].
+
+    Args:
+        problem: with the part graph.
+        part: placeable.
+        placed: end of the skill that placed each part [s].
+    """
+    graph = problem.graph
+    carriers = [placed[p] for p in graph.carriers[part] if problem.carried]
+    if carriers or part in graph.ground:
+        return max(carriers, default=0.0)
+    return min(placed[p] for p in graph.neighbours[part] if p in placed)
+
+
+def rank_parts(
+    problem: ConstructionProblem,
+    placed: Mapping[str, float],
+    closed: Mapping[str, Collection[frozenset[str]]],
+    rng: np.random.Generator,
+    free: float = np.inf,
+    tool: Array | None = None,
+) -> list[str]:
+    """Return the parts that may be placed next, the best first.
+
+    Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
+    soonest: what rests on a part that is placed late has to wait, and what lies far away takes
+    its time to be fetched. Ties are drawn. Where others are still at work when the next robot
+    becomes free, the soonest come before those with most neighbours, a part with a high pile to
+    come on it before one with a low pile; and before all that parts beside which nobody works:
+    robots that build side by side wait for each other. One robot alone keeps to eq. (6).
+
+    Args:
+        problem: with the part graph.
+        placed: end of the skill that placed each part [s].
+        closed: part to sets of placed parts that keep it from its place for good. A part that
+            would complete such a set before the other one is placed is left out.
+        rng: what ties are drawn from.
+        free: when the next robot becomes free [s].
+        tool: where its tool is then, shape (3,); all parts lie as near where not given [m].
+    """
+    graph, there = problem.graph, frozenset(placed)
+    candidates = [
+        part
+        for part in graph.placeable(there, carried=problem.carried)
+        if not any(
+            wall <= there | {part}
+            for other, walls in closed.items()
+            if other not in there and other != part
+            for wall in walls
+        )
+    ]
+    drawn = dict(
+        zip(candidates, rng.permutation(len(candidates)).tolist(), strict=True)
+    )
+
+    where = {part.name: part.goal[:3, 3] for part in problem.parts}
+    busy = [where[part] for part, end in placed.items() if end > free]
+
+    def rank(part: str) -> tuple[float, ...]:
+        near = graph.placed_neighbours(part, there)
+        away = (float(np.linalg.norm((where[part] - at)[:2])) for at in busy)
+        crowd = sum(distance < ROOM for distance in away)
+        ready = ready_at(problem, part, placed)
+        soon = ready
+        if tool is not None:
+            start = problem.object(problem.part(part)).start[:3, 3]
+            way = np.linalg.norm((start - tool)[:2])
+            way += np.linalg.norm((where[part] - start)[:2])
+            soon = max(ready, free + float(way) / _PACE)
+        if busy and problem.carried:
+            soon -= _FIRST * graph.piled_on[part]
+        soon = np.floor(soon / _ALIKE)
+        first = (soon, -near) if busy else (-near, soon)
+        return (crowd, *first, ready, drawn[part])
+
+    return sorted(candidates, key=rank)

@@ -1,9 +1,15 @@
-"""Sub-problems: one part and a few robots among fixed timelines; keyframes, then paths (IV-A to IV-C)."""
+"""Sub-problems: one part and a few robots among fixed timelines; keyframes, then paths (IV-A to IV-C).
+
+Stopwatch that adds up the seconds of planning by name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from time import perf_counter, process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -17,17 +23,43 @@ from planning.construction.keyframes import (
     KeyframeSolver,
     common,
 )
-from planning.construction.object_order import ready_at
 from planning.construction.paths.rrt import space_time_rrt
-from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.problem import (
+    ConstructionProblem,
+    Part,
+    RrtSettings,
+    SubproblemSettings,
+)
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.problem.settings import RrtSettings, SubproblemSettings
-from planning.construction.step_scenes import StepScenes
-from planning.construction.stopwatch import Stopwatch
+from planning.construction.step_scenes import StepScenes, ready_at
 from planning.construction.world.fixed_world import Building, FixedWorld
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
 from planning.steps.skill import NOTHING, Pairs, gripped
 from planning.transforms import Array
+
+
+class Stopwatch:
+    """Adds up times by name.
+
+    Attributes:
+        seconds: wall-clock seconds by name.
+        cpu: processor seconds by name.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+        self.cpu: Counter[str] = Counter()
+
+    @contextmanager
+    def time(self, name: str) -> Iterator[None]:
+        """Add the time that the block takes to a name."""
+        wall, cpu = perf_counter(), process_time()
+        try:
+            yield
+        finally:
+            self.seconds[name] += perf_counter() - wall  # type: ignore[assignment]
+            self.cpu[name] += process_time() - cpu  # type: ignore[assignment]
+
 
 _SPACING = 0.75
 """Most between places on earlier paths that are hints for new ones [s]."""

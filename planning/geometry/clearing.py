@@ -37,7 +37,7 @@ HIT = -1
 """In the place of a probe: somewhere the robot is too close to something."""
 
 
-class Scene(NamedTuple):
+class CompiledScene(NamedTuple):
     """A robot and what it may not come close to, for compiled code.
 
     Attributes:
@@ -89,7 +89,7 @@ def _group_boxes(bounds: Array) -> Array:
 
 
 @inner_kernel
-def _close_pairs(scene: Scene, groups: Array, room: float, out: Indices) -> int:
+def _close_pairs(scene: CompiledScene, groups: Array, room: float, out: Indices) -> int:
     """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first.
 
     Args:
@@ -140,7 +140,7 @@ def _close_pairs(scene: Scene, groups: Array, room: float, out: Indices) -> int:
 
 
 @inner_kernel
-def _strays_at_box(scene: Scene, o: int, b: int, limit: float) -> float:
+def _strays_at_box(scene: CompiledScene, o: int, b: int, limit: float) -> float:
     """Return how far a capsule of an own body strays that meets a box, -1 where none does."""
     own, pose, half = scene.own, scene.box_pose[b], scene.box_half[b]
     first, radius = own.hulls.capsule_first, own.hulls.radius
@@ -153,7 +153,7 @@ def _strays_at_box(scene: Scene, o: int, b: int, limit: float) -> float:
 
 
 @inner_kernel
-def _pose_above(scene: Scene, root: int) -> None:
+def _pose_above(scene: CompiledScene, root: int) -> None:
     """Pose the stretch as it is seen from a joint: only the joints above it move."""
     whole, above, scratch = scene.own.hulls, scene.above, scene.on_itself
     for j in range(whole.q_a.shape[1]):
@@ -166,7 +166,7 @@ def _pose_above(scene: Scene, root: int) -> None:
 
 
 @inner_kernel
-def _keep_unproved(scene: Scene, pairs: Indices, count: int, stop: bool) -> int:
+def _keep_unproved(scene: CompiledScene, pairs: Indices, count: int, stop: bool) -> int:
     """Move the pairs that are not proved apart to the front; return how many there are.
 
     With ``stop`` set, HIT as soon as one of them is proved too close.
@@ -204,7 +204,7 @@ def _keep_unproved(scene: Scene, pairs: Indices, count: int, stop: bool) -> int:
 
 @inner_kernel
 def _search(
-    scene: Scene,
+    scene: CompiledScene,
     groups: Array,
     room: float,
     q_a: Array,
@@ -253,7 +253,7 @@ def _search(
 
 @kernel
 def find_undecided(
-    scene: Scene,
+    scene: CompiledScene,
     q_a: Array,
     q_b: Array,
     probes: Array,

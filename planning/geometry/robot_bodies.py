@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.caches import KeptAnswers
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
+from planning.files import KeptAnswers
 from planning.geometry.exact import Solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept import SKIP

@@ -11,7 +11,7 @@ from itertools import chain, pairwise, permutations
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState
-from planning.geometry.clearing import BOX, HIT, SELF, Scene, find_undecided
+from planning.geometry.clearing import BOX, HIT, SELF, CompiledScene, find_undecided
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
@@ -99,7 +99,7 @@ class SceneChecker:
         n, corners = self.robot.model.dof, self._own.hulls.most_corners
         most = max(boxes.places.most_corners, standing.hulls.most_corners)
         none = np.empty((0, 0))
-        self._scene = Scene(
+        self._scene = CompiledScene(
             own,
             standing,
             boxes.hulls,
@@ -277,7 +277,7 @@ class SceneChecker:
             for solid, q0, q1 in close
         )
 
-    def _only(self, bodies: Sequence[int], column: int, limit: float) -> Scene:
+    def _only(self, bodies: Sequence[int], column: int, limit: float) -> CompiledScene:
         """Return the scene in which some own bodies keep away from one box, and nothing else."""
         scene = self._scene
         box_limit = np.full_like(scene.box_limit, SKIP)

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.caches import KeptAnswers
-from planning.cell.body import ConvexBody
+from planning.cell.cover import ConvexBody
 from planning.cell.shape import Placed
 from planning.cell.workcell import Attachment, CellObject, Fixture, PlacedRobot
+from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
 from planning.geometry.robot_bodies import Held, robot_bodies
@@ -276,7 +276,7 @@ Sorted = tuple[list[Held], StandingBoxes]
 
 _ABSENT = -1
 
-_MOST = 4
+_CELLS_AT_A_TIME = 4
 """So many cells are followed at a time."""
 
 
@@ -378,6 +378,6 @@ def sort_objects(
                 break
         else:
             known = _SortedObjects(fixtures)
-            del _FOLLOWED[: len(_FOLLOWED) + 1 - _MOST]
+            del _FOLLOWED[: len(_FOLLOWED) + 1 - _CELLS_AT_A_TIME]
             _FOLLOWED.append(known)
         return known.sort(objects, where)

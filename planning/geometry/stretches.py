@@ -22,7 +22,7 @@ MIXED = -2
 """Stands for the solid of a body that is not the same on all of a stretch."""
 
 
-class Stretch(NamedTuple):
+class PosedStretch(NamedTuple):
     """A stretch of an occupancy, posed.
 
     Attributes:
@@ -62,10 +62,10 @@ class Stretch(NamedTuple):
     swept: Indices
 
 
-def make_stretch(table: HullTable) -> Stretch:
+def make_stretch(table: HullTable) -> PosedStretch:
     """Return room for a stretch of an occupancy."""
     n, solids, bodies = table.q_a.shape[1], len(table.joint), table.solid.shape[1]
-    stretch = Stretch(
+    stretch = PosedStretch(
         np.zeros(4, dtype=np.int64),
         np.empty(n),
         np.empty(n),
@@ -87,7 +87,7 @@ def make_stretch(table: HullTable) -> Stretch:
 
 
 @inner_kernel
-def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
+def _pose_box(table: HullTable, first: int, last: int, out: PosedStretch) -> None:
     """Write the box of the joint values of some segments and the poses in its middle."""
     n = len(out.half)
     out.span[0], out.span[1] = first, last
@@ -110,7 +110,7 @@ def _pose_box(table: HullTable, first: int, last: int, out: Stretch) -> None:
 
 
 @inner_kernel
-def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
+def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> None:
     """Prepare a stretch for ``stretches_stay_apart``, unless it is the one posed last."""
     if out.span[0] == first and out.span[1] == last:
         return
@@ -142,7 +142,7 @@ def pose_stretch(table: HullTable, first: int, last: int, out: Stretch) -> None:
 
 
 @inner_kernel
-def measure_stray(table: HullTable, solid: int, stretch: Stretch) -> None:
+def measure_stray(table: HullTable, solid: int, stretch: PosedStretch) -> None:
     """Write how far a body strays on a stretch."""
     strays = stretch.strays
     strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray(
@@ -154,10 +154,10 @@ def measure_stray(table: HullTable, solid: int, stretch: Stretch) -> None:
 def stretches_stay_apart(
     a: HullTable,
     x: int,
-    on_a: Stretch,
+    on_a: PosedStretch,
     b: HullTable,
     y: int,
-    on_b: Stretch,
+    on_b: PosedStretch,
     clearance: float,
     direction: Array,
 ) -> bool:
@@ -200,7 +200,7 @@ def stretches_stay_apart(
 
 @inner_kernel
 def measure_bodies(
-    table: HullTable, stretch: Stretch, direction: Array, sign: float
+    table: HullTable, stretch: PosedStretch, direction: Array, sign: float
 ) -> None:
     """Write lower bounds of extents along ``sign * direction`` on a stretch.
 
@@ -273,7 +273,7 @@ def _least(
 
 
 @inner_kernel
-def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
+def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
     """Write the capsules of all bodies that are the same on all of a stretch, posed."""
     for solid in stretch.solid:
         if solid >= 0:
@@ -281,7 +281,7 @@ def sweep_all_capsules(table: HullTable, stretch: Stretch) -> None:
 
 
 @inner_kernel
-def sweep_capsules(table: HullTable, solid: int, stretch: Stretch) -> None:
+def sweep_capsules(table: HullTable, solid: int, stretch: PosedStretch) -> None:
     """Write the capsules that hold a body on a stretch, posed and measured.
 
     The ends of a capsule stay as near to where they are in the middle as any point does, and

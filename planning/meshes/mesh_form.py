@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.caches import Arrays, remembered
 from planning.cell import cover
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
+from planning.files import Arrays, remembered
 from planning.meshes import convex_pieces, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles

@@ -32,7 +32,7 @@ from planning.parts.step_paths import (
 )
 from planning.parts.tool_grips import beyond_part, overload, own_grips, why_no_grip
 from planning.statics.build_order import Stand, Waits
-from planning.steps.candidates import CandidateCollector
+from planning.steps.handovers import CandidateCollector
 from planning.steps.skill import Obstruction, SkillPath, joint_distance
 from planning.steps.tool_changes import (
     ToolChanges,

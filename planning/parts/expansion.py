@@ -15,17 +15,17 @@ from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.statics.build_order import Waits
 from planning.steps.handovers import Handover
-from planning.steps.placement import (
+from planning.steps.skill import SkillPath, handled, tool_entity, touching
+from planning.steps.step_writer import (
     PlannedHandover,
     PlannedPlacement,
     PlannedSkill,
     PlannedSupport,
+    StepWriter,
     write_placement,
     write_release,
     write_support,
 )
-from planning.steps.skill import SkillPath, handled, tool_entity, touching
-from planning.steps.step_writer import StepWriter
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task, door_shut

@@ -14,14 +14,13 @@ from itertools import product
 
 import numpy as np
 
-from planning.caches import KeptAnswers
 from planning.cell.cover import directions
-from planning.cell.shape import Box, Element, Mesh, Shape
-from planning.cell.solid_lines import InnerStretch, SolidLines
+from planning.cell.shape import Box, Element, InnerStretch, Mesh, Shape, SolidLines
+from planning.files import KeptAnswers
 from planning.parts.assembly import Grip, GripRules, box_grips, points_well
 from planning.transforms import Array, Transform, readonly
 
-_MOST = 48
+_MOST_GRIPS = 48
 """Grips on a part that is no box."""
 
 _OPPOSITE = np.cos(np.radians(15.0))
@@ -106,7 +105,7 @@ def _varied(grips: list[Grip]) -> list[Grip]:
         for n, own in enumerate(by_turn.values())
         for k, grip in enumerate(own)
     }
-    kept = sorted(grips, key=lambda grip: ranks[id(grip)])[:_MOST]
+    kept = sorted(grips, key=lambda grip: ranks[id(grip)])[:_MOST_GRIPS]
     chosen = {id(grip) for grip in kept}
     return [grip for grip in grips if id(grip) in chosen]
 

@@ -11,7 +11,7 @@ from planning.parts.assembly import Grip
 from planning.parts.part_skills import PartSkills
 from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
 from planning.parts.relays import Relay
-from planning.steps.candidates import CandidateCollector
+from planning.steps.handovers import CandidateCollector
 from planning.steps.skill import (
     NOTHING,
     Obstruction,

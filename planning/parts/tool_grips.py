@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.caches import KeptAnswers
-from planning.cell.body import ConvexBody
+from planning.cell.cover import ConvexBody
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
+from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, distance, place, resting_solid
 from planning.geometry.robot_bodies import GROUPS
 from planning.kinematics.kinematics import frame_in_last_joint

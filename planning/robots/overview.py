@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from planning.cell.robot_model import RobotModel
 from planning.robots.descriptions.fitting import written_options
-from planning.robots.descriptions.held_joints import pose_of
+from planning.robots.descriptions.read_description import pose_of
 from planning.robots.descriptions.urdf_file import tip_link
 from planning.robots.descriptions.xml_files import read_xml, vector
 from planning.transforms import Transform

@@ -19,7 +19,7 @@ from itertools import combinations, product
 import networkx as nx
 import numpy as np
 
-from planning.cell.body import ConvexBody
+from planning.cell.cover import ConvexBody
 from planning.statics.contact_patch import ContactPatch, contact_patch
 from planning.statics.equilibrium import (
     STANDARD_GRAVITY,

@@ -9,7 +9,7 @@ from planning.cell.workcell import Workcell, start_state
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import inverse_kinematics
 from planning.motion.sequential import MARGIN
-from planning.steps.candidates import CandidateCollector
+from planning.steps.handovers import CandidateCollector
 from planning.steps.skill import joint_distance
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import PrimaryCandidate, TaskPlan
@@ -17,7 +17,7 @@ from planning.tasks.task import StepTasks
 from planning.tasks.work import AssemblyWork
 from planning.transforms import Array, Transform
 
-_MOST = 12
+_MOST_CONFIGURATIONS = 12
 """Configurations tried for one pose of a tool."""
 
 
@@ -89,4 +89,4 @@ def _configurations(cell: Workcell, goal: RobotGoal, near: Array) -> list[Array]
         return [goal.joints]
     assert goal.pose is not None
     robot = cell.robot(goal.robot)
-    return inverse_kinematics(robot, goal.frame, goal.pose, near)[:_MOST]
+    return inverse_kinematics(robot, goal.frame, goal.pose, near)[:_MOST_CONFIGURATIONS]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.kernels import inner_kernel, kernel
 from planning.timing.rounded_path import RoundedPath, curve_points
 from planning.transforms import Array
@@ -75,7 +75,7 @@ def s_curve_times(
     return (0.5 * length / jolt) ** (1.0 / 3.0), 0.0, 0.0
 
 
-_FEWEST, _MOST = 32, 512
+_FEWEST_STEPS, _MOST_STEPS = 32, 512
 """Bounds of the number of time steps."""
 
 _BUILD_UP = 8.0
@@ -150,7 +150,7 @@ def quickest_piece(
     spans, _ = line_times(limits, travel * (length / float(path.at[-1])))
     fine = min(_BUILD_UP * spans.sum() / spans[0], _FINE)
     wanted = max(close, fine, float(spans.sum()) / _LONGEST)
-    count = int(np.clip(np.ceil(wanted), _FEWEST, _MOST))
+    count = int(np.clip(np.ceil(wanted), _FEWEST_STEPS, _MOST_STEPS))
     ways, points = np.empty(count + 3), np.empty((count + 3, path.corners.shape[1]))
     # As along a straight line, to begin with.
     jerky = max(1, int(count * spans[0] / spans.sum()))

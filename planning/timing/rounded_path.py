@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.kernels import inner_kernel, kernel
 from planning.timing.blend import BentPieces, BlendedPath, greatest_speed
 from planning.timing.path_bounds import (

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.timing.curve_times import PathPiece, line_times, quickest_piece
 from planning.timing.rounded_path import rounded_path
 from planning.transforms import Array

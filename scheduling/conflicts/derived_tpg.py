@@ -15,9 +15,9 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.robot_bodies import entity_numbers
-from planning.parallel import side_by_side
+from planning.silence import side_by_side
 from planning.transforms import Indices
-from scheduling.conflicts.allowed_contacts import ContactTable, contact_table
+from scheduling.conflicts.close_bodies import ContactTable, contact_table
 from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.object_spans import (
     Moment,
@@ -33,8 +33,8 @@ from scheduling.conflicts.occupancy import (
     rest_occupancy,
     standing_occupancy,
 )
+from scheduling.graph.dispatcher import Rollout, earliest_times
 from scheduling.graph.reduction import NodeOrder, order_and_reduce
-from scheduling.graph.rollout import Rollout, earliest_times
 from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.body import ConvexBody
+from planning.cell.cover import ConvexBody
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.geometry.exact import Solid, resting_solid
@@ -26,7 +26,7 @@ from planning.geometry.swept import bound_travel
 from planning.kinematics.chain import placed_joints
 from planning.packed import packed
 from planning.transforms import Array, Indices, Transform
-from scheduling.conflicts.allowed_contacts import ALWAYS
+from scheduling.conflicts.close_bodies import ALWAYS
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
 from scheduling.graph.temporal_plan_graph import NodeChain

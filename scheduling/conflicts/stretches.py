@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from planning.caches import KeptAnswers
+from planning.files import KeptAnswers
 from planning.tasks.task import AllowedContact
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -22,12 +22,12 @@ from scheduling.conflicts.object_spans import Moment, Rest
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.graph.temporal_plan_graph import NodeChain
 
-_MOST = 100_000
+_KEPT_ANSWERS = 100_000
 """Answers that are kept."""
 
 
 @dataclass
-class Stretch:
+class GraphStretch:
     """Part of a graph that occupies space.
 
     Attributes:
@@ -62,7 +62,7 @@ def nodes_stretch(
     first: int,
     stop: int,
     nodes: NodeChain | None = None,
-) -> Stretch:
+) -> GraphStretch:
     """Return some nodes of a chain as a stretch, see ``DerivedTpg.occupancy``.
 
     Args:
@@ -90,12 +90,12 @@ def nodes_stretch(
                 yield repr((span.object, when, span.carried)).encode()
                 yield span.pose.tobytes()
 
-    return Stretch(
+    return GraphStretch(
         len(own), tasks, parts, lambda: graph.occupancy(chain, first, stop, nodes)
     )
 
 
-def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> Stretch:
+def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch:
     """Return some holds of a robot as a stretch, see ``hold_occupancy``."""
     nodes, last = graph.tpg.chains[chain], len(graph.tpg.chains[chain]) - 1
     beside = np.clip(np.stack([holds - 1, holds], axis=1), 0, last)
@@ -114,12 +114,12 @@ def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> Stretch:
                     yield span.object.encode()
                     yield inside.tobytes() + span.pose.tobytes()
 
-    return Stretch(len(holds), tasks, parts, lambda: graph.holds(chain, holds))
+    return GraphStretch(len(holds), tasks, parts, lambda: graph.holds(chain, holds))
 
 
-def rest_stretch(graph: DerivedTpg, rest: Rest) -> Stretch:
+def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
     """Return an object at rest as a stretch."""
-    return Stretch(
+    return GraphStretch(
         1,
         None,
         lambda: [b"rest", rest.object.encode(), rest.pose.tobytes()],
@@ -133,8 +133,8 @@ class StretchConflicts:
     def search(
         self,
         graph: DerivedTpg,
-        a: Stretch,
-        b: Stretch,
+        a: GraphStretch,
+        b: GraphStretch,
         floor: Indices,
         limit: Indices,
     ) -> Sequence[tuple[int, int]]:
@@ -144,8 +144,8 @@ class StretchConflicts:
     def are_clear(
         self,
         graph: DerivedTpg,
-        a: Stretch,
-        b: Stretch,
+        a: GraphStretch,
+        b: GraphStretch,
         floor: Indices,
         limit: Indices,
     ) -> bool:
@@ -158,16 +158,16 @@ class KnownStretchConflicts(StretchConflicts):
     """Conflicts of stretches that are remembered, from one graph of a cell to the next."""
 
     def __init__(self) -> None:
-        self._found: KeptAnswers[Sequence[tuple[int, int]]] = KeptAnswers(_MOST)
-        self._clear: KeptAnswers[bool] = KeptAnswers(_MOST)
+        self._found: KeptAnswers[Sequence[tuple[int, int]]] = KeptAnswers(_KEPT_ANSWERS)
+        self._clear: KeptAnswers[bool] = KeptAnswers(_KEPT_ANSWERS)
         self._allowed: tuple[AllowedContact, ...] = ()
         self._of_task: dict[int, set[int]] = {}
 
     def search(
         self,
         graph: DerivedTpg,
-        a: Stretch,
-        b: Stretch,
+        a: GraphStretch,
+        b: GraphStretch,
         floor: Indices,
         limit: Indices,
     ) -> Sequence[tuple[int, int]]:
@@ -185,8 +185,8 @@ class KnownStretchConflicts(StretchConflicts):
     def are_clear(
         self,
         graph: DerivedTpg,
-        a: Stretch,
-        b: Stretch,
+        a: GraphStretch,
+        b: GraphStretch,
         floor: Indices,
         limit: Indices,
     ) -> bool:
@@ -202,7 +202,12 @@ class KnownStretchConflicts(StretchConflicts):
         )
 
     def _question(
-        self, graph: DerivedTpg, a: Stretch, b: Stretch, floor: Indices, limit: Indices
+        self,
+        graph: DerivedTpg,
+        a: GraphStretch,
+        b: GraphStretch,
+        floor: Indices,
+        limit: Indices,
     ) -> bytes:
         digest = hashlib.blake2b(a.content, digest_size=16)
         digest.update(b.content)
@@ -211,7 +216,7 @@ class KnownStretchConflicts(StretchConflicts):
         digest.update(self._contacts(graph, a, b))
         return digest.digest()
 
-    def _contacts(self, graph: DerivedTpg, a: Stretch, b: Stretch) -> bytes:
+    def _contacts(self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch) -> bytes:
         """Return who may touch whom in which tasks of both."""
         allowed = graph.tpg.allowed
         if allowed is not self._allowed:
@@ -238,6 +243,6 @@ class KnownStretchConflicts(StretchConflicts):
         return set[int]().union(*(self._of_task.get(task, ()) for task in tasks))
 
 
-def _listed(contact: AllowedContact, stretch: Stretch) -> tuple[bool, ...]:
+def _listed(contact: AllowedContact, stretch: GraphStretch) -> tuple[bool, ...]:
     """Return for each task of a stretch whether a contact is allowed in it."""
     return tuple(task in contact.tasks for task in stretch.tasks or ())

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from planning.geometry.hull_table import HullTable
 from planning.geometry.stretches import (
     MIXED,
-    Stretch,
+    PosedStretch,
     make_stretch,
     measure_stray,
     pose_stretch,
@@ -108,7 +108,7 @@ def swept_sequence(
 
 
 @kernel
-def _build(seq: SweptSequence, leaves: int, room: Stretch) -> None:
+def _build(seq: SweptSequence, leaves: int, room: PosedStretch) -> None:
     # Leaves on the deepest level come first in the sequence, though last among the blocks.
     box, count = seq.block_box, len(seq.node)
     deepest = 1
@@ -133,7 +133,7 @@ def _build(seq: SweptSequence, leaves: int, room: Stretch) -> None:
 
 
 @inner_kernel
-def bound_leaf(seq: SweptSequence, block: int, room: Stretch) -> None:
+def bound_leaf(seq: SweptSequence, block: int, room: PosedStretch) -> None:
     """Write the capsules and the box of a block from its segments."""
     hulls, box = seq.hulls, seq.block_box[block]
     first, last = seq.block_first[block], seq.block_last[block]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell import machine as machines
+from planning.cell.workcell import MODEL as MACHINE
 from planning.errors import OutputError
 from planning.transforms import Indices
 from scheduling.graph.drive import BY_EFFORT
@@ -117,7 +117,7 @@ def _expected_of_shape(
 def _expected(document: Mapping[str, Any], arrays: Arrays) -> Iterator[Expected]:
     """Yield what is expected of every array, those first on which others depend."""
     cell, tasks = document["cell"], document["tasks"]
-    joints = dict.fromkeys(cell.get("machines", ()), machines.MODEL.dof)
+    joints = dict.fromkeys(cell.get("machines", ()), MACHINE.dof)
     joints |= {robot["name"]: len(robot["joints"]) for robot in cell["robots"]}
     yield from _expected_of_cell(cell, joints, arrays)
     dof = np.array([joints[task["robot"]] for task in tasks], dtype=np.int64)

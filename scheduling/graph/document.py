@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.machine import machine
-from planning.cell.motion_limits import MotionLimits
-from planning.cell.robot_model import RobotModel
+from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import (
     CellObject,
@@ -20,14 +18,15 @@ from planning.cell.workcell import (
     Fixture,
     PlacedRobot,
     Workcell,
+    machine,
 )
 from planning.errors import RobotModelError
-from planning.robots.descriptions.description_files import description_sha256
+from planning.robots.descriptions.xml_files import description_sha256
 from planning.robots.registry import ROBOTS, robot_model
 from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Array
 from scheduling.graph.drive import Drive, RoundedCorners
-from scheduling.graph.shape_document import shape_document, stored_shape
+from scheduling.graph.schema import shape_document, stored_shape
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,

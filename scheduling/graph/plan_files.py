@@ -43,7 +43,7 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
-from planning.robots.descriptions.description_files import copy_description
+from planning.robots.descriptions.xml_files import copy_description
 from scheduling.graph.arrays import LARGEST_BYTES, check_arrays, check_limits
 from scheduling.graph.document import Document, graph_document, graph_of
 from scheduling.graph.schema import check_document

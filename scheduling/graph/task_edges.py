@@ -1,17 +1,31 @@
-"""The nodes of each task, and the type-2 edges that task dependencies ask for."""
+"""The nodes of each task, and the type-2 edges that task dependencies ask for.
+
+Barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR V-A).
+
+The order of nodes where one robot works at a time.
+
+The chains of a graph that belong to machines, see ``planning.cell.workcell``.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 
 from planning.errors import PlanInvariantError
+from planning.tasks.task import SUPPLY_KINDS
 from planning.transforms import Indices
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import (
+    TASK_DEPENDENCY,
+    NodeChain,
+    TemporalPlanGraph,
+)
 
 
 @dataclass(frozen=True)
@@ -112,3 +126,105 @@ def _last_nodes(
     except CycleError as error:
         raise PlanInvariantError(f"task {error.args[1][0]} depends on itself") from None
     return ends
+
+
+def with_barriers(
+    tpg: TemporalPlanGraph, cause: int = TASK_DEPENDENCY
+) -> TemporalPlanGraph:
+    """Return the graph in which no robot enters a slot before everyone has left all earlier ones.
+
+    Every node that is the first of its robot in a slot waits for the last node of each other
+    robot in any earlier slot.
+
+    Args:
+        tpg: of a plan made in slots.
+        cause: of the waits that are added.
+
+    Raises:
+        PlanInvariantError: the plan was not made in slots, or a robot goes back to an earlier
+            slot.
+    """
+    if len(tpg.slots) != len(tpg.tasks):
+        raise PlanInvariantError(
+            "this plan was not made in slots, so robots have nothing to wait for together"
+        )
+    slot_of = np.full(max((t.index for t in tpg.tasks), default=0) + 1, -1)
+    slot_of[[task.index for task in tpg.tasks]] = tpg.slots
+    slots = [slot_of[chain.task] for chain in tpg.chains]
+    for chain, own in zip(tpg.chains, slots, strict=True):
+        if np.any(np.diff(own) < 0):
+            raise PlanInvariantError(f"robot {chain.robot!r} goes back to a slot")
+    edges = [tpg.edges]
+    for k, own in enumerate(slots):
+        entries = np.flatnonzero(np.diff(own, prepend=-1) > 0)
+        for i, other in enumerate(slots):
+            if i == k:
+                continue
+            last = np.searchsorted(other, own[entries]) - 1
+            new = last >= 0
+            rows = np.empty((np.count_nonzero(new), 4), dtype=np.int64)
+            rows[:, 0], rows[:, 1] = i, last[new]
+            rows[:, 2], rows[:, 3] = k, entries[new]
+            edges.append(rows)
+    # Each once, its own ones first.
+    unique, first = np.unique(np.concatenate(edges), axis=0, return_index=True)
+    causes = np.full(sum(map(len, edges)), cause, dtype=np.uint8)
+    causes[: len(tpg.edges)] = tpg.cause
+    return replace(tpg, edges=unique, cause=causes[first])
+
+
+def machine_chains(tpg: TemporalPlanGraph) -> frozenset[int]:
+    """Return the indices of the chains whose tasks no robot does."""
+    machines = {item.name for item in tpg.cell.machines}
+    return frozenset(k for k, chain in enumerate(tpg.chains) if chain.robot in machines)
+
+
+def working_machines(tpg: TemporalPlanGraph) -> tuple[int, ...]:
+    """Return the indices of the chains of machines that work at parts, and bring or take none."""
+    kind = {task.robot: task.kind for task in tpg.tasks}
+    return tuple(
+        k
+        for k in sorted(machine_chains(tpg))
+        if kind.get(tpg.chains[k].robot) not in SUPPLY_KINDS
+    )
+
+
+def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
+    """Yield node numbers, chain by chain from 0, in the order of the sequential policy.
+
+    Of the nodes that are safe, that of the earliest task comes first. Machines do what they can at
+    once: robots take their turns in the same order however long they wait for them.
+    """
+    machines = machine_chains(tpg)
+    first = np.cumsum([0, *(len(chain) for chain in tpg.chains)]).tolist()
+    dispatcher = Dispatcher(tpg)
+    task = [
+        [-1] * len(chain) if k in machines else chain.task.tolist()
+        for k, chain in enumerate(tpg.chains)
+    ]
+    ready = [(task[k][node], k, node) for k, node in dispatcher.ready()]
+    heapify(ready)
+    while ready:
+        _, chain, node = heappop(ready)
+        yield first[chain] + node
+        for k, safe in dispatcher.complete(chain, node):
+            heappush(ready, (task[k][safe], k, safe))
+
+
+def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return the graph in which robots take their turns by edges of their own.
+
+    So a robot knows how far it may go before it is another one's turn.
+    """
+    first = np.cumsum([0, *(len(chain) for chain in tpg.chains)])
+    order = np.fromiter(sequential_order(tpg), dtype=np.int64)
+    chain = np.searchsorted(first, order, side="right") - 1
+    robots = ~np.isin(chain, list(machine_chains(tpg)))
+    chain, node = chain[robots], (order - first[chain])[robots]
+    rows = np.stack([chain[:-1], node[:-1], chain[1:], node[1:]], axis=1)
+    rows = rows[rows[:, 0] != rows[:, 2]]
+    edges = np.concatenate([tpg.edges, rows])
+    unique, row = np.unique(edges, axis=0, return_index=True)
+    cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
+    cause[: len(tpg.edges)] = tpg.cause
+    return replace(tpg, edges=unique, cause=cause[row])

@@ -3,22 +3,158 @@
 Tasks with nodes are *units*, numbered robot by robot. A relation holds for the nodes as they are;
 only the order of the robots' tasks among each other is left open. Each is searched when it is
 first asked for, and remembered.
+
+What tasks, stands and objects at rest consist of, and what is known of how they get on.
+
+Whether two of them conflict depends on what they sweep and who may touch whom in both, not on the
+graph that they are part of. So what was found for one graph holds in another one of the same cell.
+
+Edges of a graph whose tasks are in a given order, from what is known of pairs of tasks.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain as joined
 
 import numpy as np
 
 from planning.transforms import Indices
+from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Node, handlings_in_order
 from scheduling.conflicts.occupancy import Occupancy
-from scheduling.graph.task_edges import dependency_edges, task_nodes
-from scheduling.ordering.contents import Contents, KnownConflicts, Stair
+from scheduling.graph.task_edges import TaskNodes, dependency_edges, task_nodes
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    NodeChain,
+    TemporalPlanGraph,
+)
+
+Stair = tuple[Indices, Indices]
+"""Nodes of the later task, counted from its first one, and for each the node of the earlier
+task that must be complete before it."""
+
+Pair = tuple[bytes, bytes, frozenset[tuple[str, str]]]
+"""What two things consist of, and who may touch whom in both."""
+
+_KEPT_PAIRS = 200_000
+"""Pairs that are kept."""
+
+
+@dataclass
+class KnownConflicts:
+    """Conflicts found for pairs of things, whichever graph they were in.
+
+    Attributes:
+        stairs: see ``TaskRelations.stairs``.
+        clear: whether the two keep clear of each other.
+    """
+
+    stairs: dict[Pair, Stair | None] = field(default_factory=dict)
+    clear: dict[Pair, bool] = field(default_factory=dict)
+
+    def make_room(self) -> None:
+        """Forget all where it is too much to keep; not while a graph is looked at."""
+        if len(self.stairs) + len(self.clear) > _KEPT_PAIRS:
+            self.stairs.clear()
+            self.clear.clear()
+
+
+class Contents:
+    """Digests of the things of a graph, each made when it is first asked for.
+
+    A thing is ("unit", number), ("hold", chain, node behind it), ("idle", robot) or ("rest", number).
+
+    Args:
+        graph: the graph.
+        units: its tasks with nodes.
+    """
+
+    def __init__(self, graph: DerivedTpg, units: Sequence[TaskNodes]) -> None:
+        self._graph, self._units = graph, units
+        self._digests: dict[tuple[object, ...], bytes] = {}
+        self._listed: dict[int, set[int]] | None = None
+
+    def pair(self, thing: tuple[object, ...], unit: int) -> Pair:
+        """Return what decides how a thing and a unit get on."""
+        both = self._contacts(thing)
+        own = self._contacts(("unit", unit)) or set()
+        allowed = self._graph.tpg.allowed
+        entries = own if both is None else both & own
+        names = frozenset((allowed[k].first, allowed[k].second) for k in entries)
+        return self._digest(thing), self._digest(("unit", unit)), names
+
+    def _contacts(self, thing: tuple[object, ...]) -> set[int] | None:
+        """Return the allowed contacts of the tasks of a thing, None for all of them."""
+        if thing[0] in ("idle", "rest"):
+            return None
+        if self._listed is None:
+            self._listed = defaultdict(set)
+            for k, contact in enumerate(self._graph.tpg.allowed):
+                for task in contact.tasks:
+                    self._listed[task].add(k)
+        if thing[0] == "unit":
+            return self._listed[self._units[_number(thing[1])].task]
+        chain, hold = _number(thing[1]), _number(thing[2])
+        tasks = self._graph.tpg.chains[chain].task
+        last = len(tasks) - 1
+        before, after = tasks[max(hold - 1, 0)], tasks[min(hold, last)]
+        return self._listed[int(before)] | self._listed[int(after)]
+
+    def _digest(self, thing: tuple[object, ...]) -> bytes:
+        if thing not in self._digests:
+            digest = hashlib.blake2b(repr(thing[0]).encode(), digest_size=16)
+            for part in self._parts(thing):
+                digest.update(part)
+            self._digests[thing] = digest.digest()
+        return self._digests[thing]
+
+    def _parts(self, thing: tuple[object, ...]) -> list[bytes]:
+        graph = self._graph
+        if thing[0] == "idle":
+            return [str(thing[1]).encode()]
+        if thing[0] == "rest":
+            rest = graph.history.rests[_number(thing[1])]
+            return [rest.object.encode(), rest.pose.tobytes()]
+        if thing[0] == "hold":
+            index, hold = _number(thing[1]), _number(thing[2])
+            chain = graph.tpg.chains[index]
+            at = int(chain.first[hold]) - 1
+            q = chain.start if at < 0 else chain.waypoints[at]
+            held = [
+                part
+                for span in graph.spans[index]
+                if span.carried and span.start[0] < hold <= span.end[0]
+                for part in (span.object.encode(), span.pose.tobytes())
+            ]
+            return [chain.robot.encode(), q.tobytes(), *held]
+        unit = self._units[_number(thing[1])]
+        nodes = graph.tpg.chains[unit.chain].cut(unit.first, unit.stop)
+        parts = [
+            nodes.robot.encode(),
+            nodes.start.tobytes(),
+            nodes.waypoints.tobytes(),
+            nodes.first.tobytes(),
+        ]
+        for span in graph.spans[unit.chain]:
+            if span.start[0] < unit.stop and span.end >= (unit.first, 0):
+                first = max(span.start, (unit.first, 0))
+                last = min(span.end, (unit.stop, 0))
+                when = (first[0] - unit.first, first[1], last[0] - unit.first, last[1])
+                parts += [repr((span.object, when, span.carried)).encode()]
+                parts += [span.pose.tobytes()]
+        return parts
+
+
+def _number(value: object) -> int:
+    assert isinstance(value, int)
+    return value
+
 
 _Key = tuple[object, ...]
 """Cache key of an obstacle."""
@@ -173,3 +309,79 @@ def _all_nodes(a: Occupancy, b: Occupancy) -> tuple[Indices, Indices]:
     """Return the window of a search, see ``search_conflicts``, that leaves nothing out."""
     floor = np.full(a.nodes, -1, dtype=np.int64)
     return floor, np.full(a.nodes, b.nodes, dtype=np.int64)
+
+
+def connect_in_order(
+    chains: Sequence[NodeChain],
+    relations: TaskRelations,
+    order: Sequence[tuple[int, ...]],
+) -> TemporalPlanGraph:
+    """Return the graph that ``connect_nodes`` makes of some chains, without checking it.
+
+    Args:
+        chains: with planned starts in that order, see ``put_in_order``.
+        relations: of their units.
+        order: blocks of units, one after another.
+
+    Raises:
+        PlanInvariantError: units that move at once get into each other's way.
+    """
+    tpg = replace(relations.graph.tpg, chains=tuple(chains))
+    if any(len(block) > 1 for block in order):
+        return connect_nodes(DerivedTpg(tpg))
+    tasks = dependency_edges(tpg)
+    motions = _motion_edges(relations, tasks, [block[0] for block in order])
+    causes = np.array([TASK_DEPENDENCY, MOTION_CONFLICT], dtype=np.uint8)
+    edges = np.concatenate([tasks, motions])
+    cause = np.repeat(causes, [len(tasks), len(motions)])
+    return DerivedTpg(tpg).with_edges(edges, cause).tpg
+
+
+def _motion_edges(
+    relations: TaskRelations, tasks: Indices, order: Sequence[int]
+) -> Indices:
+    """Return edges that imply all that conflicts of units ask for, given those of tasks."""
+    units, chains = relations.units, range(len(relations.of_chain))
+    needs: dict[int, list[int]] = defaultdict(list)
+    for i, u, k, v in tasks.tolist():
+        needs[relations.unit_of((k, v))].append(relations.unit_of((i, u)))
+    edges: list[tuple[int, int, int, int]] = []
+    # How many units of each chain are known to be complete before each unit starts.
+    complete: dict[int, list[int]] = {}
+    done = [0 for _ in chains]
+    last: dict[int, int] = {}
+
+    def follow(known: list[int], unit: int) -> None:
+        for chain, count in enumerate(complete[unit]):
+            known[chain] = max(known[chain], count)
+        chain, place = units[unit].chain, units[unit].place
+        known[chain] = max(known[chain], place + 1)
+
+    for unit in order:
+        own, known = units[unit], [0 for _ in chains]
+        for earlier in [
+            *needs[unit],
+            *([last[own.chain]] if own.chain in last else []),
+        ]:
+            follow(known, earlier)
+        for chain in chains:
+            if chain == own.chain:
+                continue
+            for place in range(done[chain] - 1, -1, -1):
+                if place < known[chain]:
+                    break
+                other = relations.of_chain[chain][place]
+                stairs = relations.stairs(other, unit)
+                if stairs is None:
+                    continue
+                u = units[other]
+                nodes, after = stairs
+                edges += [
+                    (chain, u.first + a, own.chain, own.first + b)
+                    for b, a in zip(nodes.tolist(), after.tolist(), strict=True)
+                ]
+                if nodes[0] == 0 and u.first + after[0] == u.stop - 1:
+                    follow(known, other)
+        complete[unit], last[own.chain] = known, unit
+        done[own.chain] += 1
+    return np.array(edges, dtype=np.int64).reshape(-1, 4)

@@ -17,14 +17,14 @@ import numpy as np
 from planning.cell.workcell import WorldState, start_state
 from planning.errors import TransitError
 from planning.motion.composite import CompositeChecker
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
-from planning.progress import Progress, no_progress
+from planning.silence import Progress, no_progress
 from planning.tasks.task import TRANSIT, apply_handlings, move_robot
 from planning.transforms import Indices
-from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.ordering.relations import TaskRelations
 

@@ -13,25 +13,243 @@ that stands for a while in copy n, with which v conflicts. With n = m it was pro
 few copies, and so it was with n = m - 1 and n = m + 1: v is ordered after the end of that stand in
 the copy before, and ahead of its beginning in the copy after. Nodes of one robot are in order,
 copy after copy; hence v comes after that stand in all earlier copies and ahead of it in all later.
+
+Copies of the nodes of a pattern, one after another: tasks, objects and contacts of each.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import numpy.typing as npt
 
+from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
+from planning.tasks.task import AllowedContact, Handling, Task
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import task_nodes
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    NodeChain,
+    NodeHandling,
+    TemporalPlanGraph,
+)
 from scheduling.graph.total_order import planned_ranks
-from scheduling.repetition.copies import copied_nodes
 from scheduling.repetition.pattern import Pattern
+
+_SAME = 1e-9
+"""Joint values that differ by less are the same configuration [rad or m]."""
+
+
+def copied_nodes(tpg: TemporalPlanGraph, pattern: Pattern) -> TemporalPlanGraph:
+    """Return the nodes of all products, without type-2 edges.
+
+    Every copy is planned to begin when the one before it has ended. Tasks for products that
+    there are not to be are left out of the last one.
+
+    Args:
+        tpg: of the pattern, robots ending where they begin.
+        pattern: says how often, and what waits for what between copies.
+
+    Raises:
+        PlanInvariantError: a robot does not end where it begins.
+    """
+    _require_return(tpg)
+    return _Copies(tpg, pattern).graph()
+
+
+def copied_tasks(tasks: int, pattern: Pattern) -> list[Indices]:
+    """Return which tasks of the pattern are done in each copy, rising."""
+    everyone = np.arange(tasks, dtype=np.int64)
+    out = [everyone] * pattern.copies
+    for copy in range(pattern.copies):
+        there = pattern.product + copy * pattern.period <= pattern.products
+        out[copy] = everyone[there]
+    return out
+
+
+def _require_return(tpg: TemporalPlanGraph) -> None:
+    for chain in tpg.chains:
+        if len(chain.waypoints):
+            off = float(np.max(np.abs(chain.waypoints[-1] - chain.start)))
+            if off > _SAME:
+                raise PlanInvariantError(
+                    f"robot {chain.robot!r} ends {off:.3g} away from where it begins: what it"
+                    " does cannot be repeated"
+                )
+
+
+class _Copies:
+    """Copies the parts of one graph."""
+
+    def __init__(self, tpg: TemporalPlanGraph, pattern: Pattern) -> None:
+        self.tpg, self.pattern = tpg, pattern
+        self.kept = copied_tasks(len(tpg.tasks), pattern)
+        self.first = np.cumsum([0, *map(len, self.kept)]).tolist()
+        ends = [c.planned_start + c.duration for c in tpg.chains if len(c)]
+        self.length_s = max(float(end.max()) for end in ends)
+
+    def graph(self) -> TemporalPlanGraph:
+        tpg = self.tpg
+        tasks = tuple(task for k in self._copies() for task in self._tasks(k))
+        handlings = tuple(h for k in self._copies() for h in self._handlings(k))
+        handled = {h.object for h in handlings}
+        cell = replace(tpg.cell, objects=tuple(self._objects(handled)))
+        chains = [self._chain(chain) for chain in tpg.chains]
+        place = np.cumsum([len(chain) > 0 for chain in chains]) - 1
+        handlings = tuple(replace(h, robot=int(place[h.robot])) for h in handlings)
+        return TemporalPlanGraph(
+            cell,
+            tasks,
+            tuple(chain for chain in chains if len(chain)),
+            np.empty((0, 4), dtype=np.int64),
+            np.empty(0, dtype=np.uint8),
+            handlings,
+            tuple(a for k in self._copies() for a in self._allowed(k)),
+            self._dependencies(),
+            products=np.concatenate(
+                [
+                    self.pattern.product[kept] + k * self.pattern.period
+                    for k, kept in enumerate(self.kept)
+                ]
+            ),
+        )
+
+    def _copies(self) -> range:
+        return range(self.pattern.copies)
+
+    def _index(self, copy: int) -> Indices:
+        """Return the new index of each task of the pattern in a copy, -1 where it is left out."""
+        kept = self.kept[copy]
+        out = np.full(len(self.tpg.tasks), -1, dtype=np.int64)
+        out[kept] = self.first[copy] + np.arange(len(kept))
+        return out
+
+    def _name(self, name: str, copy: int) -> str:
+        return self.pattern.object_of(name, copy)
+
+    def _tasks(self, copy: int) -> Iterator[Task]:
+        steps = max(task.step for task in self.tpg.tasks)
+        for index, old in zip(count(self.first[copy]), self.kept[copy].tolist()):
+            task = self.tpg.tasks[old]
+            if copy == 0:
+                yield replace(task, index=index)
+                continue
+            name = None if task.object is None else self._name(task.object, copy)
+            label = task.label
+            if task.object is not None and name is not None:
+                label = label.replace(task.object, name)
+            handlings = tuple(
+                Handling(self._name(h.object, copy), h.waypoint, h.holder, h.pose)
+                for h in task.handlings
+            )
+            yield replace(
+                task,
+                index=index,
+                step=task.step + copy * steps,
+                label=label,
+                object=name,
+                handlings=handlings,
+            )
+
+    def _chain(self, chain: NodeChain) -> NodeChain:
+        """Return a chain again and again, the last time as far as it goes."""
+        last = self.pattern.copies - 1
+        left = self._index(last)[chain.task] >= 0
+        rest = int(np.count_nonzero(left))
+        if not np.all(left[:rest]):
+            raise PlanInvariantError(
+                f"{chain.robot!r} works for a product before it is done with an earlier one"
+            )
+        times = last + (rest > 0)
+        if times == 0:
+            return chain.cut(0, 0)
+        counts = np.diff(chain.first)
+        tasks = [self._index(k)[chain.task] for k in range(times)]
+        starts = [chain.planned_start + k * self.length_s for k in range(times)]
+        whole = NodeChain(
+            chain.robot,
+            chain.start,
+            np.tile(chain.waypoints, (times, 1)),
+            np.tile(chain.fraction, times),
+            np.concatenate([[0], np.cumsum(np.tile(counts, times))]).astype(np.int64),
+            np.concatenate(tasks),
+            np.tile(chain.skill, times),
+            np.tile(chain.duration, times),
+            np.concatenate(starts),
+            drive=None if chain.drive is None else chain.drive.repeated(times),
+            corners=None
+            if chain.corners is None
+            else chain.corners.repeated(times, len(chain)),
+        )
+        out = whole.cut(0, last * len(chain) + rest)
+        for values in vars(out).values():
+            if isinstance(values, np.ndarray):
+                values.setflags(write=False)
+        return out
+
+    def _handlings(self, copy: int) -> Iterator[NodeHandling]:
+        index = self._index(copy)
+        for h in self.tpg.handlings:
+            chain = self.tpg.chains[h.robot]
+            if index[chain.task[h.node]] < 0:
+                continue
+            yield NodeHandling(
+                self._name(h.object, copy),
+                h.robot,
+                h.node + copy * len(chain),
+                h.waypoint,
+                h.holder,
+                h.pose,
+            )
+
+    def _objects(self, handled: set[str]) -> Iterator[CellObject]:
+        """Yield the objects of all copies: of all but the first one they come up later."""
+        known: set[str] = set()
+        for copy in self._copies():
+            for item in self.tpg.cell.objects:
+                name = self._name(item.name, copy)
+                if name in known:
+                    continue
+                known.add(name)
+                if copy == 0 and name == item.name and not item.later:
+                    yield item
+                elif name in handled:
+                    yield replace(item, name=name, later=True)
+
+    def _allowed(self, copy: int) -> Iterator[AllowedContact]:
+        index = self._index(copy)
+        for contact in self.tpg.allowed:
+            tasks = index[sorted(contact.tasks)]
+            if np.any(tasks >= 0):
+                yield AllowedContact(
+                    self._name(contact.first, copy),
+                    self._name(contact.second, copy),
+                    frozenset(tasks[tasks >= 0].tolist()),
+                    contact.grazing,
+                )
+
+    def _dependencies(self) -> Indices:
+        within = np.insert(self.tpg.dependencies, 2, 0, axis=1)
+        found = []
+        for a, b, lag in np.concatenate([within, self.pattern.lags]).tolist():
+            for copy in range(self.pattern.copies - lag):
+                pair = self._index_of(a, copy), self._index_of(b, copy + lag)
+                if min(pair) >= 0:
+                    found.append(pair)
+        return np.array(sorted(set(found)), dtype=np.int64).reshape(-1, 2)
+
+    def _index_of(self, task: int, copy: int) -> int:
+        kept = self.kept[copy]
+        place = int(np.searchsorted(kept, task))
+        there = place < len(kept) and int(kept[place]) == task
+        return self.first[copy] + place if there else -1
+
 
 _MORE = 4
 """Copies that are built beyond those needed before it is given up that edges repeat."""

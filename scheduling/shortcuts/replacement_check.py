@@ -3,26 +3,199 @@
 New nodes are checked against every node of another robot that is not ordered with all of them
 already, against robots that stand meanwhile and objects at rest; ``scenery`` knows what never moves. Of two that conflict, the one that is earlier in the total order goes
 first; a new node has the place of the one that it replaces.
+
+Edges and chains after nodes were replaced (APEX-MR IV-C, extended to N robots).
+
+In-edges of the replaced nodes go to the last new node, out-edges of all but the last one start
+at the node before. An order u -> a_p ... a_q -> w with p <= q held through the replaced nodes;
+with the edges moved apart it would be lost, so u -> w is added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import while_at_rest
 from scheduling.conflicts.stretches import (
-    Stretch,
+    GraphStretch,
     StretchConflicts,
     holds_stretch,
     nodes_stretch,
     rest_stretch,
 )
-from scheduling.shortcuts.rewiring import Edge, Swap
+from scheduling.graph.drive import joined_corners
+from scheduling.graph.reduction import reduce_again
+from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
+from scheduling.graph.total_order import with_edges
+
+Edge = tuple[int, int, int, int]
+"""Robot and node that must be complete, robot and node that may then start."""
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Nodes ``first`` to ``last`` of a chain become ``count`` others, at least one.
+
+    There is a node before ``first``. The last new node stands for the last replaced one: it
+    ends where that ended. The replaced nodes handle nothing.
+    """
+
+    chain: int
+    first: int
+    last: int
+    count: int
+
+    @property
+    def shift(self) -> int:
+        """By how much the nodes behind the replaced ones are moved on."""
+        return self.count - (self.last - self.first + 1)
+
+    def moved(self, node: int) -> int:
+        """Return the new index of a node of the chain that is not replaced, or of the last one."""
+        return node if node < self.last else node + self.shift
+
+
+def rewire(
+    graph: DerivedTpg, swap: Swap, new: NodeChain, edges: Sequence[Edge]
+) -> DerivedTpg:
+    """Return the graph with nodes replaced by as many others; what stays is not worked out again.
+
+    Args:
+        graph: the graph before.
+        swap: which nodes of which chain.
+        new: the nodes that take their place.
+        edges: that these need, the new nodes numbered from ``swap.first``; they follow the total
+            order, which stays as it is.
+    """
+    tpg, extra = graph.tpg, np.array(edges, dtype=np.int64).reshape(-1, 4)
+    moved, cause = splice_edges(tpg.edges, tpg.cause, swap)
+    wanted = np.concatenate([moved, extra])
+    cause = np.append(cause, np.full(len(extra), MOTION_CONFLICT, dtype=np.uint8))
+    chains = list(tpg.chains)
+    chains[swap.chain] = _replaced(chains[swap.chain], swap, new)
+    flat = with_edges(graph.flat, wanted)
+    order, keep = reduce_again(flat, graph.order, _changed_nodes(graph, wanted))
+    kept = wanted[keep]
+    after = replace(tpg, chains=tuple(chains), edges=kept, cause=cause[keep])
+    same = ("ranks", "history", "spans")
+    return graph.derive(after, *same, order=order, flat=with_edges(flat, kept))
+
+
+IN_PLACE, LATE, EARLY = "in place", "late", "early"
+"""Where new nodes stand in the total order: where those that they replace did, right before the
+last of these, or right after the first."""
+
+
+def in_order(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTpg:
+    """Return the graph with some nodes of a chain elsewhere in the total order.
+
+    They are to be replaced, and so have no edges that matter; the first and the last of them stay.
+
+    Args:
+        graph: the graph.
+        chain: the chain.
+        run: its nodes.
+        place: IN_PLACE, LATE or EARLY.
+    """
+    if place == IN_PLACE:
+        return graph
+    nodes, first, last = graph.tpg.chains[chain], run[0], run[-1]
+    planned = nodes.planned_start.copy()
+    planned[first:last] = planned[last] if place == LATE else planned[first]
+    chains = list(graph.tpg.chains)
+    chains[chain] = replace(nodes, planned_start=planned)
+    ranks, flat = [rank.copy() for rank in graph.ranks], graph.flat
+    lo, hi = int(ranks[chain][first]), int(ranks[chain][last]) + 1
+    between = flat.order[lo:hi]
+    of, node = flat.chain[between], between - flat.first[flat.chain[between]]
+    start, task = np.empty(len(between)), np.empty(len(between), dtype=np.int64)
+    for k, other in enumerate(chains):
+        own = of == k
+        start[own] = other.planned_start[node[own]]
+        task[own] = other.task[node[own]]
+    order = flat.order.copy()
+    order[lo:hi] = between[np.lexsort((node, task, start))]
+    place_of = np.empty(hi - lo, dtype=np.int64)
+    place_of[np.lexsort((node, task, start))] = np.arange(lo, hi)
+    for k in range(len(chains)):
+        ranks[k][node[of == k]] = place_of[of == k]
+    same = ("history", "spans", "order", "rollout")
+    moved = replace(graph.tpg, chains=tuple(chains))
+    known = {"ranks": tuple(ranks), "flat": flat._replace(order=order)}
+    return graph.derive(moved, *same, **known)
+
+
+def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
+    """Return a chain with as many other pose nodes in the place of some."""
+    begin, stop = swap.first, swap.last + 1
+    low, high = int(chain.first[begin]), int(chain.first[stop])
+    shift = len(new.waypoints) - (high - low)
+    duration = chain.duration.copy()
+    duration[begin:stop] = new.duration
+    kept = None if chain.corners is None else chain.corners.outside(begin, stop)
+    return replace(
+        chain,
+        waypoints=np.vstack(
+            [chain.waypoints[:low], new.waypoints, chain.waypoints[high:]]
+        ),
+        fraction=np.concatenate(
+            [chain.fraction[:low], new.fraction, chain.fraction[high:]]
+        ),
+        first=np.concatenate(
+            [chain.first[:begin], low + new.first, chain.first[stop + 1 :] + shift]
+        ),
+        duration=duration,
+        corners=joined_corners(kept, new.corners, begin),
+    )
+
+
+def _changed_nodes(graph: DerivedTpg, edges: Indices) -> npt.NDArray[np.bool_]:
+    """Return which nodes, chain by chain, may have other edges into them than in a graph before."""
+    first, old = graph.flat.first, graph.tpg.edges
+    changed = np.zeros(len(graph.flat.chain), dtype=np.bool_)
+    moved = np.any(edges[: len(old)] != old, axis=1)
+    for rows in (old[moved], edges[: len(old)][moved], edges[len(old) :]):
+        changed[first[rows[:, 2]] + rows[:, 3]] = True
+    return changed
+
+
+def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Causes]:
+    """Return the edges after nodes were replaced.
+
+    Args:
+        edges: type-2 edges, shape (e, 4).
+        cause: of each, shape (e,).
+        swap: the nodes.
+    """
+    first, last = swap.first, swap.last
+    out = edges.copy()
+    into = (edges[:, 2] == swap.chain) & (edges[:, 3] >= first)
+    inner_in = into & (edges[:, 3] <= last)
+    out[inner_in, 3] = first + swap.count - 1
+    out[into & ~inner_in, 3] += swap.shift
+    outof = (edges[:, 0] == swap.chain) & (edges[:, 1] >= first)
+    inner_out = outof & (edges[:, 1] < last)
+    out[inner_out, 1] = first - 1
+    out[outof & ~inner_out, 1] += swap.shift
+    added = [
+        (*edges[i, :2].tolist(), *edges[o, 2:].tolist())
+        for i in np.flatnonzero(inner_in).tolist()
+        for o in np.flatnonzero(inner_out).tolist()
+        if edges[i, 3] <= edges[o, 1] and edges[i, 0] != edges[o, 2]
+    ]
+    if not added:
+        return out, cause
+    return (
+        np.concatenate([out, np.array(added, dtype=np.int64)]),
+        np.append(cause, np.full(len(added), MOTION_CONFLICT, dtype=np.uint8)),
+    )
 
 
 class Rivals:
@@ -40,7 +213,7 @@ class Rivals:
     """
 
     def __init__(
-        self, graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch
+        self, graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
     ) -> None:
         self._graph, self._pieces, self._swap, self._new = graph, pieces, swap, new
         chain, first, last = swap.chain, swap.first, swap.last
@@ -108,7 +281,7 @@ class Rivals:
 
 
 def stands_stay_clear(
-    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
     """Tell whether new nodes and robots that stand keep apart, in the graph that has them.
 
@@ -131,7 +304,7 @@ def stands_stay_clear(
 
 
 def _clear_of_stands(
-    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch, other: int
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch, other: int
 ) -> bool:
     """Tell whether new nodes keep clear of another robot wherever it stands meanwhile."""
     nodes = np.arange(swap.first, swap.first + swap.count)
@@ -148,7 +321,9 @@ def _clear_of_stands(
     return True
 
 
-def _stand_clear(graph: DerivedTpg, pieces: Pieces, swap: Swap, other: int) -> bool:
+def _stand_clear(
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, other: int
+) -> bool:
     """Tell whether another robot keeps clear of the stands before each of the new nodes."""
     chain = swap.chain
     holds = np.arange(swap.first, swap.first + swap.count)
@@ -172,7 +347,7 @@ def _stand_clear(graph: DerivedTpg, pieces: Pieces, swap: Swap, other: int) -> b
 
 
 def _gifts_stay_clear(
-    graph: DerivedTpg, pieces: Pieces, swap: Swap, new: Stretch
+    graph: DerivedTpg, pieces: GraphPieces, swap: Swap, new: GraphStretch
 ) -> bool:
     """Tell whether new nodes keep clear of objects handed to robots that stand.
 
@@ -198,7 +373,7 @@ _LONGEST = 128
 """Nodes in a piece."""
 
 
-class Pieces:
+class GraphPieces:
     """All chains of a graph, cut so that every run that may be shortened is pieces of its own.
 
     Args:
@@ -215,7 +390,7 @@ class Pieces:
     ) -> None:
         self.conflicts = conflicts
         self._sizes: list[list[int]] = []
-        self._built: list[list[Stretch | None]] = []
+        self._built: list[list[GraphStretch | None]] = []
         for length, wanted in zip(lengths, cuts, strict=True):
             sizes = []
             for lo, hi in pairwise(sorted({0, *wanted, length})):
@@ -227,7 +402,7 @@ class Pieces:
 
     def between(
         self, graph: DerivedTpg, chain: int, first: int, stop: int
-    ) -> Iterator[tuple[int, Stretch]]:
+    ) -> Iterator[tuple[int, GraphStretch]]:
         """Yield the first node of every piece with nodes in a range, and the piece.
 
         Args:

@@ -10,7 +10,7 @@ from planning.timing.blend import BlendedPath
 from planning.transforms import Array
 from scheduling.graph.drive import RoundedCorners
 from scheduling.graph.temporal_plan_graph import NodeChain
-from scheduling.stretch_times import node_ends
+from scheduling.motion_times import node_ends
 
 _SAME = 1e-9
 """Ways that differ by less are the same [s]."""

@@ -12,8 +12,8 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
-from planning.caches import KeptAnswers
 from planning.cell.workcell import Attachment, Workcell, WorldState
+from planning.files import KeptAnswers
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.known_motions import KnownScenes, Pairs
 from planning.motion.sequential import MARGIN
@@ -26,7 +26,7 @@ from scheduling.conflicts.object_spans import Rest
 _SMOOTHING = 40
 """Tries to smooth a run, or a part of one, as a whole."""
 
-_MOST = 20_000
+_KEPT_WAYS = 20_000
 """Ways that are kept."""
 
 
@@ -75,8 +75,10 @@ class KnownShortcuts:
 
     scenes: KnownScenes
     seed: int
-    _smoothed: KeptAnswers[Array] = field(default_factory=lambda: KeptAnswers(_MOST))
-    _free: KeptAnswers[bool] = field(default_factory=lambda: KeptAnswers(_MOST))
+    _smoothed: KeptAnswers[Array] = field(
+        default_factory=lambda: KeptAnswers(_KEPT_WAYS)
+    )
+    _free: KeptAnswers[bool] = field(default_factory=lambda: KeptAnswers(_KEPT_WAYS))
 
     def smoothed(self, amid: Amid, path: Array, speed: SpeedModel) -> Array:
         """Return a path as short as it is made in a few tries."""

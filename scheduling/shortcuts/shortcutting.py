@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
-from planning.progress import Progress, no_progress
+from planning.silence import Progress, no_progress
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.stretches import (
@@ -25,7 +25,7 @@ from scheduling.conflicts.stretches import (
     StretchConflicts,
     nodes_stretch,
 )
-from scheduling.graph.rollout import latest_ends
+from scheduling.graph.dispatcher import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts.candidates import (
@@ -37,19 +37,17 @@ from scheduling.shortcuts.candidates import (
     find_spans,
     new_nodes,
 )
-from scheduling.shortcuts.joining import join_nodes
+from scheduling.shortcuts.corners import join_nodes
 from scheduling.shortcuts.replacement_check import (
-    Pieces,
-    Rivals,
-    stands_stay_clear,
-)
-from scheduling.shortcuts.rewiring import (
     EARLY,
     IN_PLACE,
     LATE,
+    GraphPieces,
+    Rivals,
     Swap,
     in_order,
     rewire,
+    stands_stay_clear,
 )
 from scheduling.shortcuts.scenery import KnownShortcuts, Scenery
 
@@ -198,7 +196,9 @@ class Board:
         for span in self.spans:
             cuts[span.chain] += [span.first, span.last + 1]
         conflicts = StretchConflicts() if known is None else known.conflicts
-        self._pieces = Pieces([len(chain) for chain in tpg.chains], cuts, conflicts)
+        self._pieces = GraphPieces(
+            [len(chain) for chain in tpg.chains], cuts, conflicts
+        )
         self.window = max(_FEWEST, len(self.spans) // 2)
         self._least = max(_GAIN, _LEAST * self.makespan)
         self._tried: set[int] = set()

@@ -1,6 +1,8 @@
 """Robots of a plan, piece by piece: where each part of them is, and what it sweeps.
 
 A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
+
+A convex part in straight joint-space motions, and how far it reaches in them.
 """
 
 from __future__ import annotations
@@ -15,10 +17,102 @@ from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.graph_structure import Precedence
-from scheduling.verification.motions import Motion
 from scheduling.verification.object_places import Carried, Resting
-from scheduling.verification.reference import ReferenceRobot, resting_parts
-from scheduling.verification.sweeps import Sweeps
+from scheduling.verification.reference import (
+    ReferenceBody,
+    ReferenceRobot,
+    resting_parts,
+)
+from scheduling.verification.sweeps import DIRECTIONS, SweepBounds, farthest
+
+_FINER = 4
+"""Pieces that one is cut into where it is looked at closer."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A part, from knot to knot.
+
+    Attributes:
+        robot: that it belongs to, None for what rests in the world.
+        part: the part.
+        knots: piece k leads straight from knot k to knot k + 1, shape (s + 1, n).
+        frames: of its joint at the knots, shape (s + 1, 4, 4).
+    """
+
+    robot: ReferenceRobot | None
+    part: ReferenceBody
+    knots: Array
+    frames: Array
+
+    def __len__(self) -> int:
+        """Return the number of pieces."""
+        return len(self.knots) - 1
+
+    def reach(self, pieces: Indices, direction: Array) -> Array:
+        """Return how far the part gets along a direction in pieces, never less, shape (k,) [m].
+
+        It is where it reaches at the ends of the piece, and by how much no point of it leaves
+        the straight line between its own places there.
+        """
+        ends = np.stack([pieces, pieces + 1])
+        reach = self._at_knots(self.frames[ends.reshape(-1)], direction[None])
+        return np.asarray(reach.reshape(2, -1).max(axis=0) + self._bulge(pieces))
+
+    def extents(self, pieces: Indices) -> tuple[Array, Array]:
+        """Return how far the part gets along DIRECTIONS, least and most, both (13, k) [m]."""
+        here = np.unique(np.concatenate([pieces, pieces + 1]))
+        first = np.searchsorted(here, pieces)
+        frames, bulge = self.frames[here], self._bulge(pieces)
+        most = self._at_knots(frames, DIRECTIONS)
+        least = -self._at_knots(frames, -DIRECTIONS)
+        low = np.minimum(least[:, first], least[:, first + 1]) - bulge
+        return low, np.maximum(most[:, first], most[:, first + 1]) + bulge
+
+    def frame(self, piece: int) -> Array:
+        """Return the pose of the joint in the middle of a piece, shape (4, 4)."""
+        if self.robot is None:
+            return np.asarray(self.frames[piece])
+        middle = 0.5 * (self.knots[piece] + self.knots[piece + 1])
+        return self.robot.joint_frame(middle, self.part.joint)
+
+    def moved(self, piece: int) -> float:
+        """Return how far the part gets at most from where it is in the middle [m]."""
+        step = np.abs(self.knots[piece + 1] - self.knots[piece])
+        return 0.5 * float(step @ self.part.weight)
+
+    def finer(self, piece: int) -> Motion:
+        """Return one piece, cut into several; into one only where the part stands."""
+        count = _FINER if self.moved(piece) > 0.0 else 1
+        share = np.linspace(0.0, 1.0, count + 1)[:, None]
+        knots = (1.0 - share) * self.knots[piece] + share * self.knots[piece + 1]
+        if self.robot is None or count == 1:
+            frames = self.frames[piece : piece + 2]
+        else:
+            frames = self.robot.joint_frames_along(knots)[:, self.part.joint + 1]
+        return Motion(self.robot, self.part, knots, frames)
+
+    def _at_knots(self, frames: Array, directions: Array) -> Array:
+        """Return how far the part gets along directions at poses of its joint, (d, k) [m]."""
+        local = np.tensordot(directions, frames[:, :3, :3], axes=(1, 1))
+        own = local.reshape(-1, 3) @ self.part.local[:3, :3]
+        reach = farthest(self.part.shape, own).reshape(local.shape[:2])
+        there = local @ self.part.local[:3, 3]
+        return np.asarray(reach + there + directions @ frames[:, :3, 3].T)
+
+    def _bulge(self, pieces: Indices) -> Array:
+        """Return how far any point leaves the straight line between its ends, shape (k,) [m].
+
+        A point p(t) is no further from it than max |p''| / 8, and each pair of joints adds to
+        p'' no more than the turn of the inner times what the outer one moves.
+        """
+        if self.robot is None:
+            return np.zeros(len(pieces))
+        step = np.abs(self.knots[pieces + 1] - self.knots[pieces])
+        turn = step * self.robot.turns
+        inner = 2.0 * np.cumsum(turn, axis=1) - turn
+        return np.asarray(((step * self.part.weight) * inner).sum(axis=1) / 8.0)
+
 
 PIECE = 0.02
 """Motions are cut until no point gets further than this from the middle [m]."""
@@ -75,7 +169,7 @@ class Body:
     load: bool
 
 
-class RobotBodies:
+class VerifiedRobot:
     """One robot of the plan.
 
     Args:
@@ -133,9 +227,9 @@ class RobotBodies:
             held = [item for item in held if not any(item[1] is m for m in taken)]
 
     @cached_property
-    def sweeps(self) -> Sweeps:
+    def sweeps(self) -> SweepBounds:
         """What each body sweeps in each piece."""
-        sweeps = Sweeps.nothing(len(self.pieces), len(self.bodies))
+        sweeps = SweepBounds.nothing(len(self.pieces), len(self.bodies))
         for x, body in enumerate(self.bodies):
             for k, motion in enumerate(body.motions):
                 pieces = np.flatnonzero(body.which == k)
@@ -184,9 +278,9 @@ class StillBodies:
         ]
 
     @cached_property
-    def sweeps(self) -> Sweeps:
+    def sweeps(self) -> SweepBounds:
         """What each occupies."""
-        sweeps = Sweeps.nothing(len(self.resting), 1)
+        sweeps = SweepBounds.nothing(len(self.resting), 1)
         piece = np.zeros(1, dtype=np.int64)
         for k, motion in enumerate(self.motions):
             low, high = motion.extents(piece)
@@ -195,7 +289,7 @@ class StillBodies:
 
 
 def over_before(
-    chain: int | None, robot: RobotBodies, precedence: Precedence
+    chain: int | None, robot: VerifiedRobot, precedence: Precedence
 ) -> Indices:
     """Return, per piece of a robot, how many first nodes of a chain are complete before it."""
     begin = robot.pieces.begin
@@ -206,7 +300,7 @@ def over_before(
 
 
 def at_once(
-    a: RobotBodies, b: RobotBodies, precedence: Precedence
+    a: VerifiedRobot, b: VerifiedRobot, precedence: Precedence
 ) -> tuple[Indices, Indices]:
     """Return, per piece of a robot, the pieces of another that may happen at the same time.
 
@@ -219,7 +313,7 @@ def at_once(
 
 
 def while_there(
-    robot: RobotBodies, resting: list[Resting], precedence: Precedence
+    robot: VerifiedRobot, resting: list[Resting], precedence: Precedence
 ) -> tuple[Indices, Indices]:
     """Return, per thing at rest, the pieces of a robot that may happen while it is there."""
     pieces, chain = robot.pieces, robot.chain

@@ -1,19 +1,70 @@
-"""Robots and things for independent checks: loaded by pinocchio, measured by coal, and no capsules."""
+"""Robots and things for independent checks: loaded by pinocchio, measured by coal, and no capsules.
+
+Shapes as coal knows them by itself: round things round, and hulls of what meshes are cut into.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any
 
 import coal
 import numpy as np
 import pinocchio
 
-from planning.cell.shape import Shape
+from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
-from scheduling.verification.exact_forms import coal_forms
+
+_Posed = tuple[Any, Transform]
+
+
+def coal_forms(shape: Shape) -> list[_Posed]:
+    """Return coal's convex shapes of a shape, each with its pose in the frame of the shape."""
+    return [
+        (item, element.pose)
+        for element in shape.elements
+        for item in _forms(element.form)
+    ]
+
+
+@singledispatch
+def _forms(form: Form) -> list[Any]:
+    raise TypeError(f"no form: {form!r}")
+
+
+@_forms.register
+def _(form: Box) -> list[Any]:
+    return [coal.Box(*form.size)]
+
+
+@_forms.register
+def _(form: Cylinder) -> list[Any]:
+    return [coal.Cylinder(form.radius, form.length)]
+
+
+@_forms.register
+def _(form: Capsule) -> list[Any]:
+    # Also without length: coal's own answer for a sphere deep in a cylinder is the way out
+    # through the side, even where that through an end is shorter.
+    return [coal.Capsule(form.radius, form.length)]
+
+
+@_forms.register
+def _(form: Mesh) -> list[Any]:
+    return [_hull(points) for points in form.hulls]
+
+
+def _hull(points: Array) -> Any:
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(0, len(points))
+    model.addVertices(np.asarray(points, dtype=np.float64))
+    model.endModel()
+    model.buildConvexHull(True, "Qt")
+    return model.convex
+
 
 TOLERANCE = 2e-5
 """Distances may fall short of the clearance by this much: coal's are that exact [m]."""
@@ -23,7 +74,7 @@ _RESULT = coal.DistanceResult()
 
 
 @dataclass(frozen=True)
-class Part:
+class ReferenceBody:
     """A convex body on a joint of a robot (or at rest in the world).
 
     Attributes:
@@ -82,7 +133,7 @@ class ReferenceRobot:
                 )
             )
 
-    def loads(self, entity: str, shape: Shape, pose: Transform) -> list[Part]:
+    def loads(self, entity: str, shape: Shape, pose: Transform) -> list[ReferenceBody]:
         """Return what is held at ``pose`` in the flange frame as parts of the robot."""
         hand = self._flange @ pose
         return [
@@ -122,7 +173,9 @@ class ReferenceRobot:
         """Return the world pose of the flange at ``q``, shape (4, 4)."""
         return np.asarray(self.joint_frame(q, self.dof - 1) @ self._flange)
 
-    def _part(self, entity: str, joint: int, local: Transform, shape: Any) -> Part:
+    def _part(
+        self, entity: str, joint: int, local: Transform, shape: Any
+    ) -> ReferenceBody:
         shape.computeLocalAABB()
         middle, radius = np.array(shape.aabb_center), float(shape.aabb_radius)
         centre = local[:3, :3] @ middle + local[:3, 3]
@@ -137,10 +190,10 @@ class ReferenceRobot:
                 np.linalg.norm(self._model.jointPlacements[j + 1].translation)
             )
             reach += float(self._limits[j]) if slides else 0.0
-        return Part(entity, joint, local, shape, centre, radius, weight)
+        return ReferenceBody(entity, joint, local, shape, centre, radius, weight)
 
 
-def resting_parts(entity: str, shape: Shape, pose: Transform) -> list[Part]:
+def resting_parts(entity: str, shape: Shape, pose: Transform) -> list[ReferenceBody]:
     """Return the parts of what rests in the world."""
     out = []
     for item, local in coal_forms(shape):
@@ -148,17 +201,19 @@ def resting_parts(entity: str, shape: Shape, pose: Transform) -> list[Part]:
         at = pose @ local
         middle = at[:3, :3] @ np.array(item.aabb_center) + at[:3, 3]
         radius = float(item.aabb_radius)
-        out.append(Part(entity, -1, at, item, middle, radius, np.zeros(0)))
+        out.append(ReferenceBody(entity, -1, at, item, middle, radius, np.zeros(0)))
     return out
 
 
-def measure(a: Part, frame_a: Transform, b: Part, frame_b: Transform) -> float:
+def measure(
+    a: ReferenceBody, frame_a: Transform, b: ReferenceBody, frame_b: Transform
+) -> float:
     """Return the signed distance of two parts whose joints are at the given frames [m]."""
     return separation(a, frame_a, b, frame_b)[0]
 
 
 def separation(
-    a: Part, frame_a: Transform, b: Part, frame_b: Transform
+    a: ReferenceBody, frame_a: Transform, b: ReferenceBody, frame_b: Transform
 ) -> tuple[float, Array]:
     """Return the signed distance of two parts [m] and the direction from a to b, shape (3,)."""
     _RESULT.clear()

@@ -1,15 +1,57 @@
-"""What bodies sweep, bounded along fixed directions; pairs of pieces whose bounds come close."""
+"""What bodies sweep, bounded along fixed directions; pairs of pieces whose bounds come close.
+
+How far convex shapes reach along directions: what proves two of them apart without measuring.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
+import coal
 import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-from scheduling.verification.extents import DIRECTIONS
+
+DIRECTIONS = np.array(
+    [d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)]
+)
+"""Axes, then diagonals, one of each opposite pair, of unit length, shape (13, 3)."""
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1)[:, None]
+DIRECTIONS = DIRECTIONS[np.argsort(-np.abs(DIRECTIONS).max(axis=1), kind="stable")]
+
+
+def farthest(shape: Any, directions: Array) -> Array:
+    """Return how far a shape reaches along directions of its own frame, never less, shape (k,).
+
+    Args:
+        shape: coal's shape.
+        directions: of unit length, shape (k, 3).
+    """
+    grown = float(shape.getSweptSphereRadius())
+    if isinstance(shape, coal.Box):
+        return np.asarray(np.abs(directions) @ shape.halfSide + grown)
+    if isinstance(shape, coal.Sphere):
+        return np.full(len(directions), shape.radius + grown)
+    along = directions[:, 2]
+    if isinstance(shape, coal.Capsule):
+        return np.asarray(np.abs(along) * shape.halfLength + shape.radius + grown)
+    if isinstance(shape, coal.Cylinder):
+        across = np.sqrt(np.maximum(1.0 - along * along, 0.0))
+        return np.asarray(
+            np.abs(along) * shape.halfLength + across * shape.radius + grown
+        )
+    if isinstance(shape, coal.ConvexBase):
+        return np.asarray((directions @ shape.points().T).max(axis=1) + grown)
+    # Whatever else: the corners of the box around it.
+    shape.computeLocalAABB()
+    around = shape.aabb_local
+    middle, half = 0.5 * (around.max_ + around.min_), 0.5 * (around.max_ - around.min_)
+    return np.asarray(directions @ middle + np.abs(directions) @ half)
+
 
 _GROUP = 4
 """Pieces, or groups of them, that make a group of the next level."""
@@ -21,7 +63,7 @@ _AT_ONCE = 1 << 19
 
 
 @dataclass(frozen=True)
-class Sweeps:
+class SweepBounds:
     """Bounds of bodies along DIRECTIONS in each piece, and in groups of consecutive pieces.
 
     Attributes:
@@ -33,19 +75,19 @@ class Sweeps:
     high: tuple[Array, ...]
 
     @staticmethod
-    def nothing(pieces: int, bodies: int) -> Sweeps:
+    def nothing(pieces: int, bodies: int) -> SweepBounds:
         """Return sweeps of bodies that are never there, one level, to be filled in."""
         shape = (len(DIRECTIONS), pieces, bodies)
-        return Sweeps((np.full(shape, np.inf),), (np.full(shape, -np.inf),))
+        return SweepBounds((np.full(shape, np.inf),), (np.full(shape, -np.inf),))
 
-    def with_coarser(self) -> Sweeps:
+    def with_coarser(self) -> SweepBounds:
         """Return the sweeps with all levels above the first."""
         low, high = list(self.low), list(self.high)
         for _ in range(_LEVELS):
             starts = np.arange(0, low[-1].shape[1], _GROUP)
             low.append(np.minimum.reduceat(low[-1], starts, axis=1))
             high.append(np.maximum.reduceat(high[-1], starts, axis=1))
-        return Sweeps(tuple(low), tuple(high))
+        return SweepBounds(tuple(low), tuple(high))
 
     @property
     def top(self) -> int:
@@ -77,7 +119,7 @@ class Close:
 
 
 def close_pairs(
-    a: Sweeps, b: Sweeps, windows: tuple[Indices, Indices], limits: Array
+    a: SweepBounds, b: SweepBounds, windows: tuple[Indices, Indices], limits: Array
 ) -> Iterator[Close]:
     """Yield all pairs that may come closer than a limit.
 
@@ -111,8 +153,8 @@ def close_pairs(
 
 
 def _descend(
-    a: Sweeps,
-    b: Sweeps,
+    a: SweepBounds,
+    b: SweepBounds,
     windows: tuple[list[Indices], list[Indices]],
     limits: Array,
     pairs: Close,
@@ -170,7 +212,7 @@ def _finer(
     return pairs
 
 
-def _whole(sweeps: Sweeps) -> tuple[Array, Array]:
+def _whole(sweeps: SweepBounds) -> tuple[Array, Array]:
     """Return bounds around all bodies at the coarsest level."""
     low, high = sweeps.low[-1].min(axis=2), sweeps.high[-1].max(axis=2)
     return low[:, :, None], high[:, :, None]

@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.construction.fine_check.check import FineCheck, check_construction
-from benchmarks.construction.fine_check.motion import Motion
-from benchmarks.construction.fine_check.walk import Group, Measurer
+from benchmarks.construction.fine_check.walk import Group, Measurer, Motion
 from benchmarks.construction.fixed_time import plan_fixed_time
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.construction.planner import ConstructionPlan, plan_construction

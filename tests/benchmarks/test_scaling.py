@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from benchmarks.scaling import exponent, tower_field
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 
 @pytest.mark.parametrize("bricks", [4, 25, 800])

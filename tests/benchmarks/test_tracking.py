@@ -14,7 +14,7 @@ from numpy.polynomial import Polynomial
 from benchmarks.tracking.exported_motion import Reference, read_exported_motion
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
-from twin.audit.worlds.engine import open_world
+from twin.audit.worlds.world import open_world
 
 pytest.importorskip("pybullet")
 pinocchio = pytest.importorskip("pinocchio")
@@ -29,12 +29,14 @@ from benchmarks.tracking.described_robot import (  # noqa: E402
     Payload,
     described_robot,
 )
-from benchmarks.tracking.distances import RobotDistances  # noqa: E402
 from benchmarks.tracking.exported_motion import (  # noqa: E402
     ExportedMotion,
     Handling,
 )
-from benchmarks.tracking.following import follow  # noqa: E402
+from benchmarks.tracking.following import (  # noqa: E402
+    RobotDistances,
+    follow,
+)
 from benchmarks.tracking.plant import STEP_S, Flaws, Plant  # noqa: E402
 
 GRAVITY = 9.81

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from trimesh.creation import extrude_triangulation
 
-from planning import caches, errors, files, packed, transforms
-from planning.caches import Arrays, cache_folder, remembered
-from planning.cell import body, cover, shape
+from planning import errors, files, packed, transforms
+from planning.cell import cover, shape
 from planning.cell.cover import capsule_cover, capsule_covers
+from planning.files import Arrays, cache_folder, remembered
 from planning.meshes import mesh_form
 from planning.robots import self_collision
 from planning.robots.registry import robot_model
@@ -27,7 +27,7 @@ NAMES = frozenset({"a", "b"})
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(caches, "WORTH", 0.0)
+    monkeypatch.setattr(files, "WORTH", 0.0)
     return cache_folder("tried")
 
 
@@ -87,7 +87,7 @@ def test_what_another_source_found_is_no_answer(tmp_path: Path) -> None:
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
 
     def in_another_process() -> None:
-        caches._hash_of.cache_clear()
+        files._hash_of.cache_clear()
         for _ in range(2):
             remembered("tried", b"one", NAMES, find, sources)
 
@@ -118,7 +118,7 @@ def test_sources_are_read_once_a_process_and_when_they_are_first_needed(
 def test_what_is_found_quickly_is_not_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(caches, "WORTH", 60.0)
+    monkeypatch.setattr(files, "WORTH", 60.0)
     times, find = counted({"a": np.arange(3), "b": np.zeros(1)})
     for _ in range(2):
         remembered("tried", b"one", NAMES, find, [])
@@ -157,9 +157,7 @@ def test_pairs_of_a_robot_are_those_that_were_found(
         never_colliding_pairs(*given[:2], robot.lower / 2, robot.upper, robot.home)
 
 
-PLUMBING = {
-    Path(m.__file__) for m in (caches, errors, files, transforms, packed, body, shape)
-}
+PLUMBING = {Path(m.__file__) for m in (errors, files, transforms, packed, shape)}
 """Code that hands answers on, and decides none."""
 
 
@@ -208,6 +206,6 @@ def test_the_sources_of_an_answer_are_the_code_that_finds_it(
         ask()
     finally:
         sys.setprofile(None)
-    project = Path(caches.__file__).parent
+    project = Path(files.__file__).parent
     own = {path for path in ran if path.is_relative_to(project)}
     assert own - PLUMBING == {Path(source) for source in sources}

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from planning.caches import KeptAnswers
+from planning.files import KeptAnswers
 from planning.kernels import (
     files_of_kernels,
     inner_kernel,

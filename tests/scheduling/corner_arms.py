@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import Task
 from planning.transforms import rotation, translation
 from tests.scheduling.mini_world import planar_arm

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.motion.motion_plan import TaskMotion
+from planning.motion.known_motions import TaskMotion
 from planning.transforms import Array
-from scheduling.build_nodes import build_nodes
-from scheduling.build_tpg import build_tpg
+from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (

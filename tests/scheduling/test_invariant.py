@@ -10,7 +10,7 @@ import pytest
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
-from planning.motion.motion_plan import MotionPlan
+from planning.motion.known_motions import MotionPlan
 from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg

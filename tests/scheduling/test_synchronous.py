@@ -15,14 +15,14 @@ from planning.errors import PlanInvariantError
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.separation import MovingPair
 from planning.motion.composite import CompositeChecker
-from planning.motion.motion_plan import MotionPlan
+from planning.motion.known_motions import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.transforms import Array
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.barriers import with_barriers
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.synchronous import (
     SynchronousPlan,

@@ -10,7 +10,7 @@ from twin.engine.bulk.max_plus import Completions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import Recorder
-from twin.run.run_record import ExecutionRecord, Policy
+from twin.run.events import ExecutionRecord, Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 

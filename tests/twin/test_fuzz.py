@@ -13,10 +13,10 @@ from benchmarks.fuzz.targets import TARGETS
 from benchmarks.fuzz.worker import Worker
 
 CASES = {
-    "scenarios": 60,
-    "plans": 15,
-    "logs": 20,
-    "blocks": 3,
+    "scenarios": 40,
+    "plans": 10,
+    "logs": 10,
+    "blocks": 2,
     "urdfs": 30,
     "csvs": 20,
     "tasks": 20,

@@ -1,30 +1,39 @@
-"""``twin.compare``: one scenario under every policy, with the same paths and the same draws."""
+"""``twin.compare``: one scenario under every policy, with the same paths and the same draws.
+
+``twin.replay``: look at a run in the viewer, as pictures, or as a recording.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from twin.comparison.chart import draw_comparison
+from planning.errors import OutputError, RequestError
+from twin.comparison.chart import draw_comparison, mean, percent, spread
 from twin.comparison.comparison import (
     SEEDS,
     comparison_figures,
     measure_policies,
     shortcut_budget,
 )
-from twin.comparison.table import mean, percent, spread
-from twin.host.atomic import write_json
+from twin.host.guard import replacing, write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.run.folder import CHART, COMPARISON, new_results, run_folder
+from twin.run.folder import CHART, COMPARISON, RECORDING, new_results, run_folder
+from twin.run.viewer import open_viewer, render_stills
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from twin.trial.loaded_scenario import PathOrName
+    from twin.trial.run_result import RunResult
 
 
 @dataclass(frozen=True)
@@ -142,3 +151,74 @@ def compare(
             draw_comparison(folder / CHART, {chosen.name: figures}, heading)
             write_json(folder / COMPARISON, figures)
     return Comparison(loaded, heading, figures, folder)
+
+
+STILLS = "stills"
+"""Folder of pictures beside a recording."""
+
+
+def replay(
+    run: RunResult | PathOrName,
+    *,
+    stills: Sequence[float] = (),
+    out: PathOrName | None = None,
+) -> tuple[Path, ...]:
+    """Look at a run again.
+
+    Without stills and ``out`` this opens the viewer and returns once it is closed. Pictures need
+    no display, but a Vulkan driver; a software one does.
+
+    Args:
+        run: a run, its folder, or an ``.rrd`` file.
+        stills: render pictures at these simulated times instead [s].
+        out: folder for the pictures, by default ``stills`` beside the recording; without stills,
+            the ``.rrd`` file that is written instead of opening the viewer.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        OutputError: there is no recording, or a file cannot be written.
+        ViewerError: the viewer or a display is missing; says what to do then.
+        RequestError: pictures of a run without a folder need one.
+    """
+    with TemporaryDirectory() as name:
+        if out is not None and not stills:
+            return (_written(run, Path(out)),)
+        recording = _recording(run, Path(name) / RECORDING)
+        if not stills:
+            open_viewer(recording)
+            return ()
+        if out is None and recording.parent == Path(name):
+            raise RequestError("a run without a folder: say where pictures go by out")
+        folder = recording.parent / STILLS if out is None else Path(out)
+        return tuple(render_stills(recording, stills, folder))
+
+
+def _written(run: RunResult | PathOrName, place: Path) -> Path:
+    """Write the recording of a run to a place."""
+    found = _recording(run, place)
+    if found != place:
+        with replacing(place) as temporary:
+            temporary.write_bytes(found.read_bytes())
+    return place
+
+
+def _recording(run: RunResult | PathOrName, place: Path) -> Path:
+    """Return the recording of a run; written to a place where there is none."""
+    if not isinstance(run, str | PathLike):
+        if run.record is not None and run.folder is None:
+            from twin.recorders.rerun.recorder import write_recording
+
+            write_recording(place, run.tpg, run.record, run.history, name=run.name)
+            return place
+        folder = Path() if run.folder is None else run.folder
+    else:
+        folder = Path(run)
+    found = folder if folder.is_file() else folder / RECORDING
+    if not found.is_file():
+        reason = (
+            f"it has no {RECORDING}" if folder.exists() else "no such file or folder"
+        )
+        raise OutputError(f"{folder}: nothing to replay, {reason}")
+    return found

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 from planning.errors import RequestError, ScenarioError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import AuditReport
-from twin.audit.worlds.engine import engine_named
+from twin.audit.worlds.world import engine_named
 from twin.check.check import CheckReport, check_scenario, require_checked
 from twin.host.progress import Report, report_nothing
-from twin.recorders.motion_tables import write_motion
-from twin.recorders.observers import MemoryRecorder
+from twin.recorders.observers import MemoryRecorder, write_motion
+from twin.run.events import POLICIES
 from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
-from twin.run.run_record import POLICIES
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult, require_plan_of
 from twin.trial.planning import plan_scenario

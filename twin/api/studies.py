@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
 from twin.api.runs import AnyPlan, scenario_of
-from twin.audit.worlds.engine import engine_named
+from twin.audit.worlds.world import engine_named
 from twin.comparison.comparison import shortcut_budget
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
@@ -27,9 +27,8 @@ from twin.study.folder import (
     require_same_study,
 )
 from twin.study.plans import default_policies, given_plans, possible_policies
-from twin.study.replications.executors import check_cluster, open_executor
-from twin.study.replications.experiment import Experiment
-from twin.study.replications.statistics import Precision
+from twin.study.replications.statistics import Experiment, Precision
+from twin.study.replications.workload import check_cluster, open_executor
 from twin.study.report.report import write_report
 from twin.study.study import StudyResult, start_study
 from twin.study.study import resume_study as resumed
@@ -39,7 +38,7 @@ from twin.trial.plan_result import PlanResult
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from twin.cluster.address import Cluster
+    from twin.cluster.certificates import Cluster
 
 Vary = Mapping[str, Iterable[Any]] | Iterable[Variation]
 """Values by key, such as ``{"skills.pick.scale": [1, 1.5, 2]}``."""
@@ -133,7 +132,7 @@ class Study:
 
     def _repr_html_(self) -> str:
         from twin.drawing.markup import card, shown
-        from twin.study.report.overview import differences, makespans_table
+        from twin.study.report.fixing import differences, makespans_table
 
         table = makespans_table(self.summary) + differences(self.summary)
         chart = shown(self.folder / "makespan.png")

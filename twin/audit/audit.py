@@ -21,47 +21,47 @@ import numpy as np
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.accepted_overlaps import ContactRule
-from twin.audit.edge_order import (
+from twin.audit.grips import ContactRule, GripWatch
+from twin.audit.keeping import (
     NodeSpans,
     edge_violations,
     logged_spans,
     moved_spans,
 )
-from twin.audit.grips import GripWatch
-from twin.audit.joint_checks import joint_violations
 from twin.audit.limit_checks import (
     effort_violations,
+    joint_violations,
     limit_violations,
     tool_speed_violations,
 )
-from twin.audit.motion.efforts import GreatestEffort, efforts_of_run, greatest_efforts
+from twin.audit.motion.efforts import (
+    GreatestEffort,
+    efforts_of_run,
+    greatest_efforts,
+    tool_speeds_of_run,
+)
 from twin.audit.motion.executed import ObjectRow, Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
 from twin.audit.motion.reach import travel_of_points
-from twin.audit.motion.sampling import Stretch, stretches
-from twin.audit.motion.tool_speeds import tool_speeds_of_run
+from twin.audit.motion.sampling import RunStretch, stretches
 from twin.audit.places import helpers_left, place_violations, start_violations
 from twin.audit.processes import process_violations
-from twin.audit.resting import RestWatch
-from twin.audit.rests import rest_violations
+from twin.audit.resting import RestWatch, rest_violations
 from twin.audit.supports import support_violations
 from twin.audit.tools import tool_violations
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.engine import (
+from twin.audit.worlds.world import (
+    AuditWorld,
     Engine,
+    WatchedShape,
     engine_and_version,
     engine_named,
     open_world,
-)
-from twin.audit.worlds.world import (
-    AuditWorld,
-    Shape,
     overlapping_at_home,
     shapes_by_entity,
 )
-from twin.host.atomic import finite
+from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
 
 JUMP = 0.001
@@ -267,12 +267,12 @@ class _Watch:
         # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
         self._jumped: list[Violation] = []
-        self._before: Stretch | None = None
+        self._before: RunStretch | None = None
         self._shapes = shapes_by_entity(world.objects)
         self._starts = {item.name: item.start for item in world.cell.objects}
         self._number = {name: k for k, name in enumerate(self._shapes)}
 
-    def look(self, stretch: Stretch) -> None:
+    def look(self, stretch: RunStretch) -> None:
         """Check one stretch."""
         self._jumps(stretch)
         moved = {
@@ -286,7 +286,7 @@ class _Watch:
         def depth_at(first: str, second: str, sample: int) -> float:
             return self._rule.depth(first, second, holders, float(stretch.t[sample]))
 
-        def depth(a: Shape, b: Shape, sample: int) -> float:
+        def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
             return depth_at(a.entity, b.entity, sample)
 
         asked = Asked(lambda: self._least, depth)
@@ -311,7 +311,7 @@ class _Watch:
         self._samples += len(stretch.t)
         self._before = stretch
 
-    def _jumps(self, stretch: Stretch) -> None:
+    def _jumps(self, stretch: RunStretch) -> None:
         """Check that objects that change hands stay where they are.
 
         What comes up must do so where the plan says.
@@ -359,7 +359,7 @@ class _Watch:
         )
 
 
-def _pose_of(piece: Stretch, shape: Shape, sample: int) -> Transform:
+def _pose_of(piece: RunStretch, shape: WatchedShape, sample: int) -> Transform:
     """Return where a shape of an object is at a sample of a stretch."""
     row = piece.placements[shape.entity]
     if row.holder is None:

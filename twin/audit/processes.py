@@ -10,12 +10,11 @@ import numpy as np
 from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.edge_order import NodeSpans
 from twin.audit.grips import finger_travel
-from twin.audit.keeping import keeping_violations
+from twin.audit.keeping import NodeSpans, keeping_violations
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.places import rows_at
-from twin.audit.rests import machine_work
+from twin.audit.resting import machine_work
 from twin.audit.supports import SUPPORT, stands_still
 from twin.audit.tools import flange_poses, hand_of, tool_frames, tool_on
 from twin.audit.violation import Violation
@@ -33,7 +32,7 @@ _STEP = 0.02
 
 
 @dataclass(frozen=True)
-class _Done:
+class _DoneProcess:
     """A process that was executed.
 
     Attributes:
@@ -128,21 +127,21 @@ def _done(
     wanted: Wanted,
     process: WantedProcess,
     index: int,
-) -> _Done:
+) -> _DoneProcess:
     task = tpg.tasks[index]
     rows = recording.robots[task.robot]
     chain = tpg.chains[tpg.chain_index[task.robot]]
     span = _span(rows, np.flatnonzero(chain.task == index))
     if span is None:
-        return _Done(task.robot, 0.0, 0.0, np.inf, "was not done")
+        return _DoneProcess(task.robot, 0.0, 0.0, np.inf, "was not done")
     begin, end = span
     if process.robots is not None and task.robot not in process.robots:
         words = f"was done by {task.robot}"
-        return _Done(task.robot, begin, end, np.inf, words)
+        return _DoneProcess(task.robot, begin, end, np.inf, words)
     place = _place(world.cell, recording, process, end)
     if place is None:
         words = f"{process.owner} is in a hand meanwhile"
-        return _Done(task.robot, begin, end, np.inf, words)
+        return _DoneProcess(task.robot, begin, end, np.inf, words)
     times = np.unique(
         np.r_[
             rows.t[(rows.t > begin) & (rows.t < end)], np.arange(begin, end, _STEP), end
@@ -150,11 +149,11 @@ def _done(
     )
     tip = _tip(world.cell, recording, wanted, process, task.robot, (begin, end))
     if isinstance(tip, str):
-        return _Done(task.robot, begin, end, np.inf, tip)
+        return _DoneProcess(task.robot, begin, end, np.inf, tip)
     number = [robot.name for robot in world.cell.robots].index(task.robot)
     tools = flange_poses(world, number, rows.at(times)) @ tip
     missed, words = _missed(tools, [place @ at for at in process.path])
-    return _Done(task.robot, begin, end, missed, words)
+    return _DoneProcess(task.robot, begin, end, missed, words)
 
 
 def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
@@ -219,7 +218,11 @@ def _missed(tools: Array, path: list[Transform]) -> tuple[float, str]:
 
 
 def _held(
-    world: AuditWorld, recording: Recording, wanted: Wanted, part: str, done: _Done
+    world: AuditWorld,
+    recording: Recording,
+    wanted: Wanted,
+    part: str,
+    done: _DoneProcess,
 ) -> Iterator[Violation]:
     """Yield that a part was not held while a process was done."""
     shapes = [item for item in world.objects if item.entity == part]

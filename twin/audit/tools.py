@@ -14,7 +14,7 @@ from twin.audit.motion.executed import ObjectRow, Recording
 from twin.audit.places import PLACED, distance_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import ChangedTool, Wanted
-from twin.audit.worlds.world import AuditWorld, Shape
+from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 WITHOUT = ToolGrip((0.0, 0.0), "no tool")
 """How a robot holds that has left its tool in the rack."""
@@ -30,7 +30,7 @@ class Hand:
         frames: tool frames, each a pose in the flange frame.
     """
 
-    shapes: list[Shape]
+    shapes: list[WatchedShape]
     grip: ToolGrip | None
     frames: Mapping[str, Transform]
 
@@ -93,7 +93,7 @@ def tool_frames(robot: PlacedRobot, tool: ChangedTool) -> Mapping[str, Transform
     return {k.removeprefix(first): pose for k, pose in frames if k.startswith(first)}
 
 
-def tool_shapes(world: AuditWorld, robot: int) -> list[Shape]:
+def tool_shapes(world: AuditWorld, robot: int) -> list[WatchedShape]:
     """Return the shapes of a robot's tool; of its outermost link, where it has none."""
     own = [shape for shape in world.robot_shapes if shape.robot == robot]
     tool = [shape for shape in own if shape.entity.endswith("/tool")]

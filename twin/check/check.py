@@ -31,8 +31,8 @@ from twin.check.tools import (
     check_openings,
     check_payloads,
     check_tool_frames,
+    check_units,
 )
-from twin.check.units import check_units
 from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
@@ -58,7 +58,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
 """Quick checks; reach is looked at only where these found no error, as it takes what they check."""
 
 
-_MOST = 5
+_TOLD_AT_ONE_KEY = 5
 """Findings of one check that are told at one key."""
 
 _OF_A_PRODUCT = re.compile(r"([A-Za-z_])\.\d+\b")
@@ -176,9 +176,9 @@ def _few(findings: Findings) -> list[Finding]:
         by_key.setdefault((item.at, item.error), []).append(item)
     out: list[Finding] = []
     for (at, error), items in by_key.items():
-        out += items[:_MOST]
-        if len(items) > _MOST:
-            more = f"and {len(items) - _MOST} more like these"
+        out += items[:_TOLD_AT_ONE_KEY]
+        if len(items) > _TOLD_AT_ONE_KEY:
+            more = f"and {len(items) - _TOLD_AT_ONE_KEY} more like these"
             out.append(Finding(at, more, error))
     return out
 

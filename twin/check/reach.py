@@ -26,7 +26,7 @@ from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.goals import GoalsSection
+from twin.scenario.sections.execution import GoalsSection
 from twin.scenario.sections.lego import LegoSection
 
 _MOST_GRIPS = 40
@@ -298,7 +298,7 @@ def _check_moves(subject: Subject, section: GoalsSection) -> Findings:
 
 
 def _check_bricks(subject: Subject, section: LegoSection) -> Findings:
-    from planning.lego.sequencing.reachability import check_reach as check_steps
+    from planning.lego.sequencing.blocking import check_reach as check_steps
     from twin.planning.lego import build_lego
 
     try:

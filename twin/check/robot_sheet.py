@@ -13,8 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from planning.cell.motion_limits import limits_of
-from planning.cell.robot_model import RobotModel
+from planning.cell.robot_model import RobotModel, limits_of
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.files import file_named
@@ -235,7 +234,7 @@ def sheets_of(
 def _of_scenario(path: Path) -> tuple[RobotSheet, ...]:
     from planning.steps.tool_changes import with_each_tool
     from twin.planning.build_workcell import build_workcell
-    from twin.scenario.file import load_scenario
+    from twin.scenario.manifest import load_scenario
 
     robots: dict[tuple[object, ...], list[PlacedRobot]] = {}
     cell = build_workcell(load_scenario(path), path.parent)

@@ -7,9 +7,13 @@ from pathlib import Path
 import typer
 
 from planning.errors import RequestError
-from planning.parallel import usable_cores
-from twin.cluster.address import DEFAULT_PORT, encrypted
-from twin.cluster.certificates import certificates_in, make_certificates
+from planning.silence import usable_cores
+from twin.cluster.certificates import (
+    DEFAULT_PORT,
+    certificates_in,
+    encrypted,
+    make_certificates,
+)
 from twin.commands.command import command
 
 app = typer.Typer(

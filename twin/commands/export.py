@@ -24,7 +24,7 @@ def export_files(
     Args:
         run: folder of a run; for ldraw also a scenario file, without a run.
         formats: csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot,
-            task-graph, mermaid or ldraw; may be given several times.
+            task-graph or ldraw; may be given several times.
         out: file to write, or folder for several; default: RUN/exports.
         nodes: every node of the temporal plan graph, not one entry a task (graphml, dot,
             perfetto).
@@ -55,8 +55,8 @@ def export_files(
 def _export_scenario(file: Path, out: Path | None) -> Path:
     """Write what a scenario builds as a model of LDraw; return the file."""
     from twin.exports.ldraw import ldraw_of_scenario
-    from twin.host.atomic import replacing
-    from twin.scenario.file import load_scenario
+    from twin.host.guard import replacing
+    from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     scenario = load_scenario(file)

@@ -58,14 +58,12 @@ def fit_durations(
         quiet: print errors only.
     """
     from twin.fit.applied import apply_fits, require_skills
-    from twin.fit.chart import draw_fit
-    from twin.fit.fitting import Fit, write_snippet
+    from twin.fit.fitting import Fit, draw_fit, fit_candidates, write_snippet
     from twin.fit.samples import read_samples
-    from twin.fit.selection import fit_candidates
-    from twin.host.atomic import write_json
+    from twin.host.guard import write_json
     from twin.host.progress import StageDisplay, of_stage
     from twin.run.folder import EVENTS, prepare_run_folder
-    from twin.scenario.file import load_scenario
+    from twin.scenario.manifest import load_scenario
 
     columns = _columns(column, start, end)
     target = _target(apply, into)

@@ -177,7 +177,7 @@ def replay_run(
             may be given several times.
         out: folder for the pictures; default: stills beside the recording.
     """
-    from twin.api.replays import replay
+    from twin.api.comparisons import replay
 
     for picture in replay(run, stills=stills, out=out if stills else None):
         typer.echo(picture)

@@ -42,12 +42,12 @@ def import_apex_mr_task(
     from planning.importers.apex_mr.importer import import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
-    from twin.commands.tool_choice import choose_tool
-    from twin.host.atomic import write_text
+    from twin.commands.sequence import choose_tool
+    from twin.host.guard import write_text
     from twin.planning.kind import assembly_kind
     from twin.planning.lego import build_lego
     from twin.scenario.document.yaml_text import scenario_text
-    from twin.scenario.file import load_scenario
+    from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     if press_from not in READINGS:
@@ -94,7 +94,7 @@ apex_mr = command(
 )
 
 
-_MOST = 6
+_SHOWN_STEPS = 6
 """How many bricks that are out of reach are named."""
 
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
@@ -114,7 +114,7 @@ def import_brick_list(
         cell: scenario whose cell, plate and stock are taken; by default a cell is chosen:
             two arms across a plate, and feeding stations.
     """
-    from planning.importers.brick_models.brick_list import read_brick_list
+    from planning.importers.brick_models.model import read_brick_list
 
     _write(file, read_brick_list(file), output, cell)
 
@@ -141,9 +141,9 @@ def import_ldraw(
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
     """Write the scenario of a model, if its cell reaches all of it."""
     from planning.importers.brick_models.cell import fitted, model_cell
-    from twin.host.atomic import write_text
+    from twin.host.guard import write_text
     from twin.scenario.document.yaml_text import scenario_text
-    from twin.scenario.file import scenario_of
+    from twin.scenario.manifest import scenario_of
 
     model = fitted(model) if cell is None else model
     for line in model.notes:
@@ -172,7 +172,7 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     from planning.lego.bricks.grid import covered_studs
     from twin.planning.lego import build_lego
     from twin.scenario.document.yaml_text import read_yaml
-    from twin.scenario.file import load_scenario
+    from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
     section = load_scenario(path).assembly
@@ -211,7 +211,7 @@ def _mend_path(robot: dict[str, Any], old: Path, new: Path) -> None:
 def _check_reach(scenario: Scenario, folder: Path) -> None:
     """Raise an error where no robot reaches a brick's place, or any of its type in stock."""
     from planning.lego.bricks.assembly import LegoStep
-    from planning.lego.sequencing.reachability import reach_faults
+    from planning.lego.sequencing.blocking import reach_faults
     from twin.planning.build_workcell import build_workcell
     from twin.planning.lego import build_lego, build_structure
     from twin.scenario.sections.lego import LegoSection
@@ -227,8 +227,8 @@ def _check_reach(scenario: Scenario, folder: Path) -> None:
         for number, fault in reach_faults(build_workcell(scenario, folder), assembly)
     ]
     if faults:
-        more = len(faults) - _MOST
-        shown = [*faults[:_MOST], *([f"and {more} more"] if more > 0 else [])]
+        more = len(faults) - _SHOWN_STEPS
+        shown = [*faults[:_SHOWN_STEPS], *([f"and {more} more"] if more > 0 else [])]
         raise InfeasibleStepError("\n".join(shown))
 
 

@@ -13,7 +13,7 @@ from twin.host.guard import COMPLETED, print_json
 if TYPE_CHECKING:
     from twin.api.comparisons import Comparison
     from twin.api.studies import Study
-    from twin.cluster.address import Cluster
+    from twin.cluster.certificates import Cluster
     from twin.host.progress import Report
     from twin.trial.loaded_scenario import LoadedScenario
     from twin.trial.plan_result import PlanResult
@@ -129,8 +129,7 @@ def _subject(
 def _cluster(
     scheduler: str | None, certificates: Path | None, insecure: bool
 ) -> Cluster | None:
-    from twin.cluster.address import Cluster
-    from twin.cluster.certificates import certificates_in
+    from twin.cluster.certificates import Cluster, certificates_in
 
     if scheduler is None:
         if certificates is not None or insecure:
@@ -169,7 +168,7 @@ def _show_comparison(found: Comparison, view: View) -> int:
     if view.as_json:
         print_json(found.figures)
     elif not view.quiet:
-        from twin.comparison.table import print_comparison
+        from twin.comparison.chart import print_comparison
 
         print_comparison(
             found.figures,

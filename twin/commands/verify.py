@@ -14,7 +14,7 @@ from twin.host.guard import COMPLETED, FAILED, print_json
 
 if TYPE_CHECKING:
     from scheduling.verification.verify import VerificationReport
-    from twin.trial.adversary import AdversaryReport
+    from twin.trial.simulation import AdversaryReport
 
 
 def verify_folder(
@@ -40,10 +40,10 @@ def verify_folder(
         quiet: print errors only.
     """
     from scheduling.verification.verify import verify_plan
-    from twin.audit.worlds.engine import engine_named
+    from twin.audit.worlds.world import engine_named
     from twin.host.progress import StageDisplay, of_stage
-    from twin.trial.adversary import audit_standing_states
     from twin.trial.plan_result import plan_of_run
+    from twin.trial.simulation import audit_standing_states
 
     engine = engine_named(audit_engine) if audit_engine else None
     tpg = plan_of_run(folder)
@@ -88,7 +88,7 @@ def _millimetres(report: VerificationReport) -> str:
 def _content(
     ok: bool, report: VerificationReport, standing: AdversaryReport | None
 ) -> dict[str, object]:
-    from twin.host.atomic import finite
+    from twin.host.guard import finite
 
     content: dict[str, object] = {
         "ok": ok,

@@ -1,8 +1,18 @@
-"""Paint of robots: each of a team in its own colour, so that they can be told apart."""
+"""Paint of robots: each of a team in its own colour, so that they can be told apart.
+
+Colours of fixtures.
+
+The description of a robot as it is shown: in its colour, with nothing left out.
+"""
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Iterator
 from xml.etree import ElementTree
+
+from planning.cell.workcell import Fixture, PlacedRobot, Workcell
+from planning.robots.descriptions.xml_files import find_mesh
 
 TEAM, TINTED = "team", "team-tint"
 """Names of the materials of what is painted, and of what is tinted."""
@@ -71,3 +81,55 @@ def _saturation(channels: tuple[float, ...]) -> float:
     """Return how far from grey a colour is, 0 to 1; what is nearly black counts as grey."""
     bright = max(channels, default=0.0)
     return (bright - min(channels)) / bright if bright > 0.2 else 0.0
+
+
+_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
+
+
+def coloured_fixtures(
+    cell: Workcell,
+) -> Iterator[tuple[Fixture, tuple[int, int, int]]]:
+    """Yield the fixtures of a cell with their colours, 0 to 255: their own, or greys."""
+    ground, *others = _GREYS
+    for k, fixture in enumerate(cell.fixtures):
+        # The first one, mostly the table, is told apart from all that stand on it.
+        grey = ground if k == 0 else others[(k - 1) % len(others)]
+        yield fixture, fixture.colour or grey
+
+
+def painted_description(
+    robot: PlacedRobot, colour: tuple[int, int, int]
+) -> ElementTree.ElementTree[ElementTree.Element]:
+    """Return a URDF in the robot's colour, every mesh path absolute: package roots differ.
+
+    Args:
+        robot: the robot.
+        colour: red, green and blue, 0 to 255.
+    """
+    tree = ElementTree.parse(robot.model.urdf)
+    for mesh in tree.getroot().iter("mesh"):
+        found = find_mesh(mesh.get("filename", ""), robot.model.package_dirs)
+        if found is not None:
+            mesh.set("filename", str(found.resolve()))
+    _show_hidden(robot, tree.getroot())
+    paint(tree.getroot(), colour)
+    return tree
+
+
+def _show_hidden(robot: PlacedRobot, root: ElementTree.Element) -> None:
+    """Have an arm or a tool of which a URDF shows nothing shown by what it collides with."""
+    groups: dict[str, set[str]] = {}
+    for part in robot.model.parts:
+        groups.setdefault(part.group, set()).add(part.body.name.rpartition("_")[0])
+    links = root.findall("link")
+    for names in groups.values():
+        own = [link for link in links if link.get("name") in names]
+        if any(link.find("visual") is not None for link in own):
+            continue
+        for link in own:
+            for collision in link.findall("collision"):
+                shown = copy.deepcopy(collision)
+                shown.tag = "visual"
+                looks = ElementTree.SubElement(shown, "material", name="shown")
+                ElementTree.SubElement(looks, "color", rgba="0.7 0.7 0.7 1")
+                link.append(shown)

@@ -4,17 +4,25 @@ Imports planning and the base of scenario sections; scenario, uncertainty and fi
 """
 
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
-from twin.durations.composed import (
+from twin.durations.lifetimes import (
     AnyDuration,
     Distribution,
+    Exponential,
+    Gamma,
     Retries,
     Shifted,
     SkillOverride,
+    Weibull,
 )
-from twin.durations.lifetimes import Exponential, Gamma, Weibull
 from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
-from twin.durations.model import DurationModel, PackagedSkill, Skill
-from twin.durations.nanoseconds import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.model import (
+    NANOSECONDS,
+    DurationModel,
+    Nanoseconds,
+    PackagedSkill,
+    Skill,
+    to_nanoseconds,
+)
 from twin.durations.normal import Lognormal, TruncatedNormal
 
 __all__ = [

@@ -1,4 +1,7 @@
-"""Base class of distributions of durations: scenario section, quantiles, mean."""
+"""Base class of distributions of durations: scenario section, quantiles, mean.
+
+Integer nanoseconds, the unit of time inside the twin: sums do not depend on their order.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import ConfigDict, Field
 
 from planning.transforms import Array
@@ -103,3 +108,16 @@ def require_pair(
         raise ValueError(
             f"give {first[0]} and {first[1]}, or {second[0]} and {second[1]}"
         )
+
+
+Nanoseconds = npt.NDArray[np.int64]
+"""Times or durations [ns]."""
+
+NANOSECONDS = 1_000_000_000
+"""Nanoseconds in a second."""
+
+
+def to_nanoseconds(seconds: npt.ArrayLike) -> Nanoseconds:
+    """Return times in whole nanoseconds, rounded to the nearest."""
+    exact = np.asarray(seconds, dtype=float) * NANOSECONDS
+    return np.asarray(np.rint(exact), dtype=np.int64)

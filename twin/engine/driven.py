@@ -19,8 +19,8 @@ from twin.engine.passage import Passage, drive_times
 from twin.engine.processes import Execution, Steps
 from twin.recorders.observers import Observers
 from twin.run.events import EventKind
+from twin.uncertainty.halts import stopped_skill
 from twin.uncertainty.node_times import NodeTimes, Standstill
-from twin.uncertainty.stopped_skills import stopped_skill
 
 _AFTER_MESSAGES = EventPriority(8)
 """Priority of decisions at borders: what arrives at the same time counts."""

@@ -14,11 +14,9 @@ import numpy as np
 
 from planning.errors import TwinError
 from planning.transforms import Array
-from scheduling.graph.barriers import with_barriers
-from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import Dispatcher, earliest_times
+from scheduling.graph.task_edges import with_barriers, with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.turn_order import with_turns
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations import Nanoseconds
 from twin.engine.driven import DrivenExecution
@@ -26,7 +24,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.engine.narrator import failure_text
 from twin.engine.processes import Execution
 from twin.recorders.observers import Observers, Recorder
-from twin.run.run_record import POLICIES, DeadlockError, ExecutionRecord
+from twin.run.events import POLICIES, DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import nominal_ns

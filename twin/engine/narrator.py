@@ -8,8 +8,7 @@ from planning.tasks.task import DOOR, GONE
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.recorders.observers import Observers
-from twin.run.events import Event, EventKind
-from twin.run.run_record import waypoint_offsets_ns
+from twin.run.events import Event, EventKind, waypoint_offsets_ns
 from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import NodeTimes, Standstill
 

@@ -12,14 +12,13 @@ import simpy
 from simpy.events import EventPriority
 
 from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.task_edges import machine_chains, sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.turn_order import sequential_order
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
-from twin.run.run_record import Outcome
+from twin.run.events import Outcome
 from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import NodeTimes
 

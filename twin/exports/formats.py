@@ -7,20 +7,19 @@ from importlib import import_module
 from pathlib import Path
 
 from planning.errors import OutputError
-from twin.host.atomic import replacing
+from twin.host.guard import replacing
 from twin.trial.run_result import RunResult
 
 _WRITERS = {
     "csv": "tables.csv_files",
     "parquet": "tables.parquet_files",
-    "perfetto": "timelines.perfetto_files",
+    "perfetto": "tables.perfetto_files",
     "joint-trajectory": "joint_trajectory.joint_trajectory_files",
-    "joint-csv": "joint_csv.joint_csv_files",
+    "joint-csv": "joint_trajectory.joint_csv_files",
     "mcap": "ros.mcap_file.mcap_files",
     "graphml": "graphs.graphml_files",
     "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
-    "mermaid": "timelines.mermaid_files",
     "ldraw": "ldraw.ldraw_files",
 }
 FORMATS = tuple(_WRITERS)

@@ -19,10 +19,10 @@ import numpy as np
 from planning.errors import OutputError
 from planning.tasks.task import Task
 from planning.transforms import Array, Indices
-from scheduling.graph.rollout import Rollout, earliest_times
+from scheduling.graph.dispatcher import Rollout, earliest_times
 from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.run.activities import CAUSES
-from twin.run.run_record import waypoint_offsets_ns
+from twin.run.events import waypoint_offsets_ns
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 from twin.uncertainty.contraction import Contraction, contract
@@ -51,7 +51,7 @@ class Predecessor:
 
 
 @dataclass(frozen=True)
-class Handling:
+class SegmentHandling:
     """An object that changes hands within a segment.
 
     Attributes:
@@ -95,7 +95,7 @@ class Segment:
     nominal: Span
     executed: Span
     motion: Span | None
-    handlings: tuple[Handling, ...]
+    handlings: tuple[SegmentHandling, ...]
     t_ns: Nanoseconds
     q: Array
     v: Array | None
@@ -182,7 +182,7 @@ def _of_chain(
                 at_ns -= zero
                 if motion is not None:
                     at_ns = changed[item.node, item.object] - motion[0]
-                handlings.append(Handling(item.object, item.holder, at_ns))
+                handlings.append(SegmentHandling(item.object, item.holder, at_ns))
         waits = list(after.get((k, index), ()))
         if index:
             waits.insert(0, Predecessor(f"{chain.robot}/{index - 1}", "same robot"))

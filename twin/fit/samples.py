@@ -10,7 +10,7 @@ from pathlib import Path
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS, STRAIGHT, TRANSIT
 from planning.transforms import Array, readonly
-from twin.durations.timing_files import Columns, csv_rows, read_durations
+from twin.durations.measured import Columns, csv_rows, read_durations
 from twin.fit.logged_skills import is_log, logged_skills
 from twin.scenario.document.section import NAME
 

@@ -18,8 +18,8 @@ from rich.text import Text
 from twin.durations import NANOSECONDS
 from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
-from twin.follow.state import FollowedRun, RobotProgress, Violation
-from twin.host.atomic import finite
+from twin.follow.state import FollowedRun, ForbiddenEvent, RobotProgress
+from twin.host.guard import finite
 from twin.run.events import Event, EventLogError
 
 
@@ -30,7 +30,7 @@ class JsonLines(RunListener):
         """Hand lines, without newlines, to ``write``."""
         self._write = write
 
-    def violation(self, violation: Violation) -> None:
+    def violation(self, violation: ForbiddenEvent) -> None:
         """Write a violation."""
         self._put(
             "violation",
@@ -83,7 +83,7 @@ class PlainLines(RunListener):
         """Hand lines, without newlines, to ``write``."""
         self._write = write
 
-    def violation(self, violation: Violation) -> None:
+    def violation(self, violation: ForbiddenEvent) -> None:
         """Write a violation."""
         self._write(f"FORBIDDEN {violation.text}")
 

@@ -13,7 +13,7 @@ from typing import BinaryIO
 from planning.errors import OutputError
 from twin.durations import NANOSECONDS
 from twin.follow.forecast import Forecast, Forecaster
-from twin.follow.state import FollowedRun, Violation
+from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.run.events import Event, EventLogError, parse_event
 
 POLL_S = 0.1
@@ -106,7 +106,7 @@ class RunListener:
     def event(self, event: Event, run: FollowedRun) -> None:
         """Take note of an event, which the state of the run holds already."""
 
-    def violation(self, violation: Violation) -> None:
+    def violation(self, violation: ForbiddenEvent) -> None:
         """Take note of something that should not have happened."""
 
     def unreadable(self, number: int, error: EventLogError) -> None:

@@ -22,13 +22,12 @@ from twin.durations import (
     Nanoseconds,
     to_nanoseconds,
 )
-from twin.engine.bulk.message_times import Past, end_times
-from twin.engine.bulk.policy_graph import policy_graph
+from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
-from twin.uncertainty.least_durations import least_ns
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
+from twin.uncertainty.skill_durations import least_ns
 
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""

@@ -11,26 +11,25 @@ import rerun as rr
 from planning.errors import OutputError
 from planning.tasks.task import GONE
 from planning.transforms import Array
-from scheduling.graph.barriers import with_barriers
+from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
-from twin.follow.state import FollowedRun, Violation
+from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
     draw_fixtures,
     draw_later,
     draw_object,
+    draw_robot,
+    move_robot,
     place_object,
     unseen,
 )
-from twin.recorders.rerun.event_rows import EventBacklog
-from twin.recorders.rerun.lanes import draw_lane
+from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
+from twin.recorders.rerun.lanes import RobotNames, draw_lane
 from twin.recorders.rerun.layout import entity_path
-from twin.recorders.rerun.robot_names import RobotNames
-from twin.recorders.rerun.robots import draw_robot, move_robot
-from twin.recorders.rerun.words import PlanWords
 from twin.run.activities import (
     FAILED,
     IDLE,
@@ -40,9 +39,8 @@ from twin.run.activities import (
     WAITING,
     plan_colours,
 )
-from twin.run.events import Event, EventLogError
-from twin.run.run_record import Policy
-from twin.run.team_colours import team_colours
+from twin.run.events import Event, EventLogError, Policy
+from twin.run.gantt import team_colours
 from twin.run.trajectory import Placement, Trajectory
 from twin.run.viewer import TIMELINE, live_viewer
 
@@ -125,7 +123,7 @@ class LiveRecording(RunListener):
             self._rec.set_time(TIMELINE, duration=np.timedelta64(event.t_ns, "ns"))
             self._rec.log(self._lanes[event.robot], rr.StateChange(state=state))
 
-    def violation(self, violation: Violation) -> None:
+    def violation(self, violation: ForbiddenEvent) -> None:
         """Keep what should not have happened, as an error among the events."""
         self._rec.set_time(TIMELINE, duration=np.timedelta64(violation.t_ns, "ns"))
         self._rec.log(

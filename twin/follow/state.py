@@ -7,17 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scheduling.graph.barriers import with_barriers
 from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.run.activities import CAUSES
-from twin.run.events import Event
-from twin.run.run_record import Policy
+from twin.run.events import Event, Policy
 
 
 @dataclass(frozen=True)
-class Violation:
+class ForbiddenEvent:
     """An event that the TPG forbids.
 
     Attributes:
@@ -110,7 +109,7 @@ class FollowedRun:
     robots: list[RobotProgress] = field(init=False)
     now_ns: int = 0
     events: int = 0
-    violations: list[Violation] = field(default_factory=list)
+    violations: list[ForbiddenEvent] = field(default_factory=list)
     outcome: str = ""
 
     def __post_init__(self) -> None:
@@ -143,7 +142,7 @@ class FollowedRun:
         names = [f"{self._node(r, u)})" for r, u in waits]
         return "waits for " + " and ".join(names) if names else ""
 
-    def apply(self, event: Event) -> Sequence[Violation]:
+    def apply(self, event: Event) -> Sequence[ForbiddenEvent]:
         """Take note of an event; return what it should not have been."""
         before = len(self.violations)
         if event.t_ns < self.now_ns:
@@ -273,7 +272,7 @@ class FollowedRun:
             f" but {reason}"
         )
         self.violations.append(
-            Violation(event.t_ns, event.robot, event.node, task, edges, text)
+            ForbiddenEvent(event.t_ns, event.robot, event.node, task, edges, text)
         )
 
 

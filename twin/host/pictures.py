@@ -8,7 +8,7 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from twin.host.atomic import replacing
+from twin.host.guard import replacing
 
 INK, GRID, FRAME = "#2b2f36", "#e4e7eb", "#b8bec6"
 """Colours of text and lines, of the grid, and of the lines around the axes."""

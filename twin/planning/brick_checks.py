@@ -19,19 +19,19 @@ from twin.scenario.document.validation import (
     unknown_name,
 )
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
-from twin.scenario.sections.drawn_structure import (
-    ReadStructure,
-    mark_of_spot,
-    read_structure,
-)
 from twin.scenario.sections.lego import (
+    BrickStepSection,
     LegoSection,
-    StepSection,
     StockSection,
     brick_types,
     cell_of,
     places_of,
     support_of,
+)
+from twin.scenario.sections.shapes import (
+    ReadStructure,
+    mark_of_spot,
+    read_structure,
 )
 
 Drawn = Iterator[tuple[KeyPath, Spot | None, str]]
@@ -113,7 +113,10 @@ def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Foun
 
 
 def _check_step(
-    step: StepSection, brick: BrickType, at: KeyPath, taken: Mapping[GridPlace, str]
+    step: BrickStepSection,
+    brick: BrickType,
+    at: KeyPath,
+    taken: Mapping[GridPlace, str],
 ) -> Found:
     if step.press is not None:
         along = brick.studs[1] if step.press.side in (1, 4) else brick.studs[0]

@@ -1,4 +1,7 @@
-"""Construction of a cell from a scenario."""
+"""Construction of a cell from a scenario.
+
+Robot models as a scenario fits them out: with tools, flanges, limits and joints that are held.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planning.cell.machine import machine
-from planning.cell.motion_limits import limits_of
+from planning.cell.robot_model import RobotModel, limits_of
 from planning.cell.shape import (
     Box,
     Capsule,
@@ -27,14 +29,17 @@ from planning.cell.workcell import (
     PlacedRobot,
     RackTool,
     Workcell,
+    machine,
 )
-from planning.errors import ShapeError
+from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.files import file_named
 from planning.kinematics.kinematics import frame_pose
+from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.registry import robot_model, with_tool
 from planning.transforms import Transform, identity, readonly
 from twin.planning.kind import assembly_kind
-from twin.scenario.sections.cell import LimitsSection, ToolSection
-from twin.scenario.sections.scenario import FixtureSection, RobotSection, Scenario
+from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
+from twin.scenario.sections.scenario import FixtureSection, Scenario
 from twin.scenario.sections.shapes import ShapeSection, build_transform, plain_values
 
 
@@ -135,7 +140,6 @@ def _within_limits(
 def _robot(
     section: RobotSection, tools: Mapping[str, ToolSection], folder: Path
 ) -> PlacedRobot:
-    from twin.planning.fitted_robots import fitted_model
 
     model = fitted_model(section, tools, folder)
     if section.frames:
@@ -172,8 +176,7 @@ def _rack_tool(
     folder: Path,
 ) -> RackTool:
     """Return a tool that a robot changes; the one that it has on it is where its hand is."""
-    from planning.robots.tool_shape import tool_shape
-    from twin.planning.fitted_robots import fitted_model
+    from planning.robots.self_collision import tool_shape
 
     name = str(section.tool)
     own = tools[name]
@@ -195,3 +198,80 @@ def _fixture(section: FixtureSection, folder: Path) -> Fixture:
         return Fixture(section.name, shape, pose, frames)
     red, green, blue = section.colour
     return Fixture(section.name, shape, pose, frames, (red, green, blue))
+
+
+def fitted_model(
+    robot: RobotSection, tools: Mapping[str, ToolSection], folder: Path
+) -> RobotModel:
+    """Return the type of a robot with what the cell adds to it; of one that changes tools, bare.
+
+    Args:
+        robot: of the cell.
+        tools: of the cell, by name.
+        folder: where relative paths start.
+
+    Raises:
+        FittingError: what is added does not fit; it says which key is at fault.
+        RobotModelError: the description of the robot cannot be used.
+    """
+    if robot.tools:
+        return robot_model(robot.model, folder, _fitting(robot, bare=True))
+    own = tools.get(robot.tool or "")
+    if own is None and robot.tool is not None:
+        robot_model(robot.model, folder)  # a model that there is not is said first
+    model = robot.model if own else with_tool(robot.model, robot.tool, tuple(tools))
+    tool = build_tool(str(robot.tool), own, folder) if own else None
+    return robot_model(model, folder, _fitting(robot, tool))
+
+
+def _fitting(
+    robot: RobotSection, tool: Tool | None = None, *, bare: bool = False
+) -> Fitting:
+    return Fitting(
+        tool=tool,
+        bare=bare,
+        flange=robot.flange,
+        held=robot.joints,
+        limits=build_limits(robot.limits),
+    )
+
+
+def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
+    """Return a tool of a cell as planning knows it."""
+    said = ("description", "shapes", "joints", "opening_m", "suction", "rack")
+    return Tool(
+        name=name,
+        description=_description(name, section, folder),
+        shapes=_shapes(name, section, folder),
+        held=section.joints,
+        grip=section.grip(name),
+        **plain_values(section, without=said),
+    )
+
+
+def _description(name: str, section: ToolSection, folder: Path) -> Path | None:
+    if section.description is None:
+        return None
+    try:
+        return file_named(section.description, folder, RobotModelError).resolve()
+    except RobotModelError as error:
+        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
+
+
+def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...]:
+    """Return the forms of a tool that is made of shapes."""
+    if not section.shapes:
+        return ()
+    whole = ShapeSection(compound=section.shapes)
+    try:
+        return build_shape(name, whole, folder).elements
+    except ShapeError as error:
+        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
+
+
+def build_limits(section: LimitsSection) -> GivenLimits:
+    """Return the limits of a robot as planning knows them."""
+    speeds = ("tool_speed_m_s", "loaded_tool_speed_m_s", "payload_kg")
+    given = plain_values(section, without=speeds)
+    listed = {k: v if isinstance(v, tuple) else (v,) for k, v in given.items()}
+    return GivenLimits(payload=section.payload_kg, **listed)

@@ -141,9 +141,8 @@ class ConstructionKind(AssemblyKind):
             ConstructionError: it cannot be built as it is, or not by these robots.
             ScenarioError: a skill has no duration but that of its reference path.
         """
-        from planning.construction.problem.feasibility import require_buildable
         from planning.construction.problem.problem import SkillSeconds
-        from planning.construction.problem.site import build_problem
+        from planning.construction.problem.site import build_problem, require_buildable
 
         seconds = settings.skill_seconds
         for skill in ("pick", "place-down", "handover"):

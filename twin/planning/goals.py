@@ -1,22 +1,28 @@
-"""Goals of a scenario: from their section to data of planning, and to motions."""
+"""Goals of a scenario: from their section to data of planning, and to motions.
+
+Sequential planning, one task after another, for most kinds of assemblies (APEX-MR IV).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
+from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.steps.robot_goals import RobotGoal
+from planning.tasks.highs_solver import assign_steps
+from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.validation import FileProblem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.goals import GoalsSection, MoveSection
+from twin.scenario.sections.execution import GoalsSection, MoveSection
 from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
@@ -59,7 +65,6 @@ class GoalsKind(AssemblyKind):
     ) -> PlannedMotions:
         """Find the configurations of all goals, then the ways to them."""
         from planning.steps.robot_goals import prepare_goals
-        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
 
         goals = tuple(
             _goal(cell, move, k) for k, move in enumerate(self.section.moves, start=1)
@@ -91,3 +96,38 @@ def _goal(cell: Workcell, move: MoveSection, number: int) -> RobotGoal:
             f"move {number}: robot {move.robot!r} has {dof} joints, not {len(joints)}"
         )
     return RobotGoal(move.robot, joints=readonly(joints))
+
+
+ASSIGNMENT, MOTION = "who does what", "motions"
+"""Names of the stages for progress displays."""
+
+
+def plan_in_turns(
+    cell: Workcell,
+    assembly: Any,
+    work: AssemblyWork,
+    settings: MotionSettings,
+    watch: StageWatch,
+) -> PlannedMotions:
+    """Choose who does what, and plan how everyone moves; the stages are assignment and motion.
+
+    Args:
+        cell: where it is built.
+        assembly: what is built.
+        work: its candidates, and the tasks that follow from a choice.
+        settings: how tasks are turned into motions.
+        watch: measures and reports the stages.
+
+    Raises:
+        InfeasibleStepError: a step that no robot, object and grasp can do.
+        TransitError: no collision-free path was found.
+    """
+    with watch.stage("assignment"):
+        task_plan = assign_steps(work.problem)
+    with watch.stage("motion"):
+        steps = StepExpansions(work, task_plan)
+        watch.report(MOTION, 0, len(task_plan.choices))
+        motion_plan = plan_sequential(
+            cell, steps.callables(), work.link, settings, watch.reporter(MOTION)
+        )
+    return PlannedMotions(cell, assembly, steps.plan, motion_plan, settings, work=work)

@@ -1,4 +1,7 @@
-"""The interface of a kind of assemblies, the motions that it plans, and the kinds there are."""
+"""The interface of a kind of assemblies, the motions that it plans, and the kinds there are.
+
+The times of a plan within its robots' limits, with corners rounded where the scenario says so.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import within_limits
+from scheduling.shortcuts.corners import round_corners
 from twin.audit.wanted import Wanted
 from twin.host.progress import StageWatch
 from twin.scenario.document.validation import FileProblem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.scenario import AssemblySection
+from twin.scenario.sections.scenario import AssemblySection, Scenario
 
 if TYPE_CHECKING:
-    from planning.motion.motion_plan import MotionPlan
+    from planning.motion.known_motions import MotionPlan
     from planning.motion.sequential import MotionSettings
     from planning.tasks.assignment import TaskPlan
     from planning.tasks.work import AssemblyWork
@@ -162,3 +168,23 @@ def assembly_kind(section: AssemblySection) -> AssemblyKind:
     module, name = _KINDS[section.kind]
     found: AssemblyKind = getattr(import_module(module), name)(section)
     return found
+
+
+CORNERS = "corners"
+"""Name of the stage for progress displays."""
+
+
+def timed(
+    tpg: TemporalPlanGraph, scenario: Scenario, watch: StageWatch
+) -> TemporalPlanGraph:
+    """Return a graph with the times that robots need within their limits; the stage is tpg.
+
+    Corners are rounded first, where the scenario says so; what has no edges yet, or is executed slot
+    by slot, stays as it was planned.
+    """
+    limited = scenario.speed_model == "limits" and scenario.planning.corners == "smooth"
+    ordered = len(tpg.edges) > 0 or len(tpg.chains) < 2
+    if limited and ordered and not len(tpg.slots):
+        with watch.stage("tpg", CORNERS):
+            tpg = round_corners(tpg, progress=watch.reporter(CORNERS))
+    return within_limits(tpg)

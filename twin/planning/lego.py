@@ -21,24 +21,23 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
-from planning.progress import Progress, no_progress
+from planning.silence import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.validation import FileProblem
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.drawn_structure import read_structure
 from twin.scenario.sections.lego import (
+    BrickStepSection,
     LegoSection,
     PlateSection,
-    StepSection,
     StockSection,
     brick_types,
     cell_of,
     support_of,
 )
-from twin.scenario.sections.shapes import build_transform
+from twin.scenario.sections.shapes import build_transform, read_structure
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
@@ -146,12 +145,11 @@ class LegoKind(AssemblyKind):
         Given steps are checked: the structure must stand, and bear every press. The stages are
         sequence (where there is a structure), assignment and motion.
         """
-        from planning.lego.sequencing.reachability import check_reach
-        from planning.lego.sequencing.stable_steps import stable_steps
-        from planning.lego.sequencing.step_exchange import movable_work
+        from planning.lego.sequencing.blocking import check_reach
+        from planning.lego.sequencing.stable_steps import movable_work, stable_steps
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
-        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
         robots, checked = len(cell.robots), self.section.rules.check_steps
         rules = sequencing_rules(
@@ -183,10 +181,10 @@ class LegoKind(AssemblyKind):
         The sequence knows of tools, not of arms: where these do not get to a support, the brick
         is to go in without, which takes another order, or scaffolding where that is allowed.
         """
-        from planning.lego.sequencing.reachability import check_reach
-        from planning.lego.sequencing.step_exchange import movable_work
+        from planning.lego.sequencing.blocking import check_reach
+        from planning.lego.sequencing.stable_steps import movable_work
         from planning.lego.skills.candidates import find_candidates
-        from twin.planning.in_turns import ASSIGNMENT
+        from twin.planning.goals import ASSIGNMENT
 
         alone: frozenset[str] = frozenset()
         first: AssemblyWork | None = None
@@ -337,7 +335,7 @@ def _stock(section: StockSection, types: Mapping[str, BrickType]) -> StockBrick:
     )
 
 
-def _step(section: StepSection, types: Mapping[str, BrickType]) -> LegoStep:
+def _step(section: BrickStepSection, types: Mapping[str, BrickType]) -> LegoStep:
     presses = section.presses or filter(None, [section.press])
     supports = section.supports or filter(None, [section.support])
     return LegoStep(

@@ -116,7 +116,7 @@ class PartKind(AssemblyKind):
         from planning.parts.candidates import find_candidates
         from planning.parts.expansion import part_work
         from planning.parts.order import find_ordered_candidates
-        from twin.planning.in_turns import ASSIGNMENT, plan_in_turns
+        from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
         line = written_out(self.section)
         assembly = assembly_of(line)
@@ -131,7 +131,7 @@ class PartKind(AssemblyKind):
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with the way in which they go on, and which tasks are for which product."""
-        from twin.planning.part_assembly.pattern import line_pattern
+        from twin.planning.part_assembly.built import line_pattern
 
         line = written_out(self.section)
         if line.products == 1:

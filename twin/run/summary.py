@@ -13,14 +13,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scheduling.graph.machine_chains import machine_chains, working_machines
-from scheduling.graph.rollout import earliest_times
-from scheduling.graph.task_edges import dependency_edges
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.task_edges import (
+    dependency_edges,
+    machine_chains,
+    working_machines,
+)
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
-from scheduling.slowed_motions import slowed_motions
+from scheduling.pace import slowed_motions
 from twin.durations import NANOSECONDS
+from twin.run.events import ExecutionRecord
 from twin.run.policies import IN_TURNS, SEQUENTIAL, policy_name
-from twin.run.run_record import ExecutionRecord
 
 
 def summarise(

@@ -13,7 +13,7 @@ from planning.tasks.work import is_done_to_a_product
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 
 _START_UP = 0.1
 """Share of the products that do not count for throughput and takt where nothing else is said."""

@@ -176,7 +176,7 @@ def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
 
 
 def _check_robots(cell: CellSection, folder: Path) -> Found:
-    from twin.planning.fitted_robots import fitted_model
+    from twin.planning.build_workcell import fitted_model
 
     # The robots of a team are alike: what is wrong with one is said once.
     for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):

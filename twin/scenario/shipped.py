@@ -11,7 +11,7 @@ from pathlib import Path
 from planning.errors import OutputError, ScenarioError
 from planning.files import is_file
 from twin.scenario.document.yaml_text import read_yaml
-from twin.scenario.file import scenario_schema
+from twin.scenario.manifest import scenario_schema
 
 TEMPLATE = "tray"
 """What a new scenario begins as."""

@@ -19,7 +19,7 @@ import numpy as np
 from planning.errors import ScenarioError
 from planning.tasks.task import HOLD
 from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
-from twin.scenario.file import scenario_schema
+from twin.scenario.manifest import scenario_schema
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved
 

@@ -21,7 +21,7 @@ from twin.scenario.manifest import (
 )
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import Variant
-from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Experiment
 
 PLANS, BLOCKS, AUDITS = "plans", "blocks", "audits"
 REPLICATIONS, TASKS, EDGES = (

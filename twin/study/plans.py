@@ -10,9 +10,10 @@ from pathlib import Path
 from planning.errors import RequestError, ScenarioError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
-from twin.host.versions import versions
-from twin.planning.part_assembly.pattern import repeated_plans
+from twin.planning.kind import timed
+from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     order_motions,
     plan_in_slots,
@@ -20,7 +21,6 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.planning.timed import timed
 from twin.run.policies import (
     ASYNCHRONOUS,
     AT_ONCE,
@@ -36,7 +36,7 @@ from twin.run.policies import (
 from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
-from twin.study.replications.experiment import Experiment
+from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_best

@@ -11,10 +11,10 @@ import numpy as np
 from scipy import stats
 
 from planning.transforms import Array
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.task_edges import machine_chains
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.replays import replay_cost
-from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.chain_draws import moving_nodes
 

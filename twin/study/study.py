@@ -15,16 +15,16 @@ from planning.errors import RequestError
 from planning.transforms import Array
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
-from twin.audit.worlds.engine import Engine, engine_named
+from twin.audit.worlds.world import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
-from twin.host.atomic import write_json
+from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import assembly_kind
-from twin.recorders.motion_tables import write_motion
+from twin.recorders.observers import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import layout_of, varied
@@ -42,9 +42,8 @@ from twin.study.folder import (
     require_same_plans,
     write_request,
 )
-from twin.study.gains.files import write_gains
-from twin.study.gains.gains import CellGains, study_gains
-from twin.study.layouts import plan_layouts
+from twin.study.gains.gains import CellGains, study_gains, write_gains
+from twin.study.layouts import plan_layouts, rank_layouts
 from twin.study.line import line_content, product_times
 from twin.study.plans import (
     Plans,
@@ -54,16 +53,15 @@ from twin.study.plans import (
     save_plans,
     workloads,
 )
-from twin.study.ranking import rank_layouts
 from twin.study.replications.block_results import cell_blocks, cell_tally
-from twin.study.replications.experiment import Experiment
 from twin.study.replications.runner import OpenExecutor, run_replications
+from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload
-from twin.study.summary import summarise_study
 from twin.study.tables import (
     cell_table,
     edge_columns,
     product_columns,
+    summarise_study,
     task_columns,
     write_cells,
     write_replications,

@@ -14,7 +14,7 @@ from planning.errors import ScenarioError
 from twin.scenario.checks import find_problems
 from twin.scenario.document.validation import parsed
 from twin.scenario.document.yaml_text import YamlDocument
-from twin.scenario.file import read_scenario
+from twin.scenario.manifest import read_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.shipped import scenario_path
 from twin.scenario.variations import is_of_execution, varied

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, RequestError, ScenarioError, listed
 from planning.files import read_file
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
-from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import PlannedMotions

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
-from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_nodes
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.kind import PlannedMotions, assembly_kind
-from twin.planning.part_assembly.pattern import repeated_plans
+from twin.planning.kind import PlannedMotions, assembly_kind, timed
+from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     order_motions,
     plan_in_slots,
@@ -18,7 +18,6 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.planning.timed import timed
 from twin.run.policies import (
     AT_ONCE,
     IN_SLOTS,
@@ -162,8 +161,7 @@ def _improved_motions(
     Returns:
         The motions of the best plan found, None where none is better than the one given.
     """
-    from scheduling.improvement.rated_plans import PlanRater
-    from scheduling.improvement.search import improve_plan
+    from scheduling.improvement.search import PlanRater, improve_plan
 
     if first.work is None:
         return None

@@ -13,7 +13,7 @@ import numpy as np
 from planning.errors import OutputError, RequestError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.run.events import Event, EventLogError, parse_event, read_log
+from twin.run.events import Event, EventLogError, ExecutionRecord, parse_event, read_log
 from twin.run.folder import (
     EVENTS,
     GANTT,
@@ -22,7 +22,6 @@ from twin.run.folder import (
     TRAJECTORY,
     require_as_written,
 )
-from twin.run.run_record import ExecutionRecord
 from twin.run.summary import summary_rows
 from twin.run.trajectory import Trajectory
 from twin.scenario.manifest import MANIFEST
@@ -171,7 +170,7 @@ class RunResult:
     @property
     def events(self) -> pa.Table:
         """A row an event: t_s, robot, kind, task, node, object, detail."""
-        from twin.recorders.motion_tables import events_table
+        from twin.recorders.observers import events_table
 
         return events_table(self.history)
 
@@ -199,7 +198,7 @@ class RunResult:
         """Where each robot was when: t_s, robot, q_0 ... q_k, node."""
         if self.record is None:
             return self._table(TRAJECTORY)
-        from twin.recorders.motion_tables import trajectory_table
+        from twin.recorders.observers import trajectory_table
         from twin.run.trajectory import robot_trajectories
 
         return trajectory_table(robot_trajectories(self.tpg, self.record))
@@ -209,7 +208,7 @@ class RunResult:
         """Where each object was from when on: t_s, object, parent, xyz, quat_wxyz."""
         if self.record is None:
             return self._table(OBJECTS)
-        from twin.recorders.motion_tables import objects_table
+        from twin.recorders.observers import objects_table
         from twin.run.trajectory import object_placements
 
         return objects_table(object_placements(self.tpg, self.record))

@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING
 
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import save_plan
-from twin.audit.worlds.engine import Engine, engine_named
-from twin.host.atomic import write_json
+from twin.audit.worlds.world import Engine, engine_named
+from twin.host.guard import write_json
 from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing
-from twin.recorders.motion_tables import write_motion
-from twin.recorders.observers import JsonlRecorder, MemoryRecorder
-from twin.run.events import Event, event_line, parse_event, read_log
+from twin.recorders.observers import JsonlRecorder, MemoryRecorder, write_motion
+from twin.run.events import Event, ExecutionRecord, event_line, parse_event, read_log
 from twin.run.folder import (
     EVENTS,
     GANTT,
@@ -34,7 +33,6 @@ from twin.run.folder import (
     require_as_written,
 )
 from twin.run.gantt import gantt_figure
-from twin.run.run_record import ExecutionRecord
 from twin.scenario.manifest import (
     manifest_base,
     read_manifest,

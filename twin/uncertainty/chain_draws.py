@@ -53,7 +53,7 @@ def moving_nodes(tpg: TemporalPlanGraph, chain: NodeChain) -> npt.NDArray[np.boo
     return np.asarray(~chain.skill | np.isin(chain.task, straight))
 
 
-class TaskNodes:
+class RobotTaskNodes:
     """Nodes of every task of one robot.
 
     Attributes:
@@ -93,7 +93,7 @@ class ChainDraws:
         disturbances: what may go wrong.
     """
 
-    own: TaskNodes
+    own: RobotTaskNodes
     seed: int
     numbers: Indices
     disturbances: Disturbances

@@ -15,15 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Indices
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
-from twin.uncertainty.chain_draws import Cause, ChainDraws, Standstills, TaskNodes
+from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.halts import Halts, sample_halts
-from twin.uncertainty.least_durations import least_ns
-from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
+from twin.uncertainty.skill_durations import SkillDurations, least_ns, nominal_ns
 
 _MOST_VALUES = 4_000_000
 """Times of nodes that are drawn at once: it bounds the memory."""
@@ -156,7 +155,7 @@ class NodeTimeSampler:
             disturbances.of_machine(chain.robot) if k in machines else disturbances
             for k, chain in enumerate(tpg.chains)
         ]
-        self._chains = [TaskNodes(tpg, chain) for chain in tpg.chains]
+        self._chains = [RobotTaskNodes(tpg, chain) for chain in tpg.chains]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.
         self._floor = [
             np.where(chain.moves, np.minimum(least, nominal), 0)

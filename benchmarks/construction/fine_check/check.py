@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.construction.fine_check.clearance import Progress, measure_clearances
-from benchmarks.construction.fine_check.motion import Motion, moved_corners
+from benchmarks.construction.fine_check.walk import Motion, moved_corners
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.world.fixed_world import PlannedTask

@@ -12,15 +12,14 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from benchmarks.construction.fine_check.motion import Motion
-from benchmarks.construction.fine_check.walk import Group, Limit, Measurer
+from benchmarks.construction.fine_check.walk import Group, Limit, Measurer, Motion
 from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
 from planning.contacts.precedence import MOST_OVERLAP
-from planning.progress import Progress
+from planning.silence import Progress
 from planning.transforms import Array
-from scheduling.verification.reference import Part, measure, resting_parts
+from scheduling.verification.reference import ReferenceBody, measure, resting_parts
 
 
 def measure_clearances(
@@ -59,7 +58,7 @@ def measure_clearances(
     return measurer
 
 
-def _half(part: Part) -> Array:
+def _half(part: ReferenceBody) -> Array:
     """Return half the edges of a box about the origin of a part's frame that holds it [m]."""
     box = part.shape.aabb_local
     return np.maximum(np.abs(np.array(box.min_)), np.abs(np.array(box.max_)))
@@ -142,7 +141,7 @@ def _among_still(robot: str, touch: frozenset[str], clearances: Clearances) -> L
     A pad may touch the part that it picks or places; that part, in the hand, what it lies on.
     """
 
-    def limit(moving: Part, still: Part) -> float:
+    def limit(moving: ReferenceBody, still: ReferenceBody) -> float:
         if moving.joint < 0:
             return -math.inf  # what is bolted down may stand in the floor
         pad = moving.entity == f"{robot}/tool" and still.entity in touch
@@ -162,7 +161,7 @@ def _between(
     """
     pads = {f"{robot}/tool" for robot in robots}
 
-    def limit(one: Part, other: Part) -> float:
+    def limit(one: ReferenceBody, other: ReferenceBody) -> float:
         names = {one.entity, other.entity}
         return (
             -MOST_OVERLAP if names & touch and names & pads else clearances.robot_robot
@@ -175,7 +174,7 @@ def _alone(group: Group) -> Limit:
     """Return the least distances of one robot's bodies: neighbours in the chain are left out."""
     frames = dict(zip(map(id, group.parts), group.frames(np.zeros(1))[0], strict=True))
 
-    def limit(one: Part, other: Part) -> float:
+    def limit(one: ReferenceBody, other: ReferenceBody) -> float:
         if "/" not in other.entity:
             return -math.inf if one.entity.endswith("/tool") else 0.0
         if abs(one.joint - other.joint) <= 1:

@@ -9,16 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
-from planning.construction.checks.motion_checks import (
+from planning.construction.checks.moving_checks import (
     clear_throughout,
     configuration_clear,
     motion_clear,
 )
 from planning.construction.checks.scene import Limits, StillBoxes, lay_out
-from planning.construction.world.fixed_world import FixedWorld, Rest
-from planning.construction.world.fleet import Carrier, cell_entities, make_carrier
+from planning.construction.world.fixed_world import FixedWorld, TimedRest
 from planning.construction.world.timeline import STEP, cut_timeline, hand_changes
-from planning.construction.world.tracks import SweptTrack, build_tracks, sweep_track
+from planning.construction.world.tracks import (
+    Carrier,
+    SweptTrack,
+    build_tracks,
+    cell_entities,
+    make_carrier,
+    sweep_track,
+)
 from planning.geometry.standing import stand_boxes
 from planning.geometry.swept import SKIP
 from planning.kinematics.kinematics import joint_poses_of
@@ -272,7 +278,7 @@ class SpaceTimeChecker:
             tracks.append(track)
         return tracks
 
-    def _rests(self) -> list[Rest]:
+    def _rests(self) -> list[TimedRest]:
         return [
             rest
             for item in self.world.cell.objects
@@ -288,7 +294,7 @@ def _c(q: Array) -> Array:
 
 
 def _still_boxes(
-    world: FixedWorld, rests: Sequence[Rest]
+    world: FixedWorld, rests: Sequence[TimedRest]
 ) -> tuple[tuple[str, ...], StillBoxes]:
     """Return fixtures and objects where they lie, names first."""
     cell = world.cell

@@ -3,6 +3,8 @@
 A motion is cut at the cells of time: in each cell the whole of its stretch must clear the whole
 of what every other robot sweeps in the cell, and where that fails the cell is halved a few
 times. So what is found free can become nodes of a temporal plan graph, see ``motion_pieces``.
+
+Continuous collision checks of motions in space-time, compiled.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from planning.construction.checks.scene import (
-    Scene,
+    MoversScene,
     own_at,
     sweep_between,
     sweep_stretch,
@@ -19,17 +21,19 @@ from planning.construction.checks.still_checks import (
     capsules_meet,
     movers_clear,
     pairs_apart,
+    still_clear_until,
 )
-from planning.construction.world.fleet import bodies_of, set_motion
 from planning.construction.world.tracks import (
     Sweeps,
+    bodies_of,
     near_stretch,
     pieces_at,
+    set_motion,
     sweep_carrier,
 )
 from planning.geometry.distance import boxes_apart
 from planning.geometry.hull_table import HullTable
-from planning.kernels import ZERO, inner_kernel
+from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array
 
 _PROBE = 0.4
@@ -38,7 +42,7 @@ _PROBE = 0.4
 
 @inner_kernel
 def moving_clear_until(
-    scene: Scene, q0: Array, t0: float, q1: Array, t1: float
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> tuple[bool, float]:
     """Tell whether a motion is clear of robots that move, and until when it is.
 
@@ -110,7 +114,7 @@ def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
 
 @inner_kernel
 def _near_pieces(
-    scene: Scene, track: int, begin: float, finish: float
+    scene: MoversScene, track: int, begin: float, finish: float
 ) -> tuple[int, int]:
     """Return the pieces of a track in a span, none where all are out of the movers' reach."""
     tracks = scene.tracks
@@ -126,7 +130,7 @@ def _near_pieces(
 
 
 @inner_kernel
-def clear_of_tracks(scene: Scene, begin: float, finish: float) -> bool:
+def clear_of_tracks(scene: MoversScene, begin: float, finish: float) -> bool:
     """Check the swept movers against all pieces in a span."""
     for r in range(len(scene.tracks.first) - 1):
         p, q = _near_pieces(scene, r, begin, finish)
@@ -136,7 +140,9 @@ def clear_of_tracks(scene: Scene, begin: float, finish: float) -> bool:
 
 
 @inner_kernel
-def clear_of_pieces(scene: Scene, p: int, q: int, begin: float, finish: float) -> bool:
+def clear_of_pieces(
+    scene: MoversScene, p: int, q: int, begin: float, finish: float
+) -> bool:
     """Check the swept movers against pieces ``range(p, q)`` of one track within a span."""
     around, widest, limits = scene.own.box, scene.widest, scene.limits
     tracks, sweeps, bodies = scene.tracks, scene.tracks.sweeps, scene.fleet.body_first
@@ -164,7 +170,7 @@ def clear_of_pieces(scene: Scene, p: int, q: int, begin: float, finish: float) -
 
 @inner_kernel
 def _clip(
-    scene: Scene, hulls: HullTable, piece: int, begin: float, finish: float
+    scene: MoversScene, hulls: HullTable, piece: int, begin: float, finish: float
 ) -> bool:
     """Sweep only what of a piece falls into a span; False where that is all of it."""
     pieces = scene.tracks.pieces
@@ -189,7 +195,9 @@ def _clip(
 
 
 @inner_kernel
-def _near_bodies(scene: Scene, v: int, other: Sweeps, first: tuple[int, int]) -> int:
+def _near_bodies(
+    scene: MoversScene, v: int, other: Sweeps, first: tuple[int, int]
+) -> int:
     """Collect the pairs of own bodies and of those of a carrier whose capsules meet.
 
     Args:
@@ -227,7 +235,9 @@ def _near_bodies(scene: Scene, v: int, other: Sweeps, first: tuple[int, int]) ->
 
 
 @inner_kernel
-def met_by_robots(scene: Scene, q0: Array, t0: float, q1: Array, t1: float) -> float:
+def met_by_robots(
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
+) -> float:
     """Return when a motion of one mover is in the way of other robots, infinity for never [s].
 
     Some places on it are looked at first, so it need not be the first such time.
@@ -245,7 +255,7 @@ def met_by_robots(scene: Scene, q0: Array, t0: float, q1: Array, t1: float) -> f
 
 
 @inner_kernel
-def left_by_robots(scene: Scene, q: Array, t: float, latest: float) -> float:
+def left_by_robots(scene: MoversScene, q: Array, t: float, latest: float) -> float:
     """Return from when on other robots leave room for the only mover to be at a place [s].
 
     Args:
@@ -280,3 +290,93 @@ def worth_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
     for j in range(len(q0)):
         widest = max(widest, abs(q1[j] - q0[j]))
     return bool(widest > _PROBE)
+
+
+@kernel
+def clear_throughout(
+    scene: MoversScene, q0: Array, q1: Array, lo: float, hi: float
+) -> bool:
+    """Tell whether a straight motion is clear of everything, wherever it is in a span.
+
+    Args:
+        scene: the scene.
+        q0, q1: ends of the motion, shape (n,).
+        lo, hi: the span [s].
+    """
+    clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
+    if not clear:
+        return False
+    size = scene.step / (1 << scene.halvings)
+    begin = np.floor(lo / size + 1e-6) * size
+    finish = np.ceil(hi / size - 1e-6) * size
+    sweep_between(scene, q0, q1, lo, hi)
+    return clear_of_tracks(scene, begin, finish) and (
+        len(scene.begin) == 1 or movers_clear(scene, hi >= lo)
+    )
+
+
+@kernel
+def configuration_clear(scene: MoversScene, q: Array, t: float) -> bool:
+    """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
+    clear, _ = still_clear_until(scene, q, t, q, t, 0.0)
+    # The movers have been swept, if such it may be called, and not cut up.
+    return (
+        clear
+        and clear_of_tracks(scene, t, t)
+        and (len(scene.begin) == 1 or movers_clear(scene, clear))
+    )
+
+
+@inner_kernel
+def clear_until(
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
+) -> tuple[bool, float]:
+    """Tell whether a whole motion is clear, and until when it is.
+
+    Each mover that is free to move by then goes straight, at constant speed.
+
+    Args:
+        scene: the scene.
+        q0, t0: where it begins, and when, shape (n,).
+        q1, t1: where it ends, and when.
+    """
+    begins = scene.begin
+    a, b = np.empty_like(q0), np.empty_like(q1)
+    a[:] = q0
+    begin = t0
+    while begin < t1:
+        # A mover that becomes free within the motion appears there.
+        end = t1
+        for m in range(len(begins)):
+            if begin + 1e-9 < begins[m] < end:
+                end = begins[m]
+        own_at(scene, q0, t0, q1, t1, end, b)
+        clear, until = still_clear_until(scene, a, begin, b, end, 0.0)
+        if not clear:
+            if until <= begin:
+                return False, begin
+            own_at(scene, q0, t0, q1, t1, until, b)
+        moving, first = moving_clear_until(scene, a, begin, b, until)
+        if not moving:
+            return False, first
+        if not clear:
+            return False, until
+        a[:] = b
+        begin = end
+    return True, t1
+
+
+@kernel
+def motion_clear(
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
+) -> bool:
+    """Tell whether a whole motion is clear: its end and its middle first."""
+    if not configuration_clear(scene, q1, t1):
+        return False
+    if worth_probing(q0, t0, q1, t1):
+        q, middle = np.empty_like(q0), 0.5 * (t0 + t1)
+        own_at(scene, q0, t0, q1, t1, middle, q)
+        if not configuration_clear(scene, q, middle):
+            return False
+    clear, _ = clear_until(scene, q0, t0, q1, t1)
+    return bool(clear)

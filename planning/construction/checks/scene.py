@@ -7,12 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.world.fleet import Carrier, Fleet, bodies_of, make_fleet
 from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import (
+    Carrier,
+    Fleet,
     Room,
     Sweeps,
     Tracks,
+    bodies_of,
+    make_fleet,
     no_sweeps,
     sweep_carrier,
 )
@@ -60,7 +63,7 @@ class Limits(NamedTuple):
     own: Array
 
 
-class Scene(NamedTuple):
+class MoversScene(NamedTuple):
     """Movers, what they must keep clear of, and room to work in: one for each thread.
 
     Attributes:
@@ -122,7 +125,7 @@ def lay_out(
     boxes: StillBoxes,
     limits: Limits,
     begin: Array,
-) -> Scene:
+) -> MoversScene:
     """Return a scene. The carriers must outlive it.
 
     Args:
@@ -148,7 +151,7 @@ def lay_out(
     widest = max(0.0, *(float(t.max(initial=0.0)) for t in limits))
     names = [name for carrier in carriers for name in carrier.names]
     near = max(len(tracks.first), len(boxes.pose), 1)
-    scene = Scene(
+    scene = MoversScene(
         make_fleet(carriers),
         np.array([numbers[name] for name in names], dtype=np.int64),
         begin,
@@ -179,7 +182,7 @@ def lay_out(
 
 @inner_kernel
 def own_at(
-    scene: Scene, q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float, t: float, out: Array
 ) -> None:
     """Write where the movers are at a time: each goes straight once it is free to move."""
     begins, joints = scene.begin, scene.joint_first
@@ -197,7 +200,7 @@ def own_at(
 
 @inner_kernel
 def sweep_stretch(
-    scene: Scene, q0: Array, t0: float, q1: Array, t1: float, lo: float, hi: float
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float, lo: float, hi: float
 ) -> None:
     """Sweep the movers on the part from ``lo`` to ``hi`` of a motion; see ``own_at``."""
     own_at(scene, q0, t0, q1, t1, lo, scene.q_a)
@@ -206,7 +209,9 @@ def sweep_stretch(
 
 
 @inner_kernel
-def sweep_between(scene: Scene, q0: Array, q1: Array, lo: float, hi: float) -> None:
+def sweep_between(
+    scene: MoversScene, q0: Array, q1: Array, lo: float, hi: float
+) -> None:
     """Sweep the movers from one configuration to another, both of shape (n,), in a span."""
     scene.q_a[:] = q0
     scene.q_b[:] = q1
@@ -214,7 +219,7 @@ def sweep_between(scene: Scene, q0: Array, q1: Array, lo: float, hi: float) -> N
 
 
 @inner_kernel
-def _sweep(scene: Scene, lo: float, hi: float) -> None:
+def _sweep(scene: MoversScene, lo: float, hi: float) -> None:
     """Sweep the movers; those that are not free to move by then are nowhere."""
     joints, bodies = scene.joint_first, scene.fleet.body_first
     capsules, begin = scene.capsule_first, scene.begin

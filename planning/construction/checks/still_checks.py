@@ -5,9 +5,8 @@ Capsules propose pairs of bodies, hulls decide. A motion is halved until either 
 
 from __future__ import annotations
 
-from planning.construction.checks.scene import Scene, sweep_stretch
-from planning.construction.world.fleet import bodies_of, set_motion
-from planning.construction.world.tracks import Sweeps
+from planning.construction.checks.scene import MoversScene, sweep_stretch
+from planning.construction.world.tracks import Sweeps, bodies_of, set_motion
 from planning.geometry.distance import boxes_apart, segment_box, segment_segment
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
@@ -39,7 +38,7 @@ def proved_apart(
 
 @inner_kernel
 def pairs_apart(
-    scene: Scene, count: int, limits: Array, other: HullTable, columns: Indices
+    scene: MoversScene, count: int, limits: Array, other: HullTable, columns: Indices
 ) -> bool:
     """Tell whether the first of a scene's pairs are proved to keep their distances.
 
@@ -97,7 +96,7 @@ _FINEST = 1e-3
 
 @inner_kernel
 def still_clear_until(
-    scene: Scene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
+    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> tuple[bool, float]:
     """Tell whether a motion is clear of all that lies still and of itself, and until when it is.
 
@@ -141,7 +140,7 @@ def still_clear_until(
 
 
 @inner_kernel
-def lies_throughout(scene: Scene, t0: float, t1: float) -> bool:
+def lies_throughout(scene: MoversScene, t0: float, t1: float) -> bool:
     """Tell whether all near the stretch that was last swept lies there throughout a span.
 
     After ``still_clear_until`` has found a motion blocked that is where it is.
@@ -160,7 +159,7 @@ def lies_throughout(scene: Scene, t0: float, t1: float) -> bool:
 
 
 @inner_kernel
-def _meet_boxes(scene: Scene, boxes: int, lo: float, hi: float) -> int:
+def _meet_boxes(scene: MoversScene, boxes: int, lo: float, hi: float) -> int:
     """Check the swept movers against the first boxes of ``near`` that are there in a span."""
     near, pairs, capsules = scene.near, scene.pairs, scene.capsule_first
     own, moved, limits = scene.own, scene.moved, scene.limits.boxes
@@ -195,7 +194,7 @@ def _meet_boxes(scene: Scene, boxes: int, lo: float, hi: float) -> int:
 
 
 @inner_kernel
-def _meet_self(scene: Scene) -> int:
+def _meet_self(scene: MoversScene) -> int:
     """Check the swept bodies of each mover against each other."""
     joints, bodies, mover = scene.joint_first, scene.fleet.body_first, scene.mover
     capsules, joint, limits = scene.capsule_first, scene.joint, scene.limits.own
@@ -235,7 +234,7 @@ def _meet_self(scene: Scene) -> int:
 
 
 @inner_kernel
-def movers_clear(scene: Scene, decide: bool) -> bool:
+def movers_clear(scene: MoversScene, decide: bool) -> bool:
     """Check the swept movers against each other; without a decision what is near is not clear."""
     joints, bodies, mover = scene.joint_first, scene.fleet.body_first, scene.mover
     capsules, limits, own = scene.capsule_first, scene.limits.own, scene.own

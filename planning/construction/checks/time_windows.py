@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.checks.motion_checks import clear_throughout
-from planning.construction.checks.moving_checks import clear_of_pieces
-from planning.construction.checks.scene import Scene, sweep_between
+from planning.construction.checks.moving_checks import clear_of_pieces, clear_throughout
+from planning.construction.checks.scene import MoversScene, sweep_between
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import pieces_at
@@ -64,7 +63,7 @@ def arrival_windows(
 
 @kernel
 def strike_out(
-    scene: Scene,
+    scene: MoversScene,
     q0: Array,
     q1: Array,
     first: int,
@@ -117,7 +116,7 @@ def strike_out(
 
 
 @inner_kernel
-def _unchanged(scene: Scene, cell: int, last: int, step: float) -> int:
+def _unchanged(scene: MoversScene, cell: int, last: int, step: float) -> int:
     """Return the cell before which the same lies still all along, no later than the last one."""
     lo, until = cell * step, last * step
     start, end = scene.boxes.start, scene.boxes.end

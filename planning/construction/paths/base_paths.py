@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.scene import MoversScene
 from planning.construction.checks.still_checks import still_clear_until
-from planning.construction.paths.query import Query, chain_to
+from planning.construction.paths.direct_paths import Query, chain_to
 from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array
 
@@ -45,7 +45,7 @@ class Lattice(NamedTuple):
 
 
 @kernel
-def base_path(scene: Scene, query: Query, goal: int, most: int) -> Array:
+def base_path(scene: MoversScene, query: Query, goal: int, most: int) -> Array:
     """Return corners of a way to a goal, clear of what lies still.
 
     Args:
@@ -109,7 +109,7 @@ def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> No
 
 @kernel
 def lattice_way(
-    scene: Scene, query: Query, goal: int, lattice: Lattice, most: int
+    scene: MoversScene, query: Query, goal: int, lattice: Lattice, most: int
 ) -> tuple[Array, Array]:
     """Return the shortest way over the lattice, from place to neighbouring place.
 
@@ -180,7 +180,7 @@ def _between(lattice: Lattice, a: int, b: int) -> float:
 
 
 @inner_kernel
-def _corners(scene: Scene, way: Array, times: Array) -> Array:
+def _corners(scene: MoversScene, way: Array, times: Array) -> Array:
     """Return places of a way, each as far from the one before as halving finds a straight drive."""
     keep = np.zeros(len(way), dtype=np.bool_)
     keep[:1] = True

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.checks.motion_checks import motion_clear
-from planning.construction.checks.scene import Scene, own_at
-from planning.construction.paths.query import (
+from planning.construction.checks.moving_checks import motion_clear
+from planning.construction.checks.scene import MoversScene, own_at
+from planning.construction.paths.direct_paths import (
     Query,
     arrive,
     chain_to,
@@ -22,7 +22,7 @@ from planning.construction.paths.query import (
     random_share,
     sample_between,
 )
-from planning.construction.problem.settings import RrtSettings
+from planning.construction.problem.problem import RrtSettings
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
@@ -55,7 +55,7 @@ class _Forest(NamedTuple):
 
 
 def grow(
-    scene: Scene,
+    scene: MoversScene,
     query: Query,
     settings: RrtSettings,
     iterations: int,
@@ -88,7 +88,7 @@ def grow(
 
 @kernel
 def _grow(
-    scene: Scene,
+    scene: MoversScene,
     query: Query,
     settings: RrtSettings,
     ahead: _Forest,
@@ -175,7 +175,7 @@ def _grow(
 
 @inner_kernel
 def _hurry(
-    scene: Scene, query: Query, times: Array, path: Array, goal: int
+    scene: MoversScene, query: Query, times: Array, path: Array, goal: int
 ) -> tuple[Array, Array]:
     """Go straight to the goal from where on the path that leads there soonest."""
     best, at = times[-1], -1
@@ -276,7 +276,7 @@ def _nearest_node(
 
 @inner_kernel
 def _extend(
-    scene: Scene,
+    scene: MoversScene,
     forest: _Forest,
     near: int,
     q: Array,

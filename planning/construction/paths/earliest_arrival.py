@@ -11,14 +11,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.motion_checks import motion_clear
-from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.moving_checks import (
+    left_by_robots,
+    met_by_robots,
+    motion_clear,
+)
+from planning.construction.checks.scene import MoversScene
 from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,
 )
-from planning.construction.paths.query import Query, arrive, chain_to, next_arrival
+from planning.construction.paths.direct_paths import (
+    Query,
+    arrive,
+    chain_to,
+    next_arrival,
+)
 from planning.construction.paths.roadmap import (
     SPANS,
     Motions,
@@ -30,7 +38,7 @@ from planning.construction.paths.roadmap import (
     pop,
     push,
 )
-from planning.construction.problem.settings import RrtSettings
+from planning.construction.problem.problem import RrtSettings
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array
 
@@ -55,7 +63,7 @@ _GREED = 1.0
 
 
 def search_roadmap(
-    scene: Scene,
+    scene: MoversScene,
     query: Query,
     settings: RrtSettings,
     extra: Array,
@@ -94,7 +102,7 @@ def search_roadmap(
 
 @kernel
 def _search(
-    scene: Scene,
+    scene: MoversScene,
     query: Query,
     settings: RrtSettings,
     road: Roadmap,
@@ -190,7 +198,7 @@ def _offer_neighbours(
 
 @inner_kernel
 def _next_state(
-    scene: Scene,
+    scene: MoversScene,
     query: Query,
     road: Roadmap,
     heap: Motions,
@@ -243,7 +251,7 @@ def _next_state(
 
 @inner_kernel
 def _look(
-    scene: Scene, road: Roadmap, v: int, depart: float, u: int, arrival: float
+    scene: MoversScene, road: Roadmap, v: int, depart: float, u: int, arrival: float
 ) -> tuple[int, float]:
     """Tell whether a motion is clear, and else whether what lies still is in its way.
 

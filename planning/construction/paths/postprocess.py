@@ -12,10 +12,15 @@ from itertools import pairwise
 import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.checks.motion_checks import motion_clear
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.moving_checks import motion_clear
+from planning.construction.checks.scene import MoversScene
 from planning.construction.checks.time_windows import spans_of, strike_out
-from planning.construction.paths.query import Query, SpaceTimePath, arrive, next_arrival
+from planning.construction.paths.direct_paths import (
+    Query,
+    SpaceTimePath,
+    arrive,
+    next_arrival,
+)
 from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array, Indices
 
@@ -26,7 +31,7 @@ _SPANS = 16
 
 @kernel
 def earliest_along(
-    scene: Scene, query: Query, path: Array, goal: int, latest: float
+    scene: MoversScene, query: Query, path: Array, goal: int, latest: float
 ) -> tuple[Array, Array]:
     """Return the times at each place of a path with which it is passed as early as possible.
 
@@ -87,7 +92,7 @@ def earliest_along(
 
 @kernel
 def latest_along(
-    scene: Scene, query: Query, path: Array, arrival: float
+    scene: MoversScene, query: Query, path: Array, arrival: float
 ) -> tuple[Array, Array]:
     """Return the times at each place of a path with which its start is left as late as possible.
 
@@ -143,7 +148,7 @@ def latest_along(
 
 @inner_kernel
 def _stands_along(
-    scene: Scene, path: Array, start: float, end: float
+    scene: MoversScene, path: Array, start: float, end: float
 ) -> tuple[Array, Indices]:
     """Return the spans of time in which the movers may stand at each place of a path.
 

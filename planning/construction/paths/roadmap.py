@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.construction.checks.scene import Scene
+from planning.construction.checks.scene import MoversScene
 from planning.construction.checks.still_checks import still_clear_until
 from planning.construction.checks.time_windows import spans_of, strike_out
-from planning.construction.paths.query import (
+from planning.construction.paths.direct_paths import (
     Query,
     arrive,
     random_normal,
@@ -103,7 +103,12 @@ def _draw_along(
 
 @kernel
 def draw_vertices(
-    scene: Scene, query: Query, extra: Array, vertices: int, wide: float, seed: int
+    scene: MoversScene,
+    query: Query,
+    extra: Array,
+    vertices: int,
+    wide: float,
+    seed: int,
 ) -> tuple[Array, Array]:
     """Draw so many vertices at most: start, goals, extra ones, and random ones.
 
@@ -166,7 +171,7 @@ def new_roadmap(q: Array, rest: Array, cells: int) -> Roadmap:
 
 
 @inner_kernel
-def find_stands(scene: Scene, road: Roadmap, v: int, first: int) -> None:
+def find_stands(scene: MoversScene, road: Roadmap, v: int, first: int) -> None:
     """Find the spans of time in which the movers may stand at a vertex."""
     road.free[:] = True
     strike_out(scene, road.q[v], road.q[v], first, road.free)

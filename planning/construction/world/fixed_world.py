@@ -71,7 +71,7 @@ class SweptTracks:
         return known[1].since(start)
 
 
-class Rest(NamedTuple):
+class TimedRest(NamedTuple):
     """An object at rest at one pose during a span of time.
 
     Attributes:
@@ -128,11 +128,11 @@ class FixedWorld:
         """
         return self.robots[robot].busy_until
 
-    def rests(self, name: str) -> list[Rest]:
+    def rests(self, name: str) -> list[TimedRest]:
         """Return the rests of an object, in order."""
         item = self.cell.object(name)
         changes = self.objects[name].changes
-        out: list[Rest] = []
+        out: list[TimedRest] = []
         since, pose = (-np.inf, item.start)
         resting = not item.later
         holder: str | None = None
@@ -144,11 +144,11 @@ class FixedWorld:
                 since, pose, resting = begin, change.pose, True
             elif resting:
                 end = self.robots[change.holder].skill_at(change.time)[1]
-                out.append(Rest(name, since, end, pose))
+                out.append(TimedRest(name, since, end, pose))
                 resting = False
             holder = change.holder
         if resting:
-            out.append(Rest(name, since, np.inf, pose))
+            out.append(TimedRest(name, since, np.inf, pose))
         return out
 
     def with_robot(self, timeline: RobotTimeline) -> FixedWorld:

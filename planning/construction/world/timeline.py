@@ -213,7 +213,7 @@ STEP = 0.1
 """Length of the cells of time, and of pose nodes [s]."""
 
 
-class Pieces(NamedTuple):
+class MotionPieces(NamedTuple):
     """The motion of one robot from some time on, in order.
 
     Attributes:
@@ -232,9 +232,9 @@ class Pieces(NamedTuple):
     whole: npt.NDArray[np.bool_]
     moment: Array
 
-    def later(self, k: int) -> Pieces:
+    def later(self, k: int) -> MotionPieces:
         """Return all but the first ``k``."""
-        return Pieces._make(values[k:] for values in self)
+        return MotionPieces._make(values[k:] for values in self)
 
 
 def cut_timeline(
@@ -244,7 +244,7 @@ def cut_timeline(
     step: float,
     changes: Sequence[float] = (),
     cuts: Sequence[float] = (),
-) -> Pieces:
+) -> MotionPieces:
     """Return the pieces of a timeline.
 
     Args:
@@ -289,7 +289,7 @@ def cut_timeline(
     for a, b in skills:
         own = whole & (t_a >= a - SAME) & (t_b <= b + SAME)
         t_a[own], t_b[own] = a, b
-    return Pieces(
+    return MotionPieces(
         t_a,
         t_b,
         np.ascontiguousarray(q_a[first]),

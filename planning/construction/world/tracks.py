@@ -1,4 +1,7 @@
-"""Robots on fixed timelines as obstacles: what they sweep, piece by piece, in a tree over time."""
+"""Robots on fixed timelines as obstacles: what they sweep, piece by piece, in a tree over time.
+
+Carriers, robots with what they hold, and their bodies for compiled code.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,86 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.workcell import CellObject, PlacedRobot
-from planning.construction.world.fleet import (
-    Carrier,
-    Fleet,
-    bodies_of,
-    make_carrier,
-    make_fleet,
-)
-from planning.construction.world.timeline import HandChange, Pieces, pose_of
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
+from planning.construction.world.timeline import HandChange, MotionPieces, pose_of
 from planning.geometry.distance import boxes_apart
 from planning.geometry.hull_table import HullTable
+from planning.geometry.robot_bodies import entity_numbers, robot_bodies
 from planning.geometry.swept import place_capsules
 from planning.kernels import ZERO, inner_kernel, kernel
-from planning.packed import packed
-from planning.transforms import Array, Indices
+from planning.packed import packed, packed_at
+from planning.transforms import Array, Indices, Transform
+
+Held = tuple[tuple[CellObject, Transform], ...]
+"""The objects in a robot's hand, with their poses in the flange frame."""
+
+
+class Carrier(NamedTuple):
+    """A robot with something in its hand.
+
+    Attributes:
+        robot: who carries.
+        names: entities of its bodies: the robot's parts, then what it holds.
+        self_limits: least distance of two of them, see RobotBodies.
+        hulls: these bodies on a motion of one segment, packed.
+    """
+
+    robot: PlacedRobot
+    names: tuple[str, ...]
+    self_limits: Array
+    hulls: HullTable
+
+
+def make_carrier(robot: PlacedRobot, held: Held = ()) -> Carrier:
+    """Return a robot with what it holds."""
+    hand = [(item, Attachment(robot.name, pose)) for item, pose in held]
+    bodies = robot_bodies(robot, hand)
+    hulls = bodies.hulls.on_a_motion()
+    return Carrier(robot, bodies.entities, bodies.self_limits, hulls)
+
+
+class Fleet(NamedTuple):
+    """Many carriers. It keeps none of them alive.
+
+    Attributes:
+        hulls: addresses of their bodies, shape (carriers,).
+        one: the bodies of one of them.
+        body_first: bodies of carrier v are ``range(body_first[v], body_first[v + 1])``.
+    """
+
+    hulls: Indices
+    one: HullTable
+    body_first: Indices
+
+
+def make_fleet(carriers: Sequence[Carrier]) -> Fleet:
+    """Return carriers, at least one, for compiled code; they must outlive what is returned."""
+    hulls = [carrier.hulls for carrier in carriers]
+    addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
+    return packed(
+        Fleet(addresses, hulls[0], np.cumsum([0, *(len(c.names) for c in carriers)]))
+    )
+
+
+@inner_kernel
+def bodies_of(fleet: Fleet, v: int) -> HullTable:
+    """Return the bodies of a carrier."""
+    hulls: HullTable = packed_at(fleet.hulls, v, fleet.one)
+    return hulls
+
+
+@inner_kernel
+def set_motion(hulls: HullTable, q_a: Array, q_b: Array) -> None:
+    """Let a carrier's bodies be on a straight motion, whose ends have its joints first."""
+    for j in range(hulls.q_a.shape[1]):
+        hulls.q_a[0, j] = q_a[j]
+        hulls.q_b[0, j] = q_b[j]
+
+
+def cell_entities(cell: Workcell) -> dict[str, int]:
+    """Return the number of every entity: arm and tool of each robot, fixtures, objects."""
+    things = [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
+    return entity_numbers((robot.name for robot in cell.robots), things)
 
 
 class Sweeps(NamedTuple):
@@ -54,7 +122,7 @@ class SweptTrack(NamedTuple):
         sweeps: what it sweeps.
     """
 
-    pieces: Pieces
+    pieces: MotionPieces
     carriers: tuple[Carrier, ...]
     hand: Indices
     sweeps: Sweeps
@@ -82,7 +150,7 @@ class SweptTrack(NamedTuple):
 
 def sweep_track(
     robot: PlacedRobot,
-    pieces: Pieces,
+    pieces: MotionPieces,
     changes: Sequence[HandChange],
     item: Callable[[str], CellObject],
 ) -> SweptTrack:
@@ -218,7 +286,7 @@ class Tracks(NamedTuple):
     """
 
     first: Indices
-    pieces: Pieces
+    pieces: MotionPieces
     carrier: Indices
     sweeps: Sweeps
     tree: Array
@@ -236,7 +304,7 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     hands = carriers + np.cumsum([0, *(len(s.carriers) for s in swept)])
     most = max((s.pieces.q_a.shape[1] for s in swept), default=0)
     none, still = np.empty(0), np.empty((0, most))
-    pieces = [Pieces(none, none, still, still, none.astype(np.bool_), none)]
+    pieces = [MotionPieces(none, none, still, still, none.astype(np.bool_), none)]
     pieces += [_padded(s.pieces, most) for s in swept]
     sweeps = [no_sweeps(first[:0], first[:0]), *(s.sweeps for s in swept)]
     joined = Sweeps._make(map(np.concatenate, zip(*sweeps, strict=True)))
@@ -244,7 +312,7 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     _grow_trees(first, joined.box, tree)
     tracks = Tracks(
         first,
-        packed(Pieces._make(map(np.concatenate, zip(*pieces, strict=True)))),
+        packed(MotionPieces._make(map(np.concatenate, zip(*pieces, strict=True)))),
         np.repeat(hands[:-1], counts)
         + np.concatenate([first[:0], *(s.hand for s in swept)]),
         packed(
@@ -258,7 +326,7 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     return packed(tracks)
 
 
-def _padded(pieces: Pieces, joints: int) -> Pieces:
+def _padded(pieces: MotionPieces, joints: int) -> MotionPieces:
     """Return pieces with configurations of so many joints, zero beyond those that there are."""
     wider = ((0, 0), (0, joints - pieces.q_a.shape[1]))
     return pieces._replace(q_a=np.pad(pieces.q_a, wider), q_b=np.pad(pieces.q_b, wider))

@@ -22,7 +22,7 @@ from planning.importers.apex_mr.task_files import (
     read_json,
 )
 from planning.lego.bricks.assembly import BrickType, Cell, Press
-from planning.lego.bricks.grips import SIDES, offsets, press_cell
+from planning.lego.bricks.grid import SIDES, offsets, press_cell
 
 PressFrom = Literal["side", "cell"]
 """What a grip is read from: ``press_side`` and ``press_offset``, or ``press_x`` and so on."""

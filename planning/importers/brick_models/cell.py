@@ -13,8 +13,13 @@ from planning.errors import ScenarioError
 from planning.importers.brick_models.model import BrickModel, ModelBrick
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, Plate
 from planning.lego.bricks.brick_world import brick_colour
-from planning.lego.bricks.grid import GridSpan, footprint, occupied_span, top_pose
-from planning.lego.bricks.grips import presses
+from planning.lego.bricks.grid import (
+    GridSpan,
+    footprint,
+    occupied_span,
+    presses,
+    top_pose,
+)
 from planning.lego.skills.targets import lever_reaches_below, pick_targets
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath, skill_postures

@@ -29,15 +29,16 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.lego.bricks.grid import (
+    MOST_OFFSETS,
     BrickTiles,
     GridSpan,
     box_pose,
     box_size,
     bricks_above,
     occupied_span,
+    presses,
     top_pose,
 )
-from planning.lego.bricks.grips import MOST_OFFSETS, presses
 from planning.transforms import Transform, readonly, translation
 
 

@@ -19,8 +19,13 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import covered_studs, footprint, level_height
-from planning.lego.bricks.grips import press_cell, presses
+from planning.lego.bricks.grid import (
+    covered_studs,
+    footprint,
+    level_height,
+    press_cell,
+    presses,
+)
 from planning.lego.insertion.design_room import (
     DesignRoom,
     Point,

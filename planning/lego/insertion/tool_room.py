@@ -13,8 +13,8 @@ from functools import cache
 
 import numpy as np
 
-from planning.caches import KeptAnswers
 from planning.cell.cover import cut_across
+from planning.files import KeptAnswers
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
@@ -23,8 +23,13 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import box_size, brick_height, top_pose
-from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.bricks.grid import (
+    box_size,
+    brick_height,
+    grip_pose,
+    side_contact_pose,
+    top_pose,
+)
 from planning.lego.skills.targets import (
     STUD_HEIGHT,
     lever_reaches_below,

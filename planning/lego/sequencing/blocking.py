@@ -6,21 +6,41 @@ and even the whole design, taken as weightless, bears the press. Whatever keeps 
 it from going in beside more bricks, too. So bricks that are perhaps insertable can be set aside
 one after the other, in any order; if some remain of which none is, no order of assembly exists,
 as one of them would have to be the last.
+
+Reachability check of every step, before the search for candidates.
+
+Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands around; what is within reach may still turn out
+to be obstructed when candidates are sought (``candidates``).
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from itertools import product
 from typing import TypeVar
 
-from planning.lego.bricks.assembly import Press
-from planning.lego.bricks.grips import presses
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.errors import InfeasibleStepError
+from planning.lego.bricks.assembly import LegoAssembly, Press
+from planning.lego.bricks.brick_world import BrickWorld
+from planning.lego.bricks.grid import presses
 from planning.lego.insertion.insertion import Insertions, press_load
 from planning.lego.insertion.rules import InsertionWay
+from planning.lego.skills.brick_skills import BrickSkills
+from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
 from planning.lego.stability.contacts import ToolHold
 from planning.lego.stability.partial_structures import Names, PressBearing
 from planning.statics.equilibrium import Load
+from planning.steps.skill import (
+    Obstruction,
+    SkillPath,
+    SkillTargets,
+    skill_postures,
+    unreachable,
+)
 
 Part = TypeVar("Part")
 
@@ -286,3 +306,133 @@ class Refusal:
 
 def _thing(name: str) -> str:
     return name if name == "the plate" else f"brick {name!r}"
+
+
+_NAMED_BRICKS = 6
+"""How many steps that are out of reach are named."""
+
+_Attempt = tuple[PlacedRobot, SkillTargets]
+
+
+def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
+    """Check that every step is within the reach of robots.
+
+    Args:
+        cell: its objects are the stock of the assembly.
+        assembly: the structure and its steps.
+
+    Raises:
+        InfeasibleStepError: no robot reaches where a brick goes or any brick of its type in
+            stock, or no other robot reaches a place to support it; names each step, the reason
+            and the robots.
+    """
+    faults = [
+        f"step {number} ({assembly.steps[number - 1].words}): {fault}"
+        for number, fault in reach_faults(cell, assembly)
+    ]
+    if faults:
+        more = len(faults) - _NAMED_BRICKS
+        shown = [*faults[:_NAMED_BRICKS], *([f"and {more} more"] if more > 0 else [])]
+        raise InfeasibleStepError("\n".join(shown))
+
+
+def reach_faults(cell: Workcell, assembly: LegoAssembly) -> Iterator[tuple[int, str]]:
+    """Yield what is out of reach, with the number of its step.
+
+    Args:
+        cell: its objects are the stock of the assembly.
+        assembly: the structure and its steps.
+    """
+    reach = _Reach(BrickWorld(cell, assembly))
+    for number in range(1, len(assembly.steps) + 1):
+        for fault in reach.faults(number):
+            yield number, fault
+
+
+class _Reach:
+    """Reach of all robots; picks are worked out once for a stock brick."""
+
+    def __init__(self, world: BrickWorld) -> None:
+        self._world = world
+        self._options = BrickSkills(world)
+        self._not_picking: Callable[[str, tuple[int, ...]], dict[str, str]] = cache(
+            lambda *pick: self._out_of_reach(self._picks(*pick))
+        )
+
+    def faults(self, number: int) -> Iterator[str]:
+        """Yield what of a step is out of reach."""
+        robots = [robot.name for robot in self._world.cell.robots]
+        step = self._world.step(number)
+        if len(robots) == 1 and (step.up or step.support is not None):
+            need = "a handover and a support" if step.up else "a support"
+            yield f"it needs {need} by another robot, and there is only {robots[0]}"
+            return
+        placing = self._out_of_reach(self._places(number))
+        if len(placing) == len(robots):
+            yield f"no robot reaches where it goes{_reasons(placing)}"
+        stock = self._world.usable_stock(number)
+        grasps = tuple(self._world.grasps(number))
+        picking = [self._not_picking(name, grasps) for name in stock]
+        if stock and all(len(found) == len(robots) for found in picking):
+            yield f"no robot reaches {' or '.join(stock)} of the stock{_reasons(picking[0])}"
+        if not self._world.step(number).supports:
+            return
+        supporting = self._out_of_reach(self._supports(number))
+        if len(supporting) == len(robots):
+            yield f"no robot reaches where to support it{_reasons(supporting)}"
+        elif len(placing) < len(robots) and not any(
+            a != b and a not in placing and b not in supporting
+            for a, b in product(robots, robots)
+        ):
+            yield (
+                "no two robots reach where it goes and where to support it"
+                f"{_reasons({**placing, **supporting})}"
+            )
+
+    def _out_of_reach(self, attempts: Iterable[_Attempt]) -> dict[str, str]:
+        """Return the robots that none of the attempts is possible for, each with a reason."""
+        done: set[str] = set()
+        reasons: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
+        for robot, targets in attempts:
+            if robot.name in done:
+                continue
+            reason: Obstruction | None = None
+            for found in skill_postures(robot, targets):
+                if isinstance(found, SkillPath):
+                    done.add(robot.name)
+                    break
+                reason = reason or found
+            else:
+                reasons[robot.name][(reason or unreachable(targets)).words] += 1
+        return {
+            name: max(words, key=lambda w: words[w])
+            for name, words in reasons.items()
+            if name not in done
+        }
+
+    def _places(self, number: int) -> Iterator[_Attempt]:
+        step = self._world.step(number)
+        heights = (APPROACH_HEIGHT,) if step.up else (APPROACH_HEIGHT, HIGH_APPROACH)
+        attacks = (step.attack, -step.attack)
+        for grasp, robot, height, attack in product(
+            self._world.grasps(number), self._world.cell.robots, heights, attacks
+        ):
+            yield (
+                robot,
+                self._options.place_targets(robot.name, number, grasp, attack, height),
+            )
+
+    def _picks(self, stock: str, grasps: Iterable[int]) -> Iterator[_Attempt]:
+        for grasp, robot in product(grasps, self._world.cell.robots):
+            yield robot, self._options.pick_targets(robot.name, stock, grasp)
+
+    def _supports(self, number: int) -> Iterator[_Attempt]:
+        choices = range(len(self._world.step(number).supports))
+        for choice, robot in product(choices, self._world.cell.robots):
+            for targets in self._options.support_targets(number, choice):
+                yield robot, targets
+
+
+def _reasons(reasons: dict[str, str]) -> str:
+    """Return why it is out of reach of each robot, in brackets."""
+    return f" ({'; '.join(f'{name}: {why}' for name, why in reasons.items())})"

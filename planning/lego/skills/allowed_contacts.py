@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping
 from planning.cell.workcell import Fixture
 from planning.geometry.robot_bodies import entity
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Press, Support
-from planning.lego.bricks.grid import GridSpan, brick_height, occupied_span
-from planning.lego.bricks.grips import lever_cell
+from planning.lego.bricks.grid import GridSpan, brick_height, lever_cell, occupied_span
 from planning.lego.skills.targets import lever_reaches_below, supported_span
 from planning.steps.skill import Pairs, gripped, touching
 from planning.transforms import Transform, inverse

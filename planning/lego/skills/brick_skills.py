@@ -22,7 +22,7 @@ from planning.lego.bricks.brick_world import (
     grasp_number,
     press_of,
 )
-from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.bricks.grid import grip_pose, side_contact_pose
 from planning.lego.skills.allowed_contacts import (
     PRESSED,
     contacts_at_rest,

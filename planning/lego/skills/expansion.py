@@ -28,13 +28,6 @@ from planning.lego.skills.allowed_contacts import (
 from planning.lego.skills.candidates import LegoCandidates
 from planning.lego.skills.targets import supported_span
 from planning.steps.handovers import Handover
-from planning.steps.placement import (
-    PlannedHandover,
-    PlannedPlacement,
-    PlannedSkill,
-    PlannedSupport,
-    write_placement,
-)
 from planning.steps.skill import (
     NOTHING,
     Obstruction,
@@ -43,7 +36,14 @@ from planning.steps.skill import (
     touching,
 )
 from planning.steps.skill_scene import ResolvedSkill
-from planning.steps.step_writer import StepWriter
+from planning.steps.step_writer import (
+    PlannedHandover,
+    PlannedPlacement,
+    PlannedSkill,
+    PlannedSupport,
+    StepWriter,
+    write_placement,
+)
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import StepTasks, Task
 from planning.tasks.work import AssemblyWork, TaskHistory

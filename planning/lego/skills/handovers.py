@@ -15,8 +15,7 @@ import numpy as np
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.lego.bricks.assembly import Press
 from planning.lego.bricks.brick_world import BrickWorld
-from planning.lego.bricks.grid import box_from_top
-from planning.lego.bricks.grips import grip_pose, side_contact_pose
+from planning.lego.bricks.grid import box_from_top, grip_pose, side_contact_pose
 from planning.lego.skills.targets import handover_targets, held_box, received_top
 from planning.steps.handovers import MeetingPlace
 from planning.steps.skill import Subgoal

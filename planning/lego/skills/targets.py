@@ -27,11 +27,11 @@ from planning.lego.bricks.grid import (
     GridSpan,
     box_from_top,
     brick_height,
+    grip_pose,
     occupied_span,
     plate_corner,
     top_pose,
 )
-from planning.lego.bricks.grips import grip_pose
 from planning.steps.skill import SkillTargets, Subgoal
 from planning.transforms import Transform, inverse, rotation, translation
 

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Element as PlacedForm
-from planning.robots.descriptions.held_joints import pose_of, write_pose
+from planning.robots.descriptions.read_description import pose_of, write_pose
 from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.robots.descriptions.xml_files import number, vector
 from planning.transforms import Transform, identity, readonly

@@ -15,7 +15,7 @@ import pinocchio
 from planning.errors import RobotModelError
 from planning.files import is_file
 from planning.robots.descriptions import xml_files
-from planning.robots.descriptions.held_joints import write_pose
+from planning.robots.descriptions.read_description import write_pose
 from planning.robots.descriptions.xml_files import read_xml
 from planning.transforms import Array, Transform, inverse, translation
 

@@ -19,7 +19,6 @@ from scipy.spatial import ConvexHull
 from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh
 from planning.cell.shape import Element as PlacedForm
 from planning.errors import FittingError, RobotModelError, ShapeError
-from planning.robots.descriptions.description_files import kept_folder
 from planning.robots.descriptions.fitting import (
     Fitting,
     GivenLimits,
@@ -27,14 +26,14 @@ from planning.robots.descriptions.fitting import (
     write_options,
     written_options,
 )
-from planning.robots.descriptions.held_joints import (
+from planning.robots.descriptions.read_description import (
     free_kinds,
     hold_all,
     hold_joints,
     pose_of,
+    read_description,
     write_pose,
 )
-from planning.robots.descriptions.read_description import read_description
 from planning.robots.descriptions.urdf_file import (
     UrdfOptions,
     checked_tree,
@@ -45,6 +44,7 @@ from planning.robots.descriptions.urdf_file import (
 )
 from planning.robots.descriptions.xml_files import (
     find_mesh_of_package,
+    kept_folder,
     search_folders,
     without_prefixes,
 )

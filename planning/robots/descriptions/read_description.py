@@ -1,22 +1,197 @@
-"""Reads the description of a robot or a tool, whatever it is written in, as URDF."""
+"""Reads the description of a robot or a tool, whatever it is written in, as URDF.
+
+Joints of a description that are held at values: they become fixed, and what mimics them too.
+"""
 
 from __future__ import annotations
 
 import copy
+import math
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from planning.errors import RobotModelError
 from planning.files import read_file
-from planning.robots.descriptions.held_joints import pose_of, write_pose
 from planning.robots.descriptions.xml_files import (
     find_mesh,
     number,
     read_xml,
     search_folders,
+    vector,
 )
-from planning.transforms import translation
+from planning.transforms import Array, Transform, from_rpy, translation
+
+_TURNING = ("revolute", "continuous")
+_SLACK = 1e-6
+"""A value may be past a limit by this: rounding of files [rad or m]."""
+
+
+def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
+    """Fix joints where they are held, and all that mimic one of them.
+
+    Args:
+        root: of a URDF, changed.
+        path: its file, for messages.
+        values: joint names and values [rad or m]; what mimics one of them may be named too.
+
+    Raises:
+        RobotModelError: there is no such joint, it cannot be held, or a value is past its limits.
+    """
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    for name, value in values.items():
+        if name not in joints or joints[name].get("type") == "fixed":
+            choices = free_joints(root)
+            raise RobotModelError(
+                f"{path} has no joint {name!r} to hold (valid: {', '.join(choices) or 'none'})",
+                choices=choices,
+            )
+        _require_within(joints[name], value, f"{path}: joint {name!r}")
+    for name, value in _with_followers(joints, values, path).items():
+        _fix(joints[name], value, f"{path}: joint {name!r}")
+
+
+def hold_all(root: Element, path: Path, values: Mapping[str, float]) -> None:
+    """Fix all joints: those without a value at zero, or at the limit that is nearest to it."""
+    held = dict(values)
+    for joint in root.findall("joint"):
+        name = str(joint.get("name"))
+        if joint.get("type") == "fixed" or joint.find("mimic") is not None:
+            continue
+        lower, upper = _range(joint, f"{path}: joint {name!r}")
+        held.setdefault(name, min(max(0.0, lower), upper))
+    hold_joints(root, path, held)
+    for name in free_joints(root):
+        raise RobotModelError(
+            f"{path}: joint {name!r} mimics a joint that is not there; name it among the joints that"
+            " are held"
+        )
+
+
+def free_joints(root: Element) -> tuple[str, ...]:
+    """Return the names of the joints that are not fixed."""
+    return tuple(
+        str(joint.get("name"))
+        for joint in root.findall("joint")
+        if joint.get("type") != "fixed"
+    )
+
+
+def free_kinds(root: Element) -> frozenset[str]:
+    """Return the joints of kinds that cannot move here, but can be held at zero."""
+    return frozenset(
+        str(joint.get("name"))
+        for joint in root.findall("joint")
+        if joint.get("type") not in (*_TURNING, "prismatic", "fixed")
+    )
+
+
+def pose_of(element: Element | None, where: str) -> Transform:
+    """Return the pose that an ``<origin>`` stands for; none stands for no offset."""
+    if element is None:
+        return np.eye(4)
+    xyz = vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
+    rpy = vector(element.get("rpy", "0 0 0"), f"{where}, rpy of <origin>")
+    return from_rpy(xyz, rpy)
+
+
+def write_pose(parent: Element, pose: Transform) -> None:
+    """Give an element an ``<origin>`` in place of what it has."""
+    for old in parent.findall("origin"):
+        parent.remove(old)
+    turned = np.asarray(pose)[:3, :3]
+    level = np.array_equal(turned, np.eye(3))
+    with warnings.catch_warnings(action="ignore"):  # where two angles say the same
+        rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
+    xyz = np.asarray(pose)[:3, 3]
+    values = {"xyz": _text(xyz), "rpy": _text(rpy)}
+    SubElement(parent, "origin", values)
+
+
+def _text(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _with_followers(
+    joints: Mapping[str, Element], values: Mapping[str, float], path: Path
+) -> dict[str, float]:
+    """Return the values of the joints that are held and of those that mimic them."""
+    out = dict(values)
+    for name in joints:
+        way: list[tuple[str, float, float]] = []
+        at = name
+        while at not in out:
+            mimic = joints[at].find("mimic") if at in joints else None
+            if mimic is None or joints[at].get("type") == "fixed":
+                break
+            if any(at == seen for seen, _, _ in way):
+                raise RobotModelError(f"{path}: joint {at!r} mimics itself")
+            where = f"{path}: joint {at!r}, <mimic>"
+            factor = number(mimic.get("multiplier", "1"), f"{where} multiplier")
+            offset = number(mimic.get("offset", "0"), f"{where} offset")
+            way.append((at, factor, offset))
+            at = str(mimic.get("joint"))
+        if at in out:
+            value = out[at]
+            for follower, factor, offset in reversed(way):
+                value = factor * value + offset
+                out[follower] = value
+    return out
+
+
+def _range(joint: Element, where: str) -> tuple[float, float]:
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return -math.inf, math.inf
+    lower = number(limit.get("lower", "0"), f"{where}, lower limit")
+    upper = number(limit.get("upper", "0"), f"{where}, upper limit")
+    if lower > upper:
+        raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
+    return lower, upper
+
+
+def _require_within(joint: Element, value: float, where: str) -> None:
+    lower, upper = _range(joint, where)
+    if lower == upper:
+        return  # a range that was never filled in
+    if not lower - _SLACK <= value <= upper + _SLACK:
+        raise RobotModelError(
+            f"{where} cannot be held at {value:g}: its limits are {lower:g} and {upper:g} (rad or m)"
+        )
+
+
+def _fix(joint: Element, value: float, where: str) -> None:
+    kind = joint.get("type")
+    pose = pose_of(joint.find("origin"), where)
+    if kind in (*_TURNING, "prismatic"):
+        axis = joint.find("axis")
+        text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+        way = np.array(vector(text, f"{where}, axis"))
+        length = float(np.linalg.norm(way))
+        if length == 0.0:
+            raise RobotModelError(f"{where} has no direction: axis {text!r}")
+        move = np.eye(4)
+        if kind == "prismatic":
+            move[:3, 3] = way / length * value
+        else:
+            move[:3, :3] = Rotation.from_rotvec(way / length * value).as_matrix()
+        pose = pose @ move
+    elif value != 0.0:
+        raise RobotModelError(
+            f"{where} is of type {kind!r}: it can be held at 0 only, not at {value:g}"
+        )
+    for child in list(joint):
+        if child.tag not in ("parent", "child", "origin"):
+            joint.remove(child)
+    joint.set("type", "fixed")
+    joint.set("held", repr(float(value)))  # for who reads it; programs pass over it
+    if kind != "fixed" and not (value == 0.0 and joint.find("origin") is None):
+        write_pose(joint, pose)
 
 
 def read_description(path: Path) -> Element:

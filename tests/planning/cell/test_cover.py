@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from planning.cell import cover
-from planning.cell.body import Capsules
 from planning.cell.cover import (
+    Capsules,
     box_body,
     capsule_cover,
     cut_across,

@@ -20,22 +20,21 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.construction.candidates import Candidates, robot_groups
 from planning.construction.motion_plan_export import motion_plan
-from planning.construction.object_order import rank_parts, ready_at
 from planning.construction.planner import (
     ConstructionPlan,
     plan_construction,
     plan_with,
 )
 from planning.construction.problem.models import tower
-from planning.construction.problem.problem import Part
+from planning.construction.problem.problem import Part, PlannerSettings
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.problem.settings import PlannerSettings
 from planning.construction.problem.site import (
     Spiral,
     build_problem,
     ground_fixture,
     part_objects,
 )
+from planning.construction.step_scenes import rank_parts, ready_at
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.contacts.precedence import PartGraph

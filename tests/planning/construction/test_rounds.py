@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.planner import Round, Rounds
-from planning.construction.problem.problem import Part
-from planning.construction.problem.settings import SearchSettings
+from planning.construction.problem.problem import Part, SearchSettings
 from planning.construction.subproblem import Solution
 from planning.construction.world.fixed_world import Building, nothing_built
 from tests.planning.construction.toy_sites import toy_part, toy_problem

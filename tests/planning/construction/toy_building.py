@@ -9,7 +9,7 @@ import numpy as np
 from planning.cell.workcell import Attachment, Workcell
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.problem.settings import RrtSettings
+from planning.construction.problem.problem import RrtSettings
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.tasks.task import TRANSIT, Handling
 from planning.transforms import Array, inverse, translation

@@ -17,7 +17,7 @@ from planning.lego.bricks.assembly import (
     Plate,
     StockBrick,
 )
-from planning.lego.bricks.grips import press_cell
+from planning.lego.bricks.grid import press_cell
 from planning.transforms import Array, inverse, translation
 
 _SHOULDER = translation(0.0, 0.0, 0.33)

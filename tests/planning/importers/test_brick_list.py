@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import ScenarioError
-from planning.importers.brick_models.brick_list import read_brick_list
+from planning.importers.brick_models.model import read_brick_list
 from planning.lego.bricks.assembly import BRICKS, Cell
 from planning.lego.bricks.grid import footprint
 

@@ -21,12 +21,12 @@ from planning.tasks.highs_solver import assign_steps
 from tests.planning.importers.published_form import write_published
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, find_sequence
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios" / "lego"
-QUICK = ("cliff", "faucet")
-LARGE = ("chair", "fish")
+QUICK = ("cliff",)
+LARGE = ("faucet", "chair", "fish")
 """With stations that never run out; with scaffolding, supports and many places from below."""
 
 
@@ -72,7 +72,7 @@ def twin(*arguments: object) -> subprocess.CompletedProcess[str]:
     [
         *((name, False) for name in QUICK),
         ("cliff", True),
-        *(pytest.param(n, False, marks=pytest.mark.expensive) for n in LARGE),
+        *(pytest.param(n, False, marks=pytest.mark.nightly) for n in LARGE),
     ],
 )
 def test_published_files_are_read_as_they_were_meant(
@@ -115,7 +115,11 @@ def test_published_files_are_read_as_they_were_meant(
 
 
 @pytest.mark.parametrize(
-    "tool", ["dual-arm", pytest.param("slim", marks=pytest.mark.expensive)]
+    "tool",
+    [
+        pytest.param("dual-arm", marks=pytest.mark.expensive),
+        pytest.param("slim", marks=pytest.mark.nightly),
+    ],
 )
 def test_a_published_task_is_built_with_either_tool(tmp_path: Path, tool: str) -> None:
     write_published(tmp_path, "cliff", *shipped("cliff"))

@@ -24,8 +24,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import top_pose
-from planning.lego.bricks.grips import press_cell, side_contact_pose
+from planning.lego.bricks.grid import press_cell, side_contact_pose, top_pose
 from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.targets import (
     _contact,

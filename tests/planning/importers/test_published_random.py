@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from benchmarks.fuzz.task_files import write_robots
 from planning.importers.apex_mr.importer import import_apex_mr
 from twin.scenario.document.yaml_text import scenario_text
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}

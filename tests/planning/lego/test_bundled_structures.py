@@ -8,12 +8,16 @@ from pathlib import Path
 import pytest
 
 from planning.lego.bricks.assembly import BRICKS, Cell
-from planning.lego.bricks.grid import covered_studs, occupied_places
-from planning.lego.bricks.grips import check_press, press_cell
+from planning.lego.bricks.grid import (
+    check_press,
+    covered_studs,
+    occupied_places,
+    press_cell,
+)
 from planning.lego.sequencing.sequencing import sequenced
 from planning.lego.skills.targets import supported_span
 from twin.planning.lego import build_lego, build_structure
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "lego"

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from trimesh.creation import annulus, box, icosphere
 
-from planning import caches
+from planning import files
 from planning.errors import ShapeError
 from planning.meshes import mesh_form as module
 from planning.meshes.convex_pieces import _outside
@@ -24,7 +24,7 @@ from planning.transforms import Array, Indices, from_rpy
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(caches, "WORTH", 0.0)
+    monkeypatch.setattr(files, "WORTH", 0.0)
     module._form.cache_clear()
 
 

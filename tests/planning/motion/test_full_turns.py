@@ -7,7 +7,7 @@ import pytest
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.full_turns import take_near_turns
+from planning.motion.transit import take_near_turns
 from planning.robots.registry import robot_model
 from planning.tasks.task import TRANSIT, StepTasks, Task
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 
-from planning.cell.motion_limits import MotionLimits, limits_of
+from planning.cell.robot_model import MotionLimits, limits_of
 from planning.cell.shape import box_shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import robot_model

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.timing.braking import StoppedPath, stopped_path
 from planning.timing.smooth_path import STRAY, SmoothPath, smooth_path
 from tests.planning.timing.test_motions_within_limits import distance_to, drawn

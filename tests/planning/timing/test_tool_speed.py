@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from planning.kinematics.chain import joint_table
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.robots.registry import robot_model
-from planning.timing.tool_speed import greatest_tool_speed, tool_speed_along
+from planning.timing.path_bounds import greatest_tool_speed, tool_speed_along
 from tests.planning.timing.pinocchio_arm import PinocchioArm
-from twin.run.cubic_motion import cubic_at
+from twin.run.driven_motion import cubic_at
 
 MODELS = ("ur5e", "iiwa14", "gp4", "mobile-manipulator", "tower-crane")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.scheduling.mini_world import random_plan
 

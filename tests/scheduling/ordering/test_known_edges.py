@@ -9,14 +9,19 @@ import pytest
 
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.ordering.beam_search import TaskOrderSearch
-from scheduling.ordering.known_edges import connect_in_order
-from scheduling.ordering.relations import TaskRelations
-from scheduling.ordering.reordering import find_blocks, put_in_order
+from scheduling.ordering.beam_search import TaskOrderSearch, find_blocks, put_in_order
+from scheduling.ordering.relations import TaskRelations, connect_in_order
 from tests.shipped_runs import ShippedRuns
 
 
-@pytest.mark.parametrize("name", ["lego/cliff", "multi_arm/assembly"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lego/cliff",
+        "multi_arm/tray",
+        pytest.param("multi_arm/assembly", marks=pytest.mark.nightly),
+    ],
+)
 def test_edges_are_those_of_a_search_among_all_nodes(
     name: str, shipped: ShippedRuns
 ) -> None:

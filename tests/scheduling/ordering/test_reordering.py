@@ -16,16 +16,20 @@ from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.ordering.beam_search import TaskOrderSearch
+from scheduling.ordering.beam_search import (
+    TaskOrderSearch,
+    find_blocks,
+    put_in_order,
+    reorder_tasks,
+)
 from scheduling.ordering.relations import TaskRelations
-from scheduling.ordering.reordering import find_blocks, put_in_order, reorder_tasks
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.two_arms import random_turns
-from twin.trial.adversary import audit_standing_states
+from twin.trial.simulation import audit_standing_states
 
 
 def _parts(

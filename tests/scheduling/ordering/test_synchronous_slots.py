@@ -9,7 +9,7 @@ import pytest
 
 from planning.cell.workcell import Workcell
 from planning.errors import TransitError
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
 from planning.tasks.task import Task

@@ -6,10 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.cell.machine import machine
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
-from planning.motion.motion_plan import MotionPlan
+from planning.cell.workcell import (
+    CellObject,
+    Clearances,
+    PlacedRobot,
+    Workcell,
+    machine,
+)
+from planning.motion.known_motions import MotionPlan
 from planning.tasks.task import ARRIVE, GONE, LEAVE, PRESENT, AllowedContact, Handling
 from planning.transforms import Array, rotation, translation
 from scheduling.repetition.pattern import Pattern

@@ -11,18 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import LEAVE, Task
-from scheduling.build_nodes import build_nodes
-from scheduling.build_tpg import build_tpg, connect_nodes
+from scheduling.build_tpg import build_nodes, build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, save_plan
-from scheduling.graph.rollout import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
-from scheduling.repetition.copies import copied_nodes
 from scheduling.repetition.pattern import Pattern
-from scheduling.repetition.repeat import repeat_graph
+from scheduling.repetition.repeat import copied_nodes, repeat_graph
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.repetition.line_world import line_plan
 

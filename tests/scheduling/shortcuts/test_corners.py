@@ -11,19 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.geometry.exact import TOLERANCE
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.motion_plan import MotionPlan
+from planning.motion.known_motions import MotionPlan
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
+from scheduling.motion_times import chain_bends, within_limits
 from scheduling.shortcuts.corners import round_corners
-from scheduling.stretch_times import chain_bends
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import PlanWriter, planar_cell, random_plan
 from tests.scheduling.two_arms import Writer, two_arms

@@ -9,19 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.geometry.exact import TOLERANCE
-from planning.motion.motion_plan import MotionPlan
+from planning.motion.known_motions import MotionPlan
 from planning.motion.speed import L1Speed
 from scheduling.build_tpg import build_tpg
+from scheduling.graph.dispatcher import earliest_times, latest_ends
 from scheduling.graph.plan_files import load_plan, save_plan
-from scheduling.graph.rollout import earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.shortcuts.rewiring import Swap, splice_edges
+from scheduling.shortcuts.replacement_check import Swap, splice_edges
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import PlainGraph
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.two_arms import random_turns
-from twin.trial.adversary import audit_standing_states
+from twin.trial.simulation import audit_standing_states
 
 CASES = [(2, 0), (2, 4), (2, 7), (3, 3), (3, 5), (4, 1), (5, 2)]
 

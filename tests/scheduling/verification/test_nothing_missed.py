@@ -12,12 +12,15 @@ import pytest
 from planning.transforms import Array, rotation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.extents import DIRECTIONS, farthest
-from scheduling.verification.measuring import Measuring
-from scheduling.verification.motions import Motion
+from scheduling.verification.bodies import Motion
 from scheduling.verification.reference import ReferenceRobot, measure
-from scheduling.verification.sweeps import Sweeps, close_pairs
-from scheduling.verification.verify import verify_plan
+from scheduling.verification.sweeps import (
+    DIRECTIONS,
+    SweepBounds,
+    close_pairs,
+    farthest,
+)
+from scheduling.verification.verify import Measuring, verify_plan
 from tests.scheduling.two_arms import random_turns, two_arms
 
 CLEARANCE = 0.001
@@ -116,7 +119,7 @@ def test_close_pairs_are_those_of_a_double_loop(seed: int) -> None:
         middle = way + rng.normal(scale=0.1, size=(13, 1, bodies))
         half = rng.uniform(0.0, 0.1, (13, pieces, bodies))
         there = rng.random((pieces, bodies)) < 0.9
-        sweeps = Sweeps.nothing(int(pieces), bodies)
+        sweeps = SweepBounds.nothing(int(pieces), bodies)
         sweeps.low[0][:, there] = (middle - half)[:, there]
         sweeps.high[0][:, there] = (middle + half)[:, there]
         both.append(sweeps)

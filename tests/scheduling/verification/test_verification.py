@@ -11,14 +11,13 @@ import pytest
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
 from planning.tasks.task import AllowedContact, Handling
 from planning.transforms import Array, inverse, rotation, translation
-from scheduling.build_nodes import build_nodes
-from scheduling.build_tpg import build_tpg
+from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.graph_structure import find_precedence
 from scheduling.verification.reference import ReferenceRobot, measure
 from scheduling.verification.verify import Problem, verify_plan
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
-from twin.trial.adversary import (
+from twin.trial.simulation import (
     audit_standing_states,
     run_until_still,
     standing_states,

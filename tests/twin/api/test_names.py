@@ -27,7 +27,7 @@ def test_what_is_not_there_is_refused_as_of_any_module() -> None:
 
 
 def test_rooms_do_not_take_the_place_of_functions() -> None:
-    for room in ("audit.audit", "check.check", "run.run_record", "study.study"):
+    for room in ("audit.audit", "check.check", "run.events", "study.study"):
         import_module(f"twin.{room}")
     for name in ("audit", "check", "run", "study"):
         assert isinstance(sys.modules[f"twin.{name}"], ModuleType)

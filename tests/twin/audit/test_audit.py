@@ -26,13 +26,12 @@ from tests.twin.audit.audit_cell import (
     straight_down,
     two_arm_cell,
 )
-from twin.audit.accepted_overlaps import CONTACT_DEPTH, SLACK
 from twin.audit.audit import Auditor, AuditReport, audit_run
+from twin.audit.grips import CONTACT_DEPTH, SLACK
 from twin.audit.motion.executed import read_recording
 from twin.audit.motion.pairs import FINEST
 from twin.audit.motion.sampling import STEP, stretches
-from twin.audit.worlds.engine import open_world
-from twin.audit.worlds.world import overlapping_at_home
+from twin.audit.worlds.world import open_world, overlapping_at_home
 
 X, Y = 0.42, -0.05
 EDGE = X + BRICK[0] / 2

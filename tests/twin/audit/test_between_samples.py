@@ -18,7 +18,7 @@ from twin.audit.audit import Auditor, audit_run
 from twin.audit.motion.executed import read_recording
 from twin.audit.motion.pairs import FINEST
 from twin.audit.motion.sampling import stretches
-from twin.audit.worlds.engine import open_world
+from twin.audit.worlds.world import open_world
 
 
 def sweep(turn: float) -> HandWrittenRun:

@@ -16,16 +16,17 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, rotation, translation
 from tests.shipped_runs import ShippedRuns
 from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
-from twin.audit.accepted_overlaps import SLACK
 from twin.audit.audit import AuditReport, audit_run
+from twin.audit.grips import SLACK
 from twin.audit.motion.sampling import STEP
-from twin.audit.worlds.engine import (
+from twin.audit.worlds.world import (
+    AuditWorld,
     Engine,
+    WatchedShape,
     engine_and_version,
     engine_named,
     open_world,
 )
-from twin.audit.worlds.world import AuditWorld, Shape
 
 NEAR = 0.05
 
@@ -72,7 +73,7 @@ def _scatter(worlds: list[AuditWorld], rng: np.random.Generator) -> None:
                 world.place(world.objects[box], pose)
 
 
-def _shapes(world: AuditWorld) -> list[Shape]:
+def _shapes(world: AuditWorld) -> list[WatchedShape]:
     return [*world.robot_shapes, *world.objects]
 
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from tests.twin.audit.audit_cell import HandWrittenRun, two_arm_cell

@@ -8,8 +8,8 @@ import pytest
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import rotation, translation
-from twin.audit.worlds.chain import measured_chain
 from twin.audit.worlds.coal_world import CoalWorld
+from twin.audit.worlds.exact_urdf import measured_chain
 from twin.audit.worlds.world import JointAxes
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planning.cell.motion_limits import MotionLimits
+from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
@@ -15,8 +15,8 @@ from planning.transforms import from_rpy
 from tests.twin.audit.audit_cell import brick
 from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import limit_violations, tool_speed_violations
+from twin.audit.motion.efforts import ToolSpeeds, tool_speeds_of_run
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.motion.tool_speeds import ToolSpeeds, tool_speeds_of_run
 from twin.audit.violation import Violation
 
 TAKEN_S = 0.5

@@ -14,7 +14,7 @@ from planning.errors import TwinError
 from tests.planted import planted
 from twin.check.check import CheckReport, check_scenario
 from twin.cli import app
-from twin.scenario.file import read_scenario
+from twin.scenario.manifest import read_scenario
 from twin.trial.planning import plan_scenario
 
 ROOT = Path(__file__).parents[3]

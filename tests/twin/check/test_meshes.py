@@ -8,7 +8,7 @@ import numpy as np
 from planning.cell.shape import Element, shape_of
 from twin.check.finding import Subject
 from twin.check.lying import check_meshes
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "shapes.yaml"
 

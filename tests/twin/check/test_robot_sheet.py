@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from planning.cell.motion_limits import limits_of
+from planning.cell.robot_model import limits_of
 from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
 from planning.robots.overview import flange_doubt, overview
 from planning.robots.registry import ROBOTS, robot_model

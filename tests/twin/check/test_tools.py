@@ -17,7 +17,7 @@ from tests.planning.robots.descriptions.vendors import GRIPPER, ur5e
 from tests.planted import rows
 from twin.check.check import check_scenario
 from twin.check.tools import misplaced
-from twin.scenario.file import read_scenario
+from twin.scenario.manifest import read_scenario
 
 LINK = (
     '<link name="l{0}"><collision><origin xyz="0 0 0.05"/><geometry>'

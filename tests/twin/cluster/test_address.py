@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from planning.errors import RequestError, TwinError
-from twin.cluster.address import Cluster
-from twin.cluster.certificates import certificates_in, make_certificates
+from twin.cluster.certificates import Cluster, certificates_in, make_certificates
 
 
 @pytest.mark.parametrize(

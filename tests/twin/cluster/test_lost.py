@@ -16,10 +16,9 @@ import pytest
 from typer.testing import CliRunner
 
 from twin.cli import app
-from twin.cluster.address import Cluster
-from twin.cluster.certificates import make_certificates
+from twin.cluster.certificates import Cluster, make_certificates
 from twin.cluster.client import ClusterExecutor, ClusterLostError
-from twin.study.replications.executors import open_executor
+from twin.study.replications.workload import open_executor
 
 pytest.importorskip("distributed")
 

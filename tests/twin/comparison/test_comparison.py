@@ -26,7 +26,7 @@ from twin.comparison.comparison import (
     measure_policies,
 )
 from twin.planning.pipeline import motion_settings
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
 

@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 
 from planning.errors import ScenarioError
 from planning.tasks.task import TRANSIT
-from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_nodes
 from tests.twin.one_draw import sample
 from twin.cli import app
 from twin.durations import packaged_timings
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_turns, plan_motions
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import follow_references
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations

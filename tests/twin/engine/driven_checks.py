@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import strategies as st
 
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import simulate
 from twin.durations import NANOSECONDS, Fixed, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations

@@ -11,8 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import within_limits
-from scheduling.stretch_times import blended_path, chain_bends
+from scheduling.motion_times import blended_path, chain_bends, within_limits
 from tests.twin.bent_toys import BENT_TPGS, bent_tpg
 from tests.twin.drawn_runs import ANYTHING, VARIED
 from tests.twin.engine.driven_checks import (
@@ -27,7 +26,7 @@ from tests.twin.engine.driven_checks import (
 )
 from tests.twin.simulated import simulate
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.run.trajectory import robot_trajectories
 from twin.uncertainty.disturbances import Disturbances
 

@@ -30,7 +30,7 @@ from tests.twin.simulated import simulate
 from twin.engine.driven import DrivenExecution
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import TwinError
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.one_draw import sample, sample_node_times
@@ -19,8 +19,7 @@ from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
-from twin.run.run_record import DeadlockError, ExecutionRecord
+from twin.run.events import DeadlockError, Event, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
 from twin.uncertainty.skill_durations import SkillDurations

@@ -10,14 +10,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from planning.cell.workcell import Workcell
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, Task
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
 from tests.twin.turning_arms import SCENARIO, straight
 from twin.cli import app
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 LATE = """\
   speed: {robots: {left: {kind: fixed, value: 0.25}}}

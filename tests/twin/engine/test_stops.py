@@ -21,7 +21,7 @@ from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import FAILED, STOPPED
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 from twin.run.trajectory import object_placements, robot_trajectories
 from twin.uncertainty.disturbances import (
     Breakdowns,
@@ -32,7 +32,7 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.halts import Halts, Pace, Stop
+from twin.uncertainty.halts import Halts, Stop, StoppedClock
 from twin.uncertainty.skill_durations import SkillDurations
 
 NOMINAL = SkillDurations({})
@@ -76,7 +76,7 @@ def test_own_time_stands_while_stopped(
     intervals: list[tuple[int, int]], t: int
 ) -> None:
     halts = stopped_at(*intervals)
-    pace = Pace(halts.intervals(10**6))
+    pace = StoppedClock(halts.intervals(10**6))
     stopped = {s for a, b in intervals for s in range(a, b)}
     own = int(pace.own(np.array([t]))[0])
     assert own == sum(s not in stopped for s in range(t))

@@ -16,7 +16,7 @@ from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
 from twin.exports.formats import FORMATS
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 
 def invoke(*arguments: object) -> Result:
@@ -47,7 +47,6 @@ FILES = {
     "graphml": ["tpg.graphml"],
     "dot": ["tpg.dot"],
     "task-graph": ["task_graph.graphml"],
-    "mermaid": ["gantt.mmd"],
 }
 
 
@@ -69,12 +68,14 @@ def test_every_format_of_a_real_run(name: str, run: Path) -> None:
 
 def test_several_formats_go_into_one_folder(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "here"
-    result = invoke("export", run, "-f", "dot", "-f", "mermaid", "-f", "dot", "-o", out)
+    result = invoke(
+        "export", run, "-f", "dot", "-f", "perfetto", "-f", "dot", "-o", out
+    )
     assert result.exit_code == 0, result.output
-    assert {p.name for p in out.iterdir()} == {"tpg.dot", "gantt.mmd"}
+    assert {p.name for p in out.iterdir()} == {"tpg.dot", "trace.json"}
     (tmp_path / "taken").write_text("a file")
     result = invoke(
-        "export", run, "-f", "dot", "-f", "mermaid", "-o", tmp_path / "taken"
+        "export", run, "-f", "dot", "-f", "perfetto", "-o", tmp_path / "taken"
     )
     assert result.exit_code == 2
     assert "this is a file" in result.stderr
@@ -107,7 +108,7 @@ def test_an_unknown_format_names_those_there_are(
     result = invoke("export", run, *options)
     assert result.exit_code == 2
     assert words in result.stderr
-    assert "mermaid, ldraw)" in result.stderr
+    assert "task-graph, ldraw)" in result.stderr
 
 
 def test_an_unknown_run_names_those_beside_it(run: Path) -> None:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.durations import to_nanoseconds
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 from twin.trial.run_result import RunResult
 
 POINT = {"positions", "velocities", "accelerations", "effort", "time_from_start"}

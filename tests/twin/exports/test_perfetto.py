@@ -13,7 +13,7 @@ import pytest
 
 from tests.twin.exports.exported_runs import exported, toy_run
 from twin.run.activities import STANDING
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 from twin.trial.run_result import RunResult
 
 REQUIRED = {

@@ -12,7 +12,7 @@ from planning.errors import OutputError
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from twin.durations import NANOSECONDS
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances

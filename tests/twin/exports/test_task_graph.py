@@ -10,7 +10,7 @@ import networkx as nx
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.motion_plan import MotionPlan, TaskMotion
+from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import Handling, Task
 from planning.transforms import identity, translation
 from scheduling.build_tpg import build_nodes

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from twin.durations import Lognormal
-from twin.fit.selection import (
+from twin.fit.fitting import (
     FAMILIES,
     LEVEL,
     Candidate,

@@ -20,7 +20,7 @@ from twin.cli import app
 from twin.durations import Fixed, Measured
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.simulation import skill_durations
 
 SMALL = """\

@@ -20,7 +20,7 @@ from twin.durations import (
     Weibull,
 )
 from twin.durations.fittable import Family, ShiftedFamily, golden_section
-from twin.fit.selection import FAMILIES, section_model
+from twin.fit.fitting import FAMILIES, section_model
 
 T = np.linspace(0.0, 14.0, 141)[None]
 

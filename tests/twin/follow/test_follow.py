@@ -35,7 +35,7 @@ from twin.follow.state import FollowedRun
 from twin.planning.build_workcell import build_workcell
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import EventLogError, event_line
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[3]

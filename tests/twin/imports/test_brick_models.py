@@ -18,7 +18,7 @@ from planning.lego.bricks.grid import occupied_span
 from planning.robots.registry import robot_model
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 ROOT = Path(__file__).parents[3]

@@ -9,7 +9,7 @@ import numpy as np
 from planning.lego.bricks.assembly import Cell, Press, Support
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 SCENARIO = """\
 version: 1

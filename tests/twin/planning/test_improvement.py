@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
-from planning.motion.motion_plan import MotionPlan
+from planning.motion.known_motions import MotionPlan
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.work import AssemblyWork
 from scheduling.improvement.neighbours import draw_neighbour
-from scheduling.improvement.rated_plans import PlanRater, RatedPlan
-from scheduling.improvement.search import improve_plan
+from scheduling.improvement.search import PlanRater, RatedPlan, improve_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_motions
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
@@ -212,7 +211,7 @@ def _of_robot(
 def test_an_improved_plan_is_safe_and_no_worse(
     scenario: Scenario, plain: PlanResult
 ) -> None:
-    better = plan_scenario(_changed(scenario, improve_tries=3))
+    better = plan_scenario(_changed(scenario, improve_tries=2))
     assert better.makespan_s <= plain.makespan_s
     assert verify_plan(better.tpg).problems == ()
     assert "improve" in better.planning_s
@@ -245,7 +244,7 @@ def test_no_plan_is_below_the_bound_of_load(
 def test_steps_stay_in_their_order_where_that_is_asked_for(
     scenario: Scenario, plain: PlanResult
 ) -> None:
-    kept = plan_scenario(_changed(scenario, improve_tries=3, improve_order=False))
+    kept = plan_scenario(_changed(scenario, improve_tries=1, improve_order=False))
     assert kept.step_order == ()
     assert [choice.step for choice in kept.motions.task_plan.choices] == [1, 2, 3, 4]
     assert kept.motions.assembly.steps == plain.motions.assembly.steps

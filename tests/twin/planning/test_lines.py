@@ -12,14 +12,14 @@ import yaml
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE, PRESENT
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.invariant import check_invariant
 from twin.comparison.comparison import measure_policies
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.line import slots, written_out
 from twin.run.throughput import line_summary, product_nodes
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario

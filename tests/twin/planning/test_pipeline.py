@@ -10,8 +10,8 @@ import pytest
 from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
-from twin.planning.in_turns import MOTION
-from twin.scenario.file import load_scenario
+from twin.planning.goals import MOTION
+from twin.scenario.manifest import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario

@@ -10,7 +10,7 @@ import pytest
 from planning.transforms import rotation
 from twin.audit.wanted import Wanted
 from twin.planning.kind import assembly_kind
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 

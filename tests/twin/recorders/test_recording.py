@@ -27,12 +27,11 @@ from twin.durations import NANOSECONDS
 from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
 from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.bodies import frame_times
 from twin.recorders.rerun.recorder import write_recording
-from twin.recorders.rerun.robots import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
-from twin.run.gantt import gantt_figure
-from twin.run.run_record import ExecutionRecord
-from twin.run.team_colours import rgb, team_colours
+from twin.run.events import ExecutionRecord
+from twin.run.gantt import gantt_figure, rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
 

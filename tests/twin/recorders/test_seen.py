@@ -18,12 +18,11 @@ from twin.drawing.paint import paint
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
 from twin.recorders.observers import MemoryRecorder
-from twin.recorders.rerun.camera import camera, eye_on, site_points
 from twin.recorders.rerun.event_rows import long_waits
+from twin.recorders.rerun.layout import camera, eye_on, site_points
 from twin.recorders.rerun.recorder import write_recording
-from twin.run.events import Event
-from twin.run.run_record import ExecutionRecord
-from twin.run.team_colours import rgb, team_colours
+from twin.run.events import Event, ExecutionRecord
+from twin.run.gantt import rgb, team_colours
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),

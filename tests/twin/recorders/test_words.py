@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from planning.tasks.task import TRANSIT, Task
-from scheduling.graph.barriers import with_barriers
+from scheduling.graph.task_edges import with_barriers
 from tests.twin.recorders.recorded_toys import rows, toy_of
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
 from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.event_rows import PlanWords
 from twin.recorders.rerun.recorder import write_recording
-from twin.recorders.rerun.words import PlanWords
 from twin.run.activities import IDLE, RETRYING, STALLED
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.uncertainty.skill_durations import SkillDurations
 
 PATH = np.zeros((1, 1))

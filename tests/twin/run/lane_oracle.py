@@ -9,7 +9,7 @@ import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.run.activities import FAILED, IDLE, RETRYING, STALLED, STOPPED, WAITING
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import ExecutionRecord
 
 
 @dataclass(frozen=True)

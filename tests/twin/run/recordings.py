@@ -10,7 +10,7 @@ from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
 from twin.audit.motion.executed import Recording, read_recording
 from twin.engine.engine import Simulator
-from twin.recorders.motion_tables import write_motion
+from twin.recorders.observers import write_motion
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances, Stalls

@@ -14,7 +14,7 @@ from planning.transforms import Transform
 from scheduling.graph.drive import BY_EFFORT, BY_JOINTS
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
-from scheduling.slowed_motions import overloads, slowed_motions
+from scheduling.pace import overloads, slowed_motions
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
 from tests.twin.run.recordings import (
@@ -24,7 +24,7 @@ from tests.twin.run.recordings import (
     with_rounded_corners,
 )
 from twin.audit.motion.executed import Recording
-from twin.run.cubic_motion import cubic_at
+from twin.run.driven_motion import cubic_at
 from twin.uncertainty.disturbances import Stalls
 
 

@@ -20,7 +20,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import load_plan, save_plan
 from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
-from twin.host.atomic import replacing, write_json
+from twin.host.guard import replacing, write_json
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import (
     hashes_as_written,
@@ -31,7 +31,7 @@ from twin.run.folder import (
     run_folder,
     set_aside,
 )
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.plan_result import plan_of_run
 
 

@@ -20,7 +20,7 @@ from tests.twin.run.recordings import (
     with_rounded_corners,
 )
 from twin.audit.motion.executed import Recording
-from twin.run.cubic_motion import cubic_at
+from twin.run.driven_motion import cubic_at
 from twin.uncertainty.disturbances import Stalls
 
 FREE, LOADED = 0.3, 0.1

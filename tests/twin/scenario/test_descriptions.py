@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from twin.scenario.document.section import Section, attributes, summary
-from twin.scenario.file import scenario_schema
+from twin.scenario.manifest import scenario_schema
 
 
 class Base(Section):

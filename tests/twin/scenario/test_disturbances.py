@@ -11,7 +11,7 @@ from tests.planted import rows
 from tests.twin.turning_arms import SCENARIO
 from twin.durations import Fixed, Lognormal, Uniform
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.disturbances import (
     Breakdowns,

@@ -36,7 +36,7 @@ from twin.durations import (
     packaged_timings,
 )
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 from tests.twin.twin_toys import toy_cell
-from twin.scenario.file import load_scenario
 from twin.scenario.manifest import (
     MANIFEST,
+    load_scenario,
     read_manifest,
     scenario_sha256,
     write_manifest,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from planning.errors import ScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.shipped import begin_scenario
 
 

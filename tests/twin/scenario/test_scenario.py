@@ -9,7 +9,7 @@ import pytest
 
 from tests.planted import planted
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario, scenario_schema
+from twin.scenario.manifest import load_scenario, scenario_schema
 from twin.scenario.sections.scenario import resolved, restored
 
 ROOT = Path(__file__).parents[3]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from planning.errors import TwinError
-from twin.scenario.file import read_scenario
+from twin.scenario.manifest import read_scenario
 from twin.scenario.sections.parts import PartsSection
 
 FILE = """\

@@ -10,7 +10,7 @@ import pytest
 from planning.errors import ScenarioError
 from tests.shipped_runs import SCENARIOS
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.variations import varied
 
 CLIFF = SCENARIOS / "lego" / "cliff.yaml"

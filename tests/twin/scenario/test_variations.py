@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (
     Variation,

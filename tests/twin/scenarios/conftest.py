@@ -11,7 +11,7 @@ import pytest
 
 from tests.shipped_runs import SCENARIOS, ShippedRuns
 from twin.run.folder import prepare_run_folder
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan

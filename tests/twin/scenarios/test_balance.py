@@ -11,7 +11,7 @@ from tests.twin.scenarios.executed import executed
 from twin.check.finding import Subject
 from twin.check.lying import check_balance
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.planning import plan_scenario
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.reference import Part, ReferenceRobot, measure
+from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
 from tests.shipped_runs import ShippedRuns
-from twin.audit.accepted_overlaps import ContactRule
+from twin.audit.grips import ContactRule
 from twin.audit.motion.executed import Recording, read_recording
 
 TICK = 0.02
@@ -17,7 +17,7 @@ TICK = 0.02
 
 def held_parts(
     tpg: TemporalPlanGraph, recording: Recording, robots: dict[str, ReferenceRobot]
-) -> list[tuple[str, Part, float, float]]:
+) -> list[tuple[str, ReferenceBody, float, float]]:
     """Who holds what from when until when."""
     out = []
     for name in {row.object for row in recording.objects}:

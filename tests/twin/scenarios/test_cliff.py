@@ -11,9 +11,9 @@ from benchmarks.stalled_runs import run_with_stalls
 from planning.tasks.task import TRANSIT
 from scheduling.verification.verify import verify_plan
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.adversary import audit_standing_states
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
+from twin.trial.simulation import audit_standing_states
 
 FILE = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 

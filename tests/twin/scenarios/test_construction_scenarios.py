@@ -23,7 +23,7 @@ from twin.planning.construction import ConstructionKind
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved
 

@@ -20,7 +20,7 @@ from planning.errors import InfeasibleStepError
 from planning.lego.sequencing.stable_steps import stable_steps
 from twin.cli import app
 from twin.planning.lego import build_lego
-from twin.scenario.file import load_scenario, scenario_schema
+from twin.scenario.manifest import load_scenario, scenario_schema
 
 ROOT = Path(__file__).parents[3]
 CLIFF: dict[str, Any] = yaml.safe_load(

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError, PlanInvariantError
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.machine_chains import machine_chains, working_machines
 from scheduling.graph.plan_files import load_plan
+from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
@@ -34,10 +34,10 @@ from twin.engine.execution_model import ExecutionModel
 from twin.planning.kind import assembly_kind
 from twin.run.summary import summarise
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
-from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult

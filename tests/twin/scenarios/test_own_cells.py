@@ -20,7 +20,7 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import executed
 from twin.check.check import check_scenario
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.file import load_scenario, read_scenario
+from twin.scenario.manifest import load_scenario, read_scenario
 from twin.trial.planning import plan_scenario
 
 END = """\

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from scheduling.verification.verify import verify_plan
 from twin.cli import app
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import build_transform
 from twin.trial.plan_result import PlanResult

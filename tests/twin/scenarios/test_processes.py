@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from planning.errors import ScenarioError
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import executed
 from twin.audit.audit import audit_run
@@ -24,7 +24,7 @@ from twin.check.reach import check_reach
 from twin.cli import app
 from twin.planning.kind import assembly_kind
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.variations import varied
 from twin.trial.plan_result import PlanResult

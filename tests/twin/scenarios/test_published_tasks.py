@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from scheduling.verification.verify import verify_plan
 from twin.cli import app
 from twin.run.folder import prepare_run_folder
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario

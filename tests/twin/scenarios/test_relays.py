@@ -10,7 +10,7 @@ import yaml
 from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import executed
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 
 FAR_APART = """\

@@ -12,7 +12,7 @@ from planning.lego.sequencing.sequencing import sequenced
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 
 HEAD = """\

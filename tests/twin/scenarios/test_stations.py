@@ -20,13 +20,13 @@ from tests.twin.scenarios.executed import executed
 from twin.audit.audit import audit_run
 from twin.exports.graphs import task_graph
 from twin.run.trajectory import object_placements
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.adversary import audit_standing_states
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
+from twin.trial.simulation import audit_standing_states
 from twin.trial.trial import try_plan
 
 SCENARIO = """\

@@ -10,7 +10,7 @@ import pytest
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import executed
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.plan_result import PlanResult
 
 SCENARIO = """\

@@ -12,14 +12,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
-from planning.motion.motion_plan import MotionPlan
+from planning.motion.known_motions import MotionPlan
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
-from scheduling.build_nodes import build_nodes
+from scheduling.build_tpg import build_nodes
 from scheduling.hand_loads import hand_loads
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan

@@ -16,7 +16,7 @@ from tests.planning.robots.descriptions.test_mjcf import HAND
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e, vendor_file
 from tests.twin.scenarios.executed import executed
 from twin.check.tools import finger_gap
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 
 CELL = """\

@@ -17,7 +17,7 @@ from tests.twin.scenarios.executed import executed
 from twin.audit.audit import AuditReport, audit_run
 from twin.planning.kind import assembly_kind
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Lognormal, Uniform
 from twin.engine.execution_model import ExecutionModel
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.study.replications.workload import Workload, timing_graph
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations

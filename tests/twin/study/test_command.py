@@ -258,7 +258,11 @@ def test_a_folder_of_another_scenario_is_refused(study: Path, tmp_path: Path) ->
         (("--vary", "stalls.count=1,2"), "execution.stalls has no 'count'"),
         (("--least", "30", "--most", "20"), "least <= most"),
         (("--deadline", "-3"), "must be more than 0 s"),
-        (("--scheduler", "tcp://127.0.0.1:1"), "no scheduler answered"),
+        pytest.param(
+            ("--scheduler", "tcp://127.0.0.1:1"),
+            "no scheduler answered",
+            marks=pytest.mark.nightly,
+        ),
     ],
 )
 def test_what_cannot_be_is_said_at_once(

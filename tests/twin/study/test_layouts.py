@@ -15,9 +15,8 @@ from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
 from scheduling.graph.plan_files import plan_sha256
 from twin.cli import app
-from twin.study.ranking import rank_layouts
-from twin.study.replications.experiment import Experiment
-from twin.study.replications.statistics import Precision, mean_interval
+from twin.study.layouts import rank_layouts
+from twin.study.replications.statistics import Experiment, Precision, mean_interval
 
 X = "cell.robots.right.base.xyz_m.0"
 PICK = "skills.pick.scale"
@@ -217,7 +216,7 @@ def test_ranks_of_samples() -> None:
     [
         {},
         {"planning.shortcut_candidates": 0},
-        {"planning.improve_tries": 3},
+        {"planning.improve_tries": 2},
         {"planning.coordination": "synchronous"},
     ],
     ids=str,

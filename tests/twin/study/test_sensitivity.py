@@ -13,7 +13,7 @@ from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
 from twin.engine.execution_model import ExecutionModel
 from twin.study.folder import check_points
-from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Workload, timing_graph
 from twin.study.sensitivity import influences, inputs_of, makespans_s, sobol_indices
 from twin.uncertainty.disturbances import Disturbances, Stalls

@@ -16,7 +16,7 @@ FULL = """
 import resource, sys
 limit = int(sys.argv.pop(1))
 from twin.cli import app
-import twin.trial.trial, twin.recorders.motion_tables
+import twin.trial.trial, twin.recorders.observers
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 app()
 """

@@ -20,7 +20,7 @@ from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.run.folder import locked
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.trial import ResumeError, resume_run
 
 ROOT = Path(__file__).parents[3]

@@ -16,7 +16,7 @@ from tests.twin.turning_arms import SCENARIO, turning_plan
 from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.run.summary import summary_rows
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 
 FILES = {
     "manifest.json",

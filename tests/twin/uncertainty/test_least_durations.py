@@ -17,8 +17,7 @@ from twin.engine.execution_model import ExecutionModel
 from twin.run.trajectory import robot_trajectories
 from twin.study.replications.workload import timing_graph
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
-from twin.uncertainty.least_durations import least_ns
-from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.skill_durations import SkillDurations, least_ns
 
 QUICK = SkillDurations({kind: Fixed(value_s=1e-6) for kind in SKILLS})
 

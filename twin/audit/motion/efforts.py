@@ -1,4 +1,9 @@
-"""Efforts that joints needed for what was executed, by inverse dynamics with what was in hand."""
+"""Efforts that joints needed for what was executed, by inverse dynamics with what was in hand.
+
+A robot as its description has it, with pinocchio: for what its joints exert and how fast its tool is.
+
+How fast tools were in what was executed, of robots for which that is limited.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +17,81 @@ import numpy.typing as npt
 import pinocchio
 from scipy import constants
 
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.robots.descriptions.fitting import written_options
+from planning.robots.descriptions.xml_files import read_xml
+from planning.robots.registry import ROBOTS
 from planning.transforms import Array
-from twin.audit.motion.described_arm import DescribedArm
 from twin.audit.motion.executed import ObjectRow, Recording
-from twin.audit.motion.states import moving_samples, states_at
+from twin.audit.motion.movers import moving_samples, states_at
+
+
+class DescribedArm:
+    """The joints and bodies in the file of a robot.
+
+    Args:
+        model: its file and the names of its joints are used.
+
+    Attributes:
+        body: all joints of the file; gravity is pinocchio's own.
+        last: index of the robot's last joint in it.
+        columns: where rates of the robot's joints are among all.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.body = body = pinocchio.buildModelFromUrdf(str(model.urdf))
+        names = list(body.names)
+        self._joints = [body.joints[names.index(name)] for name in model.joint_names]
+        self.last = names.index(model.joint_names[-1])
+        self.columns = [joint.idx_v for joint in self._joints]
+        self._still = pinocchio.neutral(body)
+        moved = set(model.joint_names)
+        if held := [name for name in names[1:] if name not in moved]:
+            known = written_options(read_xml(model.urdf))
+            frozen = (known or ROBOTS[model.name]).frozen
+            for name in held:
+                self._still[body.joints[names.index(name)].idx_q] = frozen[name]
+
+    def state(self, q: Array) -> Array:
+        """Return a configuration as pinocchio has it, with the joints that are held.
+
+        Args:
+            q: joint values of the robot, shape (n,).
+        """
+        state = self._still.copy()
+        for joint, value in zip(self._joints, q.tolist(), strict=True):
+            if joint.nq == joint.nv:
+                state[joint.idx_q] = value
+            else:  # a continuous joint is kept as the cosine and the sine of its angle
+                state[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
+        return np.asarray(state)
+
+    def rates(self, v: Array) -> Array:
+        """Return speeds or accelerations of all joints, shape (all joints,).
+
+        Args:
+            v: those of the robot's, shape (n,).
+        """
+        rates = np.zeros(self.body.nv)
+        rates[self.columns] = v
+        return rates
+
+    def point_speeds(self, q: Array, v: Array, point: Array) -> Array:
+        """Return how fast a point goes that is fixed to the last joint, shape (m,) [m/s].
+
+        Args:
+            q, v: states of the robot, shape (m, n).
+            point: in the frame of the last joint, shape (3,) [m].
+        """
+        data, speeds = self.body.createData(), np.empty(len(q))
+        for k in range(len(q)):
+            at, rates = self.state(q[k]), self.rates(v[k])
+            pinocchio.forwardKinematics(self.body, data, at, rates)
+            motion = data.v[self.last]
+            speeds[k] = np.linalg.norm(motion.linear + np.cross(motion.angular, point))
+        return speeds
+
 
 _SPARE = 0.01
 """Share of its effort that gravity has to leave a joint which can be held to it."""
@@ -182,3 +257,64 @@ class _Dynamics:
             found: Any = pinocchio.rnea(self._model, self._data, at, *rates)
             out[k] = found[self._arm.columns]
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class ToolSpeeds:
+    """Speeds of a robot's tool while it holds the same.
+
+    Attributes:
+        robot: its name.
+        t: times, shape (m,) [s].
+        speed: of the tool's frame then, of the flange where there is none, shape (m,) [m/s].
+        limit: for what it holds [m/s].
+        loaded: whether it holds a part.
+    """
+
+    robot: str
+    t: Array
+    speed: Array
+    limit: float
+    loaded: bool
+
+
+def tool_speeds_of_run(cell: Workcell, recording: Recording) -> Iterator[ToolSpeeds]:
+    """Yield the speeds of all tools whose speed is limited, from change to change of what is held.
+
+    Args:
+        cell: says which robots have limits, and where their tools are.
+        recording: what was executed.
+    """
+    for robot in cell.robots:
+        limits, rows = robot.limits, recording.robots[robot.name]
+        if limits is None or rows.v is None or len(rows.t) < 2:
+            continue
+        if np.isinf(min(limits.tool_speed, limits.loaded_tool_speed)):
+            continue
+        arm, tools = DescribedArm(robot.model), {tool.name for tool in robot.tools}
+        changes = [(row.t, row.object, row.holder) for row in recording.objects]
+        held: set[str] = set()
+        ends = {float(rows.t[0]), float(rows.t[-1]), *(t for t, _, _ in changes)}
+        for begin, end in pairwise(sorted(ends)):
+            while changes and changes[0][0] <= begin:
+                _, name, holder = changes.pop(0)
+                held.discard(name)
+                if holder == robot.name:
+                    held.add(name)
+            loaded = bool(held - tools)
+            limit = limits.tool_speed
+            if loaded:
+                limit = min(limit, limits.loaded_tool_speed)
+            if np.isfinite(limit):
+                t = moving_samples(rows, begin, end)
+                q, v, _ = states_at(rows, t)
+                speed = arm.point_speeds(q, v, _tip(robot, held))
+                yield ToolSpeeds(robot.name, t, speed, limit, loaded)
+
+
+def _tip(robot: PlacedRobot, held: set[str]) -> Array:
+    """Return the origin of the tool's frame in the last joint's, shape (3,) [m]."""
+    worn = [tool.model for tool in robot.tools if tool.name in held]
+    model = worn[0] if worn else robot.model
+    frame = model.frames.get("tool", np.eye(4))
+    return np.asarray((model.flange @ frame)[:3, 3])

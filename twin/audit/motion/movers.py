@@ -2,19 +2,91 @@
 
 Bounds of distances from below, many pairs at a time: between spheres, between upright boxes, and
 from the box that is turned with a shape to the sphere around the other.
+
+Fixtures and objects at rest, kept from stretch to stretch: only what changes hands is worked out anew.
+
+States of robots between the rows of a table: configurations, speeds, accelerations at any time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.transforms import Array, Indices
-from twin.audit.motion.standing import RestingBoxes
-from twin.audit.motion.tracks import Track
+from planning.transforms import Array, Indices, Transform
+from twin.audit.motion.executed import ObjectRow, RobotRows, Track
+from twin.audit.worlds.world import AuditWorld, WatchedShape
+
+_STILL = np.zeros((0, 1))
+
+
+@dataclass(frozen=True)
+class RestingBoxes:
+    """Fixtures, and objects at rest.
+
+    Attributes:
+        tracks: of the shapes of the fixtures, then of the objects.
+        centre: of the shapes, shape (b, 3) [m].
+        reach: half edges of the upright boxes around them, shape (b, 3) [m].
+        radius: of the spheres around them, shape (b,) [m].
+    """
+
+    tracks: Sequence[Track]
+    centre: Array
+    reach: Array
+    radius: Array
+
+
+class StandingTable:
+    """Table of the fixtures, and of the objects that are at rest now.
+
+    Args:
+        world: the cell.
+    """
+
+    def __init__(self, world: AuditWorld) -> None:
+        shapes = [*world.fixtures, *world.objects]
+        self._shapes: dict[str, list[tuple[int, WatchedShape]]] = {}
+        for k, shape in enumerate(shapes):
+            self._shapes.setdefault(shape.entity, []).append((k, shape))
+        self._tracks: list[Track | None] = [None] * len(shapes)
+        self._centre = np.zeros((len(shapes), 3))
+        self._reach = np.zeros((len(shapes), 3))
+        self._radius = np.array([shape.radius for shape in shapes])
+        for item in world.cell.fixtures:
+            for k, shape in self._shapes[item.name]:
+                self._put(k, shape, shape.at(item.pose))
+
+    def put(self, row: ObjectRow) -> None:
+        """Take over where an object is from now on."""
+        for k, shape in self._shapes[row.object]:
+            if row.holder is None:
+                self._put(k, shape, shape.at(row.pose))
+            else:
+                self._tracks[k] = None
+
+    def boxes(self) -> RestingBoxes:
+        """Return what stands now."""
+        there = [k for k, track in enumerate(self._tracks) if track is not None]
+        return RestingBoxes(
+            [track for track in self._tracks if track is not None],
+            self._centre[there],
+            self._reach[there],
+            self._radius[there],
+        )
+
+    def _put(self, k: int, shape: WatchedShape, pose: Transform) -> None:
+        rotation, centre = pose[None, :3, :3], pose[None, :3, 3]
+        reach = np.abs(rotation) @ shape.half
+        self._tracks[k] = Track(
+            shape, None, 0, rotation, centre, rotation, reach, _STILL, pose
+        )
+        self._centre[k], self._reach[k] = centre[0], reach[0]
+
 
 _AT_ONCE = 400_000
 """So many pairs times samples are looked at at once, to bound memory."""
@@ -156,3 +228,33 @@ def _each(
     ):
         if len(part):
             yield int(numbers[part_rows[0]]), part.tolist()
+
+
+_SAMPLE_S = 0.01
+"""So often a robot is looked at, at least, while it moves [s]."""
+
+
+def moving_samples(rows: RobotRows, begin: float, end: float) -> Array:
+    """Return the times of all rows in a span, its ends, and more while the robot moves."""
+    low, high = np.searchsorted(rows.t, [begin, end])
+    knots = np.unique(np.concatenate([[begin], rows.t[low:high], [end]]))
+    assert rows.v is not None
+    moves = np.any(rows.v != 0.0, axis=1)
+    parts = [knots]
+    for a, b in pairwise(knots.tolist()):
+        k = int(np.searchsorted(rows.t, a, side="right"))
+        if moves[max(k - 1, 0)] or moves[min(k, len(moves) - 1)]:
+            count = int(np.ceil((b - a) / _SAMPLE_S))
+            parts.append(np.linspace(a, b, count + 1)[1:-1])
+    return np.unique(np.concatenate(parts))
+
+
+def states_at(rows: RobotRows, t: Array) -> tuple[Array, Array, Array]:
+    """Return configurations, speeds and accelerations at some times, shape (m, n) each."""
+    assert rows.v is not None
+    assert rows.a is not None
+    k = np.clip(np.searchsorted(rows.t, t, side="right") - 1, 0, len(rows.t) - 2)
+    span, since = (rows.t[k + 1] - rows.t[k])[:, None], (t - rows.t[k])[:, None]
+    jerk = (rows.a[k + 1] - rows.a[k]) / span
+    v = rows.v[k] + since * (rows.a[k] + 0.5 * since * jerk)
+    return rows.at(t), v, rows.a[k] + since * jerk

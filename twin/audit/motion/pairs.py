@@ -20,11 +20,11 @@ from math import ceil
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
+from twin.audit.motion.executed import Track
 from twin.audit.motion.movers import movers_of
 from twin.audit.motion.reach import RobotSamples
-from twin.audit.motion.sampling import Stretch
-from twin.audit.motion.tracks import Track
-from twin.audit.worlds.world import AuditWorld, Shape
+from twin.audit.motion.sampling import RunStretch
+from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 REACH = 0.5
 """Gaps are measured up to this (or to the least gap of two robots so far, plus this) [m]."""
@@ -46,8 +46,8 @@ class Gap:
             less than asked for; else ``distance`` [m].
     """
 
-    first: Shape
-    second: Shape
+    first: WatchedShape
+    second: WatchedShape
     sample: int
     until: int
     distance: float
@@ -64,7 +64,7 @@ class Asked:
     """
 
     least: Callable[[], float]
-    depth: Callable[[Shape, Shape, int], float]
+    depth: Callable[[WatchedShape, WatchedShape, int], float]
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class _Watched:
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _PairDistance:
     """A measurement: where, in samples, how far the pair had moved, and its distance [m]."""
 
     at: float
@@ -103,7 +103,7 @@ class _Measured:
 
 def gaps(
     world: AuditWorld,
-    stretch: Stretch,
+    stretch: RunStretch,
     exempt: frozenset[tuple[int, int]],
     asked: Asked,
 ) -> Iterator[Gap]:
@@ -122,7 +122,7 @@ def gaps(
     watched = list(_pairs(stretch, len(world.robot_shapes), exempt, least()))
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
-    before: list[_Measured | None] = [None] * len(watched)
+    before: list[_PairDistance | None] = [None] * len(watched)
     placer = _Placer(world, stretch)
     between, near = _Between(placer, asked, True), _Between(placer, asked, False)
     while due:
@@ -136,7 +136,7 @@ def gaps(
             heapq.heappush(due, (following, k))
         if distance <= 0.0 or (pair.between_robots and distance < least()):
             yield Gap(pair.a.shape, pair.b.shape, sample, until, distance, distance)
-        now = _Measured(float(sample), pair.moved[sample], distance)
+        now = _PairDistance(float(sample), pair.moved[sample], distance)
         last = before[k]
         if last is not None:
             # When the whole stretch has been measured, few of them are still open.
@@ -164,10 +164,12 @@ class _Between:
 
     def __init__(self, placer: _Placer, asked: Asked, worst_first: bool) -> None:
         self._placer, self._asked, self._worst_first = placer, asked, worst_first
-        self._open: list[tuple[float, int, float, _Watched, _Measured, _Measured]] = []
+        self._open: list[
+            tuple[float, int, float, _Watched, _PairDistance, _PairDistance]
+        ] = []
         self._count = 0
 
-    def add(self, pair: _Watched, low: _Measured, high: _Measured) -> None:
+    def add(self, pair: _Watched, low: _PairDistance, high: _PairDistance) -> None:
         """Note two measurements of a pair."""
         bound = 0.5 * (low.distance + high.distance - (high.moved - low.moved))
         if bound >= 0.0 and not pair.between_robots:
@@ -193,12 +195,14 @@ class _Between:
             distance = _measure(self._placer, pair, at, self._asked.least())
             if distance <= 0.0 or pair.between_robots:
                 yield Gap(a, b, int(at), int(at) + 1, distance, distance)
-            middle = _Measured(at, used, distance)
+            middle = _PairDistance(at, used, distance)
             self.add(pair, low, middle)
             self.add(pair, middle, high)
 
 
-def _needed(pair: _Watched, low: _Measured, high: _Measured, asked: Asked) -> float:
+def _needed(
+    pair: _Watched, low: _PairDistance, high: _PairDistance, asked: Asked
+) -> float:
     """Return the distance that must be kept between two measurements [m]."""
     nearest = min(low.distance, high.distance)
     if pair.between_robots:
@@ -213,7 +217,7 @@ def _needed(pair: _Watched, low: _Measured, high: _Measured, asked: Asked) -> fl
 
 
 def _pairs(
-    stretch: Stretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
+    stretch: RunStretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
 ) -> Iterator[_Watched]:
     """Yield the pairs that come near each other; the first ``arms`` tracks are of robots.
 
@@ -270,7 +274,7 @@ def _travelled_within(a: Track, b: Track) -> Array:
 class _Placer:
     """Puts shapes where they are at some time, touching only what has moved since."""
 
-    def __init__(self, world: AuditWorld, stretch: Stretch) -> None:
+    def __init__(self, world: AuditWorld, stretch: RunStretch) -> None:
         self.world, self._stretch = world, stretch
         self._arms: list[tuple[int, float] | None] = [None] * len(stretch.robots)
         self._loads: dict[int, tuple[int, float]] = {}

@@ -11,10 +11,17 @@ import numpy as np
 from planning.errors import OutputError
 from planning.tasks.task import GONE
 from planning.transforms import Array
-from twin.audit.motion.executed import ObjectRow, Recording
+from twin.audit.motion.executed import (
+    MovedShapes,
+    ObjectRow,
+    Recording,
+    Sampled,
+    Track,
+    carried,
+    sampled,
+)
+from twin.audit.motion.movers import RestingBoxes, StandingTable
 from twin.audit.motion.reach import RobotSamples
-from twin.audit.motion.standing import RestingBoxes, StandingTable
-from twin.audit.motion.tracks import Carried, Sampled, Track, carried, sampled
 from twin.audit.worlds.world import AuditWorld, shapes_by_entity
 
 STEP = 0.01
@@ -31,7 +38,7 @@ _ROWS = 1500
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RunStretch:
     """A piece of a run.
 
     Attributes:
@@ -54,7 +61,7 @@ class Stretch:
         return self.boxes.tracks
 
 
-def stretches(world: AuditWorld, recording: Recording) -> Iterator[Stretch]:
+def stretches(world: AuditWorld, recording: Recording) -> Iterator[RunStretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
     placements = {
         box.name: ObjectRow(0.0, box.name, None, box.start)
@@ -115,7 +122,7 @@ class _Sampler:
                 self._held[row.object] = row
             self._standing.put(row)
 
-    def sample(self, knots: Array, placements: Mapping[str, ObjectRow]) -> Stretch:
+    def sample(self, knots: Array, placements: Mapping[str, ObjectRow]) -> RunStretch:
         """Return a stretch between knots, in which objects are where they are now."""
         bodies = [self._carried(k) for k in range(len(self._robots))]
         wide = np.zeros(len(knots) - 1)
@@ -132,14 +139,14 @@ class _Sampler:
             if np.all(moved <= STEP):
                 samples = tuple(item.samples for item in found)
                 boxes = self._standing.boxes()
-                return Stretch(t, samples, placements, self._moving(found), boxes)
+                return RunStretch(t, samples, placements, self._moving(found), boxes)
             finer = _split(t, np.ceil(moved * 1.02 / STEP))
             if len(finer) == len(t):
                 break
             t = finer
         raise OutputError(f"robots move too fast to be sampled near {t[0]:.6f} s")
 
-    def _carried(self, robot: int) -> Carried:
+    def _carried(self, robot: int) -> MovedShapes:
         """Return all that a robot moves now."""
         placed = self._robots[robot]
         flange, hand = placed.model.flange, len(self._world.axes[robot].prismatic)

@@ -17,17 +17,20 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from planning.cell.shape import Box, Capsule, Cylinder
-from planning.cell.shape import Shape as Made
+from planning.cell.shape import Box, Capsule, Cylinder, Shape
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.silence import silenced
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.worlds.chain import LinkChain, measured_chain
-from twin.audit.worlds.exact_urdf import one_shape_a_link
-from twin.audit.worlds.solids import Convex, solids
-from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
+from twin.audit.worlds.exact_urdf import (
+    Convex,
+    LinkChain,
+    measured_chain,
+    one_shape_a_link,
+    solids,
+)
+from twin.audit.worlds.world import BASE, JointAxes, JointLimits, WatchedShape
 
 with silenced():  # it greets on standard error
     import pybullet
@@ -60,7 +63,7 @@ class BulletWorld:
         self._bodies: list[int] = []
         self._chains: list[LinkChain | None] = []
         self._moved: list[list[int]] = []
-        self.robot_shapes: list[Shape] = []
+        self.robot_shapes: list[WatchedShape] = []
         self.limits: dict[str, JointLimits] = {}
         self.axes: list[JointAxes] = []
         for index, robot in enumerate(cell.robots):
@@ -127,7 +130,9 @@ class BulletWorld:
             detail = f"{robot.name}/{shape.owner}"
             number = self._know(body, link, shape.margin)
             self.robot_shapes.append(
-                Shape(entity, detail, number, index, joint, centre, radius, half, turn)
+                WatchedShape(
+                    entity, detail, number, index, joint, centre, radius, half, turn
+                )
             )
 
     def _know(self, body: int, link: int, margin: float) -> int:
@@ -173,7 +178,9 @@ class BulletWorld:
             )
         return body
 
-    def _thing(self, name: str, made_of: Made, pose: Transform) -> Iterator[Shape]:
+    def _thing(
+        self, name: str, made_of: Shape, pose: Transform
+    ) -> Iterator[WatchedShape]:
         """Yield the shapes of a fixture or an object, placed."""
         for solid in solids(made_of):
             body = self._bullet.createMultiBody(0, self._geometry(solid.form))
@@ -204,7 +211,7 @@ class BulletWorld:
             number = create(pybullet.GEOM_MESH, vertices=form.tolist())
         return number
 
-    def place(self, item: Shape, pose: Transform) -> None:
+    def place(self, item: WatchedShape, pose: Transform) -> None:
         """Pose a shape of a fixture or an object."""
         if self._placed.get(item.number) is pose:
             return
@@ -239,7 +246,7 @@ class BulletWorld:
         rotation[:, 1:] = turned.reshape(len(q), -1, 3, 3)
         return rotation, position
 
-    def distance(self, a: Shape, b: Shape, reach: float) -> float:
+    def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
         """Return the signed distance of two shapes as they are placed now [m]."""
         body_a, link_a, margin_a = self._known[a.number]
         body_b, link_b, margin_b = self._known[b.number]

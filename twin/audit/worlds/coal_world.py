@@ -15,16 +15,18 @@ import coal
 import numpy as np
 import pinocchio
 
-from planning.cell.shape import Box, Capsule, Cylinder
-from planning.cell.shape import Shape as Made
+from planning.cell.shape import Box, Capsule, Cylinder, Shape
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
-from twin.audit.worlds.chain import measured_chain
-from twin.audit.worlds.exact_urdf import one_shape_a_link
-from twin.audit.worlds.solids import Convex, solids
-from twin.audit.worlds.world import BASE, JointAxes, JointLimits, Shape
+from twin.audit.worlds.exact_urdf import (
+    Convex,
+    measured_chain,
+    one_shape_a_link,
+    solids,
+)
+from twin.audit.worlds.world import BASE, JointAxes, JointLimits, WatchedShape
 
 
 @dataclass
@@ -54,7 +56,7 @@ class CoalWorld:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._bodies: list[_Body] = []
         self._arms = [_Arm(robot) for robot in cell.robots]
-        self.robot_shapes: list[Shape] = []
+        self.robot_shapes: list[WatchedShape] = []
         for index, arm in enumerate(self._arms):
             first = len(self._bodies)
             self._bodies += arm.bodies
@@ -71,7 +73,9 @@ class CoalWorld:
     def close(self) -> None:
         """Do nothing: coal holds nothing that is not freed by itself."""
 
-    def _thing(self, name: str, made_of: Made, pose: Transform) -> Iterator[Shape]:
+    def _thing(
+        self, name: str, made_of: Shape, pose: Transform
+    ) -> Iterator[WatchedShape]:
         """Yield the shapes of a fixture or an object, placed."""
         for solid in solids(made_of):
             self._bodies.append(_Body(_geometry(solid.form)))
@@ -79,7 +83,7 @@ class CoalWorld:
             self.place(item, item.at(pose))
             yield item
 
-    def place(self, item: Shape, pose: Transform) -> None:
+    def place(self, item: WatchedShape, pose: Transform) -> None:
         """Pose a shape of a fixture or an object."""
         self._bodies[item.number].pose = coal.Transform3s(pose[:3, :3], pose[:3, 3])
 
@@ -91,7 +95,7 @@ class CoalWorld:
         """Return where pinocchio puts the base and the moved links of a robot."""
         return self._arms[robot].link_frames(q)
 
-    def distance(self, a: Shape, b: Shape, reach: float) -> float:
+    def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
         """Return the signed distance of two shapes as they are placed now [m]."""
         first, second = self._bodies[a.number], self._bodies[b.number]
         for shape, body in ((a, first), (b, second)):
@@ -163,7 +167,7 @@ class _Arm:
         )
         self.configure(placed.home)
 
-    def shapes(self, robot: int, first: int) -> Iterator[Shape]:
+    def shapes(self, robot: int, first: int) -> Iterator[WatchedShape]:
         """Yield its shapes: what moves each, and a sphere around it.
 
         Args:
@@ -179,7 +183,7 @@ class _Arm:
             body.computeLocalAABB()
             pose = self._data.oMi[carrier].inverse() * self._poses.oMg[k]
             centre = np.asarray(pose.act(np.asarray(body.aabb_center)))
-            yield Shape(
+            yield WatchedShape(
                 f"{self.name}/{'tool' if owner in self._tool else 'arm'}",
                 f"{self.name}/{owner}",
                 first + number,

@@ -1,16 +1,23 @@
-"""What the audit asks of a collision library: a world of shapes that are posed and measured."""
+"""What the audit asks of a collision library: a world of shapes that are posed and measured.
+
+Which collision library the audit measures with: PyBullet where it is installed, else coal.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from itertools import combinations
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
+from planning.errors import RequestError
 from planning.transforms import Array, Transform
 
 BASE = -1
@@ -22,7 +29,7 @@ FAR = 10.0
 
 
 @dataclass(frozen=True)
-class Shape:
+class WatchedShape:
     """One convex shape that the audit watches.
 
     Attributes:
@@ -95,15 +102,15 @@ class AuditWorld(Protocol):
         """What was loaded."""
 
     @property
-    def robot_shapes(self) -> Sequence[Shape]:
+    def robot_shapes(self) -> Sequence[WatchedShape]:
         """All shapes of all robots: convex primitives, and the hulls of meshes."""
 
     @property
-    def fixtures(self) -> Sequence[Shape]:
+    def fixtures(self) -> Sequence[WatchedShape]:
         """At least one shape a fixture, in the order of the cell."""
 
     @property
-    def objects(self) -> Sequence[Shape]:
+    def objects(self) -> Sequence[WatchedShape]:
         """At least one shape an object, in the order of the cell."""
 
     @property
@@ -117,7 +124,7 @@ class AuditWorld(Protocol):
     def close(self) -> None:
         """Let go of what the library holds."""
 
-    def place(self, item: Shape, pose: Transform) -> None:
+    def place(self, item: WatchedShape, pose: Transform) -> None:
         """Pose a shape of a fixture or an object; the pose may not change afterwards."""
 
     def configure(self, robot: int, q: Array) -> None:
@@ -135,7 +142,7 @@ class AuditWorld(Protocol):
             (m, n + 1, 3) [m]; entry 0 is the base, entry j + 1 the link that joint j moves.
         """
 
-    def distance(self, a: Shape, b: Shape, reach: float) -> float:
+    def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
         """Return the signed distance of two shapes as they are placed now [m].
 
         Args:
@@ -144,9 +151,9 @@ class AuditWorld(Protocol):
         """
 
 
-def shapes_by_entity(shapes: Iterable[Shape]) -> dict[str, list[Shape]]:
+def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedShape]]:
     """Return the shapes of each fixture or object by its name, in their order."""
-    out: dict[str, list[Shape]] = {}
+    out: dict[str, list[WatchedShape]] = {}
     for item in shapes:
         out.setdefault(item.entity, []).append(item)
     return out
@@ -167,3 +174,69 @@ def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
             if touching or world.distance(a, b, 1.0) <= 0.0:
                 out.add((i, j))
     return frozenset(out)
+
+
+Engine = Literal["pybullet", "coal"]
+
+ENGINES: tuple[Engine, ...] = ("pybullet", "coal")
+"""Libraries the audit can measure with, the stronger witness first."""
+
+INSTALL = "pip install 'assembly-twin[audit]'" + (
+    "" if sys.version_info < (3, 12) else " (compiles it, with a C++ compiler)"
+)
+"""What installs PyBullet: there are ready-made packages for Python 3.11 only."""
+
+
+def engine_named(name: str | None) -> Engine:
+    """Return the engine of a name; without one PyBullet where it is installed, else coal.
+
+    Raises:
+        RequestError: there is no such engine, or it is not installed.
+    """
+    if name is None:
+        return "pybullet" if _loads_pybullet() is None else "coal"
+    if name not in ENGINES:
+        raise RequestError(f"audit: there is no engine {name!r}", choices=ENGINES)
+    if name == "pybullet" and (why := _loads_pybullet()) is not None:
+        raise RequestError(
+            f"audit: PyBullet does not load ({why}); choose the engine coal, or {INSTALL}"
+        )
+    return name
+
+
+def _loads_pybullet() -> str | None:
+    """Return why PyBullet cannot be used, None where it can."""
+    try:
+        import twin.audit.worlds.bullet_world  # noqa: F401
+    except Exception as error:  # a broken library may raise anything
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+@cache
+def engine_and_version(engine: Engine) -> str:
+    """Return an engine as reports name it: ``"coal 3.0.3"``."""
+    try:
+        return f"{engine} {version(engine)}"
+    except PackageNotFoundError:  # compiled into its place by hand
+        return engine
+
+
+def open_world(cell: Workcell, engine: Engine | None = None) -> AuditWorld:
+    """Return a cell loaded into an engine; close it after use.
+
+    Args:
+        cell: what to load: URDF files of robots, boxes for the rest.
+        engine: by default PyBullet where it is installed, else coal.
+
+    Raises:
+        RequestError: the engine is not installed.
+        RobotModelError: a description cannot be read.
+    """
+    if engine_named(engine) == "pybullet":
+        from twin.audit.worlds.bullet_world import BulletWorld
+
+        return BulletWorld(cell)
+    from twin.audit.worlds.coal_world import CoalWorld
+
+    return CoalWorld(cell)

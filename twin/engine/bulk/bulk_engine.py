@@ -21,11 +21,12 @@ from twin.durations import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.driven_times import drive_arrays, driven_times
 from twin.engine.bulk.max_plus import (
     Completions,
+    PrecedenceArrays,
     completions,
     explain,
     makespans,
+    policy_graph,
 )
-from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.contraction import Contraction, contract
 from twin.uncertainty.disturbances import Disturbances

@@ -17,7 +17,7 @@ from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
-from twin.engine.bulk.policy_graph import PrecedenceArrays
+from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.passage import drive_times
 
 _NEVER = 2**62

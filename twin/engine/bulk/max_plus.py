@@ -4,18 +4,141 @@ Where every node starts as soon as what it waits for is complete, its end is the
 its predecessors plus its own time. That needs no events: one pass over the nodes in a total
 order, for all replications side by side, in the same integer nanoseconds as the event engine.
 What robots waited for, and critical paths, are found from node times of either engine.
+
+Completion times with latencies and short queues, as longest paths.
+
+A dispatcher that lets a robot have d nodes ahead releases node n once node n - d is reported
+complete and so is everything that n waits for, in order. Releases and reports take time on their
+way. All of that is a maximum of sums, so it needs no events::
+
+    released(n) = max(released(n - 1), end(n - d) + report, end(source) + report, ...)
+    start(n)    = max(end(n - 1), released(n) + release)
+
+What has happened already may be given, then the rest follows from it.
+
+Precedence graph of a plan under an execution policy, as flat arrays for compiled passes.
+
+Every policy releases nodes by what is complete, never by durations; so each of them is a graph.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
+from planning.transforms import Indices
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.task_edges import machine_chains, sequential_order, with_barriers
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.total_order import flatten, planned_ranks
 from twin.durations import Nanoseconds
-from twin.engine.bulk.policy_graph import OTHER, PrecedenceArrays
+from twin.engine.execution_model import Messages
+from twin.run.events import Policy
+from twin.uncertainty.skill_durations import nominal_ns
+
+OTHER = 2
+"""Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
+
+
+class PrecedenceArrays(NamedTuple):
+    """A flat graph with the causes of its edges and earliest starts.
+
+    Attributes:
+        first, chain, order, edge_first, source: see FlatGraph.
+        cause: why, by edge, shape (edges,).
+        not_before: no node starts before this, shape (nodes,) [ns].
+    """
+
+    first: Indices
+    chain: Indices
+    order: Indices
+    edge_first: Indices
+    source: Indices
+    cause: npt.NDArray[np.uint8]
+    not_before: Nanoseconds
+
+
+def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
+    """Return what every node of a plan waits for under a policy.
+
+    Args:
+        tpg: the plan.
+        policy: ``"asynchronous"`` waits by the edges of the plan, ``"synchronous"`` for
+            everyone at the end of each slot as well; ``"sequential"`` is one chain of all
+            nodes of robots, beside which machines go on; under ``"open-loop"`` a node waits for its planned time and nothing else.
+
+    Raises:
+        PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
+    """
+    if policy == "synchronous":
+        barred = with_barriers(tpg, cause=OTHER)
+        # Barriers need not follow the planned starts, as edges do.
+        return precedence_arrays(barred)._replace(order=_sequential_order(barred))
+    if policy == "sequential":
+        return _in_turns(tpg)
+    if policy == "open-loop":
+        none = np.empty((0, 4), dtype=np.int64)
+        free = replace(tpg, edges=none, cause=np.empty(0, dtype=np.uint8))
+        starts = earliest_times(tpg, nominal_ns(tpg)).start
+        return precedence_arrays(free, np.concatenate(starts))
+    return precedence_arrays(tpg)
+
+
+def precedence_arrays(
+    tpg: TemporalPlanGraph, not_before_ns: Nanoseconds | None = None
+) -> PrecedenceArrays:
+    """Return what every node of a TPG, contracted or not, waits for.
+
+    Args:
+        tpg: the graph.
+        not_before_ns: no node starts before this, shape (nodes,) [ns]; 0 by default.
+    """
+    flat = flatten(planned_ranks(tpg.chains), tpg.edges)
+    return PrecedenceArrays(
+        flat.first,
+        flat.chain,
+        flat.order,
+        flat.edge_first,
+        flat.source,
+        tpg.cause[flat.row],
+        np.zeros_like(flat.order) if not_before_ns is None else not_before_ns,
+    )
+
+
+def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
+    """Return one chain of all nodes of robots, in the order in which they take their turns.
+
+    Machines take no turns: what waits for them, and they for others, is as in the plan.
+    """
+    order = _sequential_order(tpg)
+    plain = precedence_arrays(tpg)
+    of_machine = np.isin(plain.chain, list(machine_chains(tpg)))
+    turns = order[~of_machine[order]]
+    pairs = np.stack([turns[:-1], turns[1:]], axis=1)
+    pairs = pairs[plain.chain[pairs[:, 0]] != plain.chain[pairs[:, 1]]]
+    target = np.repeat(np.arange(len(order)), np.diff(plain.edge_first))
+    kept = of_machine[plain.source] | of_machine[target]
+    source = np.concatenate([plain.source[kept], pairs[:, 0]])
+    target = np.concatenate([target[kept], pairs[:, 1]])
+    other = np.full(len(pairs), OTHER, dtype=np.uint8)
+    cause = np.concatenate([plain.cause[kept], other])
+    row = np.argsort(target, kind="stable")
+    into = np.bincount(target, minlength=len(order))
+    return plain._replace(
+        order=order,
+        edge_first=np.concatenate([[0], np.cumsum(into)]).astype(np.int64),
+        source=source[row],
+        cause=cause[row],
+    )
+
+
+def _sequential_order(tpg: TemporalPlanGraph) -> Indices:
+    return np.fromiter(sequential_order(tpg), dtype=np.int64)
+
 
 _BLOCK = 64
 """Replications computed together: their ends of all nodes of a cell stay in the cache."""
@@ -211,3 +334,78 @@ def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:
     has_nodes = np.diff(graph.first) > 0
     out[has_nodes] = end[graph.first[1:][has_nodes] - 1]
     return out
+
+
+class Past(NamedTuple):
+    """State of a run in progress, by node; nodes are numbered through, chain by chain.
+
+    Attributes:
+        now_ns: the time; what has not started starts no earlier [ns].
+        start_ns: -1 for a node that has not started, shape (nodes,) [ns].
+        end_ns: -1 for a node that is not complete, shape (nodes,) [ns].
+        not_before_ns: when each robot can go on, shape (chains, replications) [ns].
+    """
+
+    now_ns: int
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+    not_before_ns: Nanoseconds
+
+
+def end_times(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
+) -> Nanoseconds:
+    """Return when every node is complete, for several replications.
+
+    Args:
+        graph: what must wait for what, not contracted.
+        busy_ns: stall and duration of each node together, for a node under way what is left
+            of it from now on, shape (nodes, replications) [ns].
+        messages: between robots and dispatcher.
+        past: what has happened already.
+
+    Returns:
+        Shape (nodes, replications) [ns].
+    """
+    ahead = messages.ahead(driven=False)
+    return _message_end_times(
+        graph, busy_ns, messages._replace(queue_depth=ahead), past
+    )
+
+
+@kernel
+def _message_end_times(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
+) -> Nanoseconds:
+    end, released = np.empty_like(busy_ns), np.empty_like(busy_ns)
+    now = np.int64(past.now_ns)
+    for n in graph.order:
+        chain = graph.chain[n]
+        own = n - 1 if n > graph.first[chain] else -1
+        ahead = n - messages.queue_depth
+        known_start, known_end = past.start_ns[n], past.end_ns[n]
+        for r in range(busy_ns.shape[1]):
+            if known_start >= 0:
+                released[n, r] = known_start - messages.release_ns
+                if known_end >= 0:
+                    end[n, r] = known_end
+                else:
+                    end[n, r] = max(now, past.not_before_ns[chain, r])
+                    end[n, r] += busy_ns[n, r]
+                continue
+            t = np.int64(0)
+            if own >= 0:
+                t = released[own, r]
+            if ahead >= graph.first[chain]:
+                t = max(t, end[ahead, r] + messages.report_ns)
+            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+                t = max(t, end[graph.source[e], r] + messages.report_ns)
+            released[n, r] = t
+            t += messages.release_ns
+            if own >= 0:
+                t = max(t, end[own, r])
+            t = max(t, now)
+            t = max(t, graph.not_before[n])
+            t = max(t, past.not_before_ns[chain, r])
+            end[n, r] = t + busy_ns[n, r]
+    return end

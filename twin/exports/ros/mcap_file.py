@@ -2,28 +2,32 @@
 
 Times are those of the run, from 0 on. What moves has messages at a rate; once a second everything is
 said again, so that whoever joins in the middle soon knows all.
+
+MCAP files with messages of ROS 2.
 """
 
 from __future__ import annotations
 
+import importlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
 
 import numpy as np
 
+from planning.errors import OutputError
 from planning.transforms import Array
-from twin.drawing.drawn_robot import DrawnRobot, drawn_robot
-from twin.drawing.fixture_colours import coloured_fixtures
-from twin.drawing.triangles import corners_of_shape
+from twin.drawing.drawn_robot import DrawnRobot, corners_of_shape, drawn_robot
+from twin.drawing.paint import coloured_fixtures
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.exports.ros.bag import Message, Topic, bag
-from twin.exports.ros.definitions import (
+from twin.exports.ros.messages import (
+    DEFINITIONS,
     JOINT_STATE,
     JOINT_TRAJECTORY,
     MARKER_ARRAY,
     TF_MESSAGE,
-)
-from twin.exports.ros.messages import (
     Colour,
     FramePose,
     Marker,
@@ -33,17 +37,118 @@ from twin.exports.ros.messages import (
     marker_array,
     tf_message,
 )
-from twin.exports.ros.object_frames import ObjectsThere, object_frame, objects_there
 from twin.exports.ros.robot_frames import (
     WORLD,
+    ObjectsThere,
     fixed_frames,
     link_frame,
     moved_frames,
+    object_frame,
+    objects_there,
 )
 from twin.exports.segments import require_rate, segments
-from twin.run.team_colours import rgb, team_colours
+from twin.run.gantt import rgb, team_colours
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
+
+_CHUNK = 4 << 20
+"""Bytes that are compressed together: frames repeat."""
+
+_FOREVER = "{sec: 9223372036, nsec: 854775807}"
+_TRANSIENT_LOCAL, _VOLATILE = 1, 2
+
+# As rosbag2 wrote it until Humble, in numbers. Later ones read it where a file says of itself
+# nothing newer, which an empty text does.
+_ROSBAG2 = {"serialized_metadata": "", "ROS_DISTRO": "humble"}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic.
+
+    Attributes:
+        name: its name.
+        type: of its messages, one of DEFINITIONS.
+        latched: whether who comes late gets the last message.
+    """
+
+    name: str
+    type: str
+    latched: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Message:
+    """A message.
+
+    Attributes:
+        t_ns: when [ns].
+        topic: where.
+        data: encoded.
+    """
+
+    t_ns: int
+    topic: Topic
+    data: bytes
+
+
+def bag(messages: Iterable[Message]) -> bytes:
+    """Return an MCAP file of messages, by their time; those of one time keep their order.
+
+    Raises:
+        OutputError: the package that writes such files is not installed.
+    """
+    writers = _writers()
+    buffer = BytesIO()
+    writer = writers.Writer(buffer, chunk_size=_CHUNK)
+    writer.start(profile="ros2", library="assembly-twin")
+    writer.add_metadata("rosbag2", _ROSBAG2)
+    schemas: dict[str, int] = {}
+    channels: dict[Topic, int] = {}
+    counts: dict[Topic, int] = {}
+    for message in sorted(messages, key=lambda message: message.t_ns):
+        topic = message.topic
+        if topic.type not in schemas:
+            text = DEFINITIONS[topic.type].encode()
+            schemas[topic.type] = writer.register_schema(topic.type, "ros2msg", text)
+        if topic not in channels:
+            channels[topic] = writer.register_channel(
+                topic.name,
+                "cdr",
+                schemas[topic.type],
+                {"offered_qos_profiles": _qos(topic)},
+            )
+        counts[topic] = counts.get(topic, -1) + 1
+        writer.add_message(
+            channels[topic],
+            log_time=message.t_ns,
+            publish_time=message.t_ns,
+            sequence=counts[topic],
+            data=message.data,
+        )
+    writer.finish()
+    return buffer.getvalue()
+
+
+def _qos(topic: Topic) -> str:
+    """Return the qualities of service that a topic is offered with, as YAML."""
+    durability = _TRANSIENT_LOCAL if topic.latched else _VOLATILE
+    return (
+        f"- history: 1\n  depth: {1 if topic.latched else 100}\n  reliability: 1\n"
+        f"  durability: {durability}\n  deadline: {_FOREVER}\n  lifespan: {_FOREVER}\n"
+        f"  liveliness: 1\n  liveliness_lease_duration: {_FOREVER}\n"
+        "  avoid_ros_namespace_conventions: false\n"
+    )
+
+
+def _writers() -> Any:
+    try:
+        return importlib.import_module("mcap.writer")
+    except ImportError as error:
+        raise OutputError(
+            "the format mcap needs the package 'mcap': pip install 'assembly-twin[mcap]'"
+        ) from error
+
 
 RATES_HZ = (1.0, 1000.0)
 RATE_HZ = 50.0

@@ -1,19 +1,26 @@
-"""Lanes of a recording: what each robot does when, with part and step, and whom it waits for."""
+"""Lanes of a recording: what each robot does when, with part and step, and whom it waits for.
+
+Names of robots in 3-D, each with that of what it holds; what lies still is named on hovering.
+
+They stand at the robots' feet: a name beside a part would hide it, and where several robots work
+at one place the names would hide the work.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
 import rerun as rr
 
-from scheduling.graph.machine_chains import working_machines
+from scheduling.graph.task_edges import working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.recorders.rerun import layout as layout
+from twin.recorders.rerun.bodies import name_entity
+from twin.recorders.rerun.event_rows import PlanWords
 from twin.recorders.rerun.layout import entity_path
-from twin.recorders.rerun.time_and_pose import time_column
-from twin.recorders.rerun.words import PlanWords
+from twin.recorders.rerun.rerun_values import time_column
 from twin.run.activities import (
     IDLE,
     WAITING,
@@ -21,8 +28,8 @@ from twin.run.activities import (
     plan_colours,
     robot_activities,
 )
-from twin.run.events import Event
-from twin.run.run_record import ExecutionRecord
+from twin.run.events import Event, ExecutionRecord
+from twin.run.trajectory import Placement
 
 
 def draw_lane(
@@ -100,3 +107,36 @@ def _text(words: PlanWords, run: ExecutionRecord, chain: int, item: Activity) ->
     if item.state == WAITING:
         waits = waits_for(words, run, chain, item.first, item.start_ns)
     return waits or words.state(item.state, item.task)
+
+
+class RobotNames:
+    """Takes placements of objects by time, and writes what each robot's name is from when on."""
+
+    def __init__(self, rec: rr.RecordingStream, robots: Iterable[str]) -> None:
+        """Begin with empty hands."""
+        self._rec = rec
+        self._held: dict[str, list[str]] = {robot: [] for robot in robots}
+        self._rows = {robot: [(0, robot)] for robot in self._held}
+
+    def take(self, placement: Placement) -> None:
+        """Take note that an object has changed hands."""
+        for robot, held in self._held.items():
+            had = placement.object in held
+            if had:
+                held.remove(placement.object)
+            if robot == placement.holder:
+                held.append(placement.object)
+            if had or robot == placement.holder:
+                name = f"{robot}: {', '.join(held)}" if held else robot
+                self._rows[robot].append((placement.t_ns, name))
+
+    def send(self) -> None:
+        """Write what there is since the last time."""
+        for robot, rows in self._rows.items():
+            if rows:
+                self._rec.send_columns(
+                    name_entity(robot),
+                    indexes=[time_column([t_ns for t_ns, _ in rows])],
+                    columns=rr.Points3D.columns(labels=[name for _, name in rows]),
+                )
+        self._rows = {robot: [] for robot in self._rows}

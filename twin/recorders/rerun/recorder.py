@@ -11,22 +11,22 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from scheduling.graph.barriers import with_barriers
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.task_edges import machine_chains, with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.host.atomic import replacing
+from twin.host.guard import replacing
 from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.bodies import draw_fixtures, log_objects
-from twin.recorders.rerun.event_rows import Wait, log_events, long_waits
-from twin.recorders.rerun.lanes import log_lanes, waits_for
+from twin.recorders.rerun.bodies import (
+    draw_fixtures,
+    draw_robot,
+    log_objects,
+    move_robot,
+)
+from twin.recorders.rerun.event_rows import PlanWords, Wait, log_events, long_waits
+from twin.recorders.rerun.lanes import RobotNames, log_lanes, waits_for
 from twin.recorders.rerun.layout import entity_path
-from twin.recorders.rerun.robot_names import RobotNames
-from twin.recorders.rerun.robots import draw_robot, move_robot
-from twin.recorders.rerun.time_and_pose import time_column
-from twin.recorders.rerun.words import PlanWords
-from twin.run.events import Event
-from twin.run.run_record import ExecutionRecord
-from twin.run.team_colours import rgb, team_colours
+from twin.recorders.rerun.rerun_values import time_column
+from twin.run.events import Event, ExecutionRecord
+from twin.run.gantt import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
 _WAITING = (120, 128, 138)

@@ -17,13 +17,14 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import GridPlace, occupied_places
 from planning.lego.insertion.rules import SequencingRules
 from twin.scenario.document.section import Name, Section, Several, Two
-from twin.scenario.sections.drawn_structure import (
+from twin.scenario.sections.shapes import (
+    Colour,
     GridCell,
+    PoseSection,
     Raised,
     StructureBrickSection,
     StructureSection,
 )
-from twin.scenario.sections.shapes import Colour, PoseSection
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
 
@@ -126,7 +127,7 @@ class SupportSection(Section):
     from_above: bool = False
 
 
-class StepSection(Section):
+class BrickStepSection(Section):
     """One step of the assembly sequence.
 
     Attributes:
@@ -160,7 +161,7 @@ class StepSection(Section):
     temporary: bool = False
 
     @model_validator(mode="after")
-    def _first_choice(self) -> StepSection:
+    def _first_choice(self) -> BrickStepSection:
         if self.presses and self.press != self.presses[0]:
             raise ValueError("'press' must be the first of 'presses'")
         if self.supports and self.support != self.supports[0]:
@@ -255,7 +256,7 @@ class LegoSection(Section):
     storage_plate: PlateSection | None = None
     bricks: dict[Name, BrickSection] = Field(default_factory=dict)
     stock: Several[StockSection]
-    steps: tuple[StepSection, ...] = ()
+    steps: tuple[BrickStepSection, ...] = ()
     structure: Annotated[StructureSection | None, Field(json_schema_extra=_or_file)] = (
         None
     )
@@ -280,14 +281,14 @@ def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     return {**BRICKS, **own}
 
 
-def cell_of(item: StockSection | StepSection | StructureBrickSection) -> Cell:
+def cell_of(item: StockSection | BrickStepSection | StructureBrickSection) -> Cell:
     """Return the cell of a brick of the stock, of a step or of a structure."""
     x, y, z = item.at
     return Cell(x, y, z, item.turned, item.raised)
 
 
 def places_of(
-    item: StockSection | StepSection, types: Mapping[str, BrickType]
+    item: StockSection | BrickStepSection, types: Mapping[str, BrickType]
 ) -> frozenset[GridPlace]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
     return occupied_places(cell_of(item), types[item.brick])

@@ -1,7 +1,7 @@
 """Scenario section: one cell, one assembly, how to plan and how to execute it.
 
 These are the sections and keys of the file, frozen and checked one by one. Reading a file and
-checking that the parts fit together is in ``twin.scenario.file``; every quantity carries its unit
+checking that the parts fit together is in ``twin.scenario.manifest``; every quantity carries its unit
 in its key.
 """
 
@@ -26,8 +26,7 @@ from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
-from twin.scenario.sections.execution import ReferenceDuration
-from twin.scenario.sections.goals import GoalsSection
+from twin.scenario.sections.execution import GoalsSection, ReferenceDuration
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import PartsSection, ProcessSection
 

@@ -1,15 +1,34 @@
-"""Poses and shapes in a scenario file: box, cylinder, capsule, mesh, or a compound of those."""
+"""Poses and shapes in a scenario file: box, cylinder, capsule, mesh, or a compound of those.
+
+Structures in a scenario file: the sections, and the bricks they draw, with their places.
+
+A structure takes the place of the steps; the planner then finds the steps itself. Drawings and
+lists may be mixed: all bricks together are the structure.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Annotated, Any, Self
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, PlacedBrick
+from planning.lego.bricks.drawing import (
+    Drawing,
+    DrawnBrick,
+    Spot,
+    name_bricks,
+    read_elevation,
+    read_layer,
+)
 from planning.transforms import Transform, from_quat_wxyz, from_rpy, readonly
-from twin.scenario.document.section import Section, Several, Three
+from twin.scenario.document.section import Name, Section, Several, Three, Two
+from twin.scenario.document.validation import unknown_name
+from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
 
 # No cell reaches ten kilometres: what is beyond is a slip of the pen or of the unit.
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -200,3 +219,157 @@ class ShapedSection(Section):
         assert round_one is not None
         form = "capsule" if shape.cylinder is None else "cylinder"
         return f"{form} {2 * round_one.radius_m:g} x {round_one.length_m:g}"
+
+
+Stud2 = Two[Annotated[int, Field(ge=-1000, le=1000)]]
+GridCell = Three[Annotated[int, Field(ge=-1000, le=1000)]]
+Raised = Annotated[int, Field(ge=0, lt=BRICK_LEVELS)]
+
+
+class ElevationSection(Section):
+    """A side view, every line of which is one layer; its bricks are equally deep.
+
+    Attributes:
+        at: stud and layer of the lower left character (the nearest stud in depth).
+        along: the direction that runs to the right.
+        depth: studs in the other direction.
+        drawing: lines from the top layer down; each run of one letter is a brick, '.' is empty.
+    """
+
+    at: GridCell
+    along: Literal["x", "y"] = "y"
+    depth: Annotated[int, Field(ge=1, le=100)] = 2
+    drawing: str
+
+
+class StructureBrickSection(Section):
+    """A brick of a structure: its type, and where it goes (as for the stock).
+
+    Attributes:
+        brick: its type.
+        at: stud of its least x and y (from 0) and layer (1 = on the plate).
+        raised: thirds of a brick from the bottom of the layer to the brick's.
+        turned: by +90 degrees about z.
+        name: unique in the structure; made of its type and place where it is not given.
+        colour: red, green and blue for pictures; by default that of its type.
+    """
+
+    brick: str
+    at: GridCell
+    raised: Raised = 0
+    turned: bool = False
+    name: Name | None = None
+    colour: Colour | None = None
+
+
+class StructureSection(Section):
+    """A finished structure.
+
+    Attributes:
+        origin: stud of the lower left character of every layer.
+        layers: from the plate up, seen from above with x to the right and y upwards; each patch
+            of one letter is a brick, '.' is empty.
+        elevations: side views.
+        bricks: one by one.
+    """
+
+    origin: Stud2 | None = None
+    layers: tuple[str, ...] = ()
+    elevations: tuple[ElevationSection, ...] = ()
+    bricks: tuple[StructureBrickSection, ...] = ()
+
+    @model_validator(mode="after")
+    def _something(self) -> StructureSection:
+        if not (self.layers or self.elevations or self.bricks):
+            raise ValueError("give 'layers', 'elevations' or 'bricks'")
+        if self.layers and self.origin is None:
+            raise ValueError(
+                "layers need an 'origin': the stud of their lower left corner"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class ReadStructure:
+    """The bricks of a structure section.
+
+    Attributes:
+        bricks: all of them, with names of their own.
+        places: for each brick, the path of the value it is in, and its spot in a drawing.
+        problems: what is wrong, each with its place.
+    """
+
+    bricks: tuple[PlacedBrick, ...]
+    places: tuple[tuple[KeyPath, Spot | None], ...]
+    problems: tuple[tuple[KeyPath, Spot | None, str], ...]
+
+
+def read_structure(
+    section: StructureSection, types: Mapping[str, BrickType]
+) -> ReadStructure:
+    """Return the bricks of a structure.
+
+    Args:
+        section: what the file says.
+        types: brick types by name.
+    """
+    drawn: list[DrawnBrick] = []
+    places: list[tuple[KeyPath, Spot | None]] = []
+    problems: list[tuple[KeyPath, Spot | None, str]] = []
+    for path, drawing in _drawings(section, types):
+        drawn += drawing.bricks
+        places += [(path, item.spot) for item in drawing.bricks]
+        problems += [(path, spot, message) for spot, message in drawing.problems]
+    given: dict[int, tuple[int, str]] = {}
+    for i, item in enumerate(section.bricks):
+        if item.brick not in types:
+            message = unknown_name("brick type", item.brick, tuple(types))
+            problems.append((("bricks", i, "brick"), None, message))
+            continue
+        if item.name is not None:
+            given[len(drawn)] = i, item.name
+        cell = Cell(item.at[0], item.at[1], item.at[2], item.turned, item.raised)
+        stem = item.name or f"{item.brick}_"
+        drawn.append(DrawnBrick(stem, types[item.brick], cell, (0, 0)))
+        places.append((("bricks", i, "at"), None))
+    bricks = list(name_bricks(drawn))
+    for k, (_, name) in given.items():
+        bricks[k] = replace(bricks[k], name=name)
+    counts = Counter(item.name for item in bricks)
+    for i, name in given.values():
+        if counts[name] > 1:
+            message = f"another brick is called {name!r} too"
+            problems.append((("bricks", i, "name"), None, message))
+    return ReadStructure(tuple(bricks), tuple(places), tuple(problems))
+
+
+def _drawings(
+    section: StructureSection, types: Mapping[str, BrickType]
+) -> Iterator[tuple[KeyPath, Drawing]]:
+    for k, text in enumerate(section.layers):
+        assert section.origin is not None
+        origin = (section.origin[0], section.origin[1])
+        if text.strip() or k == len(section.layers) - 1:
+            yield ("layers", k), read_layer(text, origin, k + 1, types)
+    for k, view in enumerate(section.elevations):
+        at = (view.at[0], view.at[1], view.at[2])
+        drawing = read_elevation(view.drawing, at, view.along, view.depth, types)
+        yield ("elevations", k, "drawing"), drawing
+
+
+def mark_of_spot(document: YamlDocument, path: KeyPath, spot: Spot | None) -> Mark:
+    """Return the place of a character of a drawing in the file.
+
+    In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the whole
+    value has to do.
+    """
+    mark = document.mark_of(path)
+    if spot is None:
+        return mark
+    head = document.lines[mark.line - 1][mark.column - 1 :]
+    row = mark.line + spot[0]
+    if not head.startswith("|") or row >= len(document.lines):
+        return mark
+    block = [line for line in document.lines[mark.line :] if line.strip()]
+    indent = len(block[0]) - len(block[0].lstrip(" ")) if block else 0
+    return Mark(row + 1, indent + spot[1] + 1)

@@ -1,22 +1,105 @@
-"""Gains: by how much makespans fall when one thing in a plan takes less time, or none."""
+"""Gains: by how much makespans fall when one thing in a plan takes less time, or none.
+
+``gains.json`` and ``gains.csv``: what is worth fixing, as files.
+
+Paired statistics: by how much a quantile falls when the same replications are made shorter.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.transforms import Array, Indices
 from twin.durations import NANOSECONDS
+from twin.host.guard import write_json, write_text
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.candidates import FEW, MANY, candidates
 from twin.study.gains.lever import Lever
-from twin.study.gains.paired import PairedQuantiles
 from twin.study.gains.replays import Replay, needs_events, replay_cost, replay_of
-from twin.study.replications.experiment import Experiment
-from twin.study.replications.statistics import Interval, mean_interval
+from twin.study.replications.statistics import Experiment, Interval, mean_interval
 from twin.study.replications.workload import Workload
+
+_DRAWS = 1000
+"""Resamples of the bootstrap."""
+
+
+class PairedQuantiles:
+    """Differences of a quantile between two samples of the same replications, with intervals.
+
+    Both samples are resampled together (percentile bootstrap), so what they have in common does
+    not widen the interval.
+
+    Args:
+        base: one value a replication, shape (n,).
+        probability: which quantile: the smallest value with at least this share of the sample
+            at or below it.
+        confidence: of the intervals.
+        seed: of the resampling.
+        antithetic: replications 2k and 2k + 1 are mirror images and are resampled together.
+    """
+
+    def __init__(
+        self,
+        base: npt.ArrayLike,
+        probability: float,
+        *,
+        confidence: float,
+        seed: int,
+        antithetic: bool = False,
+    ) -> None:
+        self._base = np.asarray(base, dtype=float)
+        n = len(self._base)
+        self._rank = max(1, int(np.ceil(probability * n - 1e-9)))
+        self._tail = 0.5 * (1.0 - confidence)
+        rng = np.random.default_rng(seed)
+        groups = n // 2 if antithetic and n > 1 and n % 2 == 0 else n
+        chosen = rng.integers(groups, size=(_DRAWS, groups))
+        chosen += groups * np.arange(_DRAWS)[:, None]
+        counts = np.bincount(chosen.ravel(), minlength=_DRAWS * groups)
+        counts = counts.reshape(_DRAWS, groups).astype(np.float32)
+        # How often each value is in each resample, shape (n, draws).
+        self._weights = np.repeat(np.ascontiguousarray(counts.T), n // groups, axis=0)
+        sd = np.sqrt(2.0 * n * probability * (1.0 - probability))
+        self._window = n - self._rank + int(6.0 * sd) + 8
+        self._resampled = self._resample(self._base)
+
+    def fall(self, changed: npt.ArrayLike) -> Interval:
+        """Return by how much the quantile of a changed sample is below that of the base."""
+        values = np.asarray(changed, dtype=float)
+        falls = self._resampled - self._resample(values)
+        low, high = np.quantile(falls, (self._tail, 1.0 - self._tail))
+        estimate = self._quantile(self._base) - self._quantile(values)
+        return Interval(estimate, float(low), float(high), len(values))
+
+    def _quantile(self, values: Array) -> float:
+        return float(np.partition(values, self._rank - 1)[self._rank - 1])
+
+    def _resample(self, values: Array) -> Array:
+        """Return the quantile of every resample, shape (draws,)."""
+        order = np.argsort(values, kind="stable")[::-1]
+        window = min(self._window, len(order))
+        place = self._place(order[:window])
+        # A resample may have its quantile further down than nearly all have it.
+        if np.any(place == window):
+            place = self._place(order)
+        return np.asarray(values[order[place]])
+
+    def _place(self, falling: Indices) -> Indices:
+        """Return the place of each resample's quantile among the largest values.
+
+        It is the smallest value above which there are few enough others.
+        """
+        above = np.cumsum(self._weights[falling], axis=0)
+        return np.asarray(np.sum(above <= len(self._base) - self._rank, axis=0))
+
 
 SHORTER, GONE = 0.2, 1.0
 """By which share a lever is made shorter."""
@@ -33,7 +116,7 @@ _BUDGET = 500_000_000
 _BUDGET_BY_EVENTS = 1_000_000
 """The same where the event engine has to do it."""
 
-_LEAST, _MOST = 100, 2000
+_LEAST_RUNS, _MOST_RUNS = 100, 2000
 _FEWEST = 20
 """Replications of a cell whose plan is so long that more would take minutes."""
 
@@ -175,7 +258,7 @@ def _gains(
 
 def _affordable(load: Workload, count: int, share: float) -> int:
     """Return how many replications of a cell are executed again."""
-    levers, least, most, budget = MANY.levers, _LEAST, _MOST, _BUDGET
+    levers, least, most, budget = MANY.levers, _LEAST_RUNS, _MOST_RUNS, _BUDGET
     if needs_events(load):
         levers, budget = FEW.levers, _BUDGET_BY_EVENTS
         least, most = _LEAST_BY_EVENTS, _MOST_BY_EVENTS
@@ -192,3 +275,80 @@ def _affordable(load: Workload, count: int, share: float) -> int:
 
 def _seconds(nanoseconds: Indices) -> Array:
     return np.asarray(nanoseconds / NANOSECONDS)
+
+
+JSON, CSV = "gains.json", "gains.csv"
+
+
+def write_gains(
+    folder: Path, experiment: Experiment, cells: Sequence[CellGains]
+) -> None:
+    """Write what is worth fixing in every cell of a study, as JSON and as CSV.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    write_json(folder / JSON, _content(experiment, cells))
+    text = io.StringIO()
+    rows = list(_rows(experiment, cells))
+    varied = list(experiment.variants[0])
+    names = ["policy", *varied, "replications", "rank", "kind", "many"]
+    names += ["name", "robot", "task"]
+    for less in ("shorter", "gone"):
+        for statistic in ("mean", "p90"):
+            name = f"{less}_{statistic}_s"
+            names += [name, f"{name}_low", f"{name}_high"]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    write_text(folder / CSV, text.getvalue())
+
+
+def _rows(
+    experiment: Experiment, cells: Sequence[CellGains]
+) -> Iterator[list[str | int | float | None]]:
+    for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
+        for rank, gain in enumerate(cell.gains, start=1):
+            lever = gain.lever
+            row: list[str | int | float | None] = [policy, *map(str, variant.values())]
+            row += [cell.replications, rank, lever.kind, str(lever.many).lower()]
+            row += [lever.name, lever.robot, lever.task]
+            for saving in (gain.shorter, gain.gone):
+                for interval in (saving.mean, saving.p90):
+                    content = interval.content()
+                    row += [content[key] for key in ("estimate", "low", "high")]
+            yield row
+
+
+def _content(experiment: Experiment, cells: Sequence[CellGains]) -> dict[str, Any]:
+    return {
+        "confidence": experiment.precision.confidence,
+        "shorter": SHORTER,
+        "cells": [
+            {
+                "policy": policy,
+                "variant": dict(variant),
+                "replications": cell.replications,
+                "engine": cell.engine,
+                "gains": [_gain(gain) for gain in cell.gains],
+            }
+            for (policy, variant), cell in zip(experiment.cells, cells, strict=True)
+        ],
+    }
+
+
+def _gain(gain: Gain) -> dict[str, Any]:
+    lever = gain.lever
+    return {
+        "kind": lever.kind,
+        "many": lever.many,
+        "name": lever.name,
+        "robot": lever.robot,
+        "task": lever.task,
+        "shorter": _saving(gain.shorter),
+        "gone": _saving(gain.gone),
+    }
+
+
+def _saving(saving: Saving) -> dict[str, Any]:
+    return {"mean_s": saving.mean.content(), "p90_s": saving.p90.content()}

@@ -8,17 +8,22 @@ from typing import Protocol
 import numpy as np
 
 from planning.transforms import Indices
-from scheduling.graph.barriers import with_barriers
-from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import Dispatcher, earliest_times
+from scheduling.graph.task_edges import with_barriers, with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.turn_order import with_turns
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import Completions, completions, explain, makespans
-from twin.engine.bulk.message_times import Past, end_times
-from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
+from twin.engine.bulk.max_plus import (
+    Completions,
+    Past,
+    PrecedenceArrays,
+    completions,
+    end_times,
+    explain,
+    makespans,
+    policy_graph,
+)
 from twin.engine.driven import DrivenExecution
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.processes import Execution

@@ -25,10 +25,9 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.engine.bulk.max_plus import Completions
-from twin.engine.bulk.policy_graph import OTHER
-from twin.host.atomic import replacing
-from twin.study.replications.experiment import Block
+from twin.engine.bulk.max_plus import OTHER, Completions
+from twin.host.guard import replacing
+from twin.study.replications.statistics import Block
 
 COMPLETED, ERROR = "completed", "error"
 

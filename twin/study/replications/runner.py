@@ -28,12 +28,12 @@ from twin.study.replications.block_results import (
     read_block,
     write_block,
 )
-from twin.study.replications.executors import parallelism
-from twin.study.replications.experiment import Block, Experiment, blocks_of
+from twin.study.replications.statistics import Block, Experiment, blocks_of
 from twin.study.replications.workload import (
     Workload,
     compute_block,
     pack,
+    parallelism,
 )
 
 BULK_BLOCK, EVENTS_BLOCK = 500, 20

@@ -15,7 +15,7 @@ from twin.run.throughput import takts_s
 from twin.study.line import Due
 from twin.study.replications.block_results import ProductTimes
 from twin.study.report.layout import one_chart
-from twin.study.summary import cell_label
+from twin.study.tables import cell_label
 
 HEAD = (
     *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),

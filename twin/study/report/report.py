@@ -14,15 +14,8 @@ from matplotlib.figure import Figure
 
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
-from twin.drawing.markup import (
-    heading,
-    pairs,
-    paragraph,
-    picture,
-    table,
-    text,
-)
-from twin.host.atomic import write_text
+from twin.drawing.markup import heading, pairs, paragraph, picture, table, text
+from twin.host.guard import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
 from twin.planning.kind import assembly_kind
@@ -32,11 +25,24 @@ from twin.study.folder import BLOCKS, REPORT
 from twin.study.gains.candidates import task_names
 from twin.study.line import product_times
 from twin.study.replications.block_results import TaskTally, cell_tally
-from twin.study.report.assumptions import assumptions, warnings
-from twin.study.report.busy import busy_table
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
-from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
-from twin.study.report.fixing import HONEST, critical_tasks_table, gains_tables
+from twin.study.report.figures import (
+    assumptions,
+    draw_ecdf,
+    draw_response,
+    draw_waits,
+    warnings,
+)
+from twin.study.report.fixing import (
+    HONEST,
+    busy_table,
+    collided,
+    critical_tasks_table,
+    differences,
+    gains_tables,
+    lead,
+    makespans_table,
+)
 from twin.study.report.layout import WIDTH_IN
 from twin.study.report.lines import (
     draw_line,
@@ -44,17 +50,10 @@ from twin.study.report.lines import (
     lateness_list,
     lines_table,
 )
-from twin.study.report.overview import (
-    collided,
-    differences,
-    lead,
-    makespans_table,
-)
 from twin.study.report.ranking import draw_ranking, ranking_table, refused_table
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult, makespans_s
-from twin.study.summary import cell_label
-from twin.study.tables import task_columns
+from twin.study.tables import cell_label, task_columns
 
 DRAWING = "report"
 """Name of the stage for progress displays."""

@@ -14,13 +14,12 @@ from rich.text import Text
 from twin.study.folder import REPORT
 from twin.study.layouts import words
 from twin.study.replications.statistics import Interval
-from twin.study.report.busy import busy_rows
-from twin.study.report.fixing import LESS, P90
+from twin.study.report.fixing import LESS, P90, busy_rows
 from twin.study.report.lines import line_rows
 from twin.study.report.ranking import behind_words, ranking_rows, told_apart
 from twin.study.report.report import shown_cell, shown_policy
 from twin.study.study import StudyResult
-from twin.study.summary import cell_label, collisions
+from twin.study.tables import cell_label, collisions
 
 _TOP = ((True, 2), (False, 3))
 """Rows of what is worth fixing: many things at once, and one thing each."""

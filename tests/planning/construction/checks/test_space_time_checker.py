@@ -12,8 +12,12 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.checks.motion_checks import clear_until, motion_clear
-from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
+from planning.construction.checks.moving_checks import (
+    clear_until,
+    left_by_robots,
+    met_by_robots,
+    motion_clear,
+)
 from planning.construction.checks.still_checks import (
     lies_throughout,
     still_clear_until,

@@ -20,7 +20,7 @@ from planning.construction.paths.base_paths import (
     lay_lattice,
     stand_at,
 )
-from planning.construction.paths.query import Query
+from planning.construction.paths.direct_paths import Query
 from planning.construction.world.fixed_world import FixedWorld
 from planning.transforms import Array
 from tests.planning.construction.toy_tasks import PLAIN, find_path

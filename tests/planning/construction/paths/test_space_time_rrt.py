@@ -11,7 +11,7 @@ import pytest
 
 from planning.cell.robot_model import RobotModel
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.paths.query import SpaceTimePath
+from planning.construction.paths.direct_paths import SpaceTimePath
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import Array

@@ -19,8 +19,7 @@ from planning.lego.bricks.assembly import (
     Plate,
     Press,
 )
-from planning.lego.bricks.grid import top_pose
-from planning.lego.bricks.grips import (
+from planning.lego.bricks.grid import (
     check_press,
     grip_pose,
     offsets,
@@ -28,6 +27,7 @@ from planning.lego.bricks.grips import (
     presses,
     side_contact_pose,
     side_studs,
+    top_pose,
 )
 from planning.transforms import Transform, from_rpy, rotation, translation
 from tests.planning.lego.structures import CELLS

@@ -24,12 +24,14 @@ from planning.lego.bricks.grid import (
     box_pose,
     box_size,
     brick_height,
+    grip_pose,
     joined_to_plate,
     occupied_places,
     plate_corner,
+    press_cell,
+    side_contact_pose,
     top_pose,
 )
-from planning.lego.bricks.grips import grip_pose, press_cell, side_contact_pose
 from planning.lego.skills.targets import support_bottom_targets, support_top_targets
 from planning.lego.stability.contacts import (
     by_name,

@@ -15,8 +15,11 @@ from planning.lego.bricks.grid import occupied_places
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
 from planning.lego.sequencing.remedies import columns_below, on_plinth
-from planning.lego.sequencing.search import Removal, find_assembly_sequence
-from planning.lego.sequencing.sequencing import sequence_structure
+from planning.lego.sequencing.sequencing import (
+    Removal,
+    find_assembly_sequence,
+    sequence_structure,
+)
 from tests.planning.lego.structures import brick
 
 _PARTS = "abcde"

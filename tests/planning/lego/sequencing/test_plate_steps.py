@@ -7,8 +7,15 @@ import pytest
 
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick, Plate, Press
-from planning.lego.bricks.grid import box_pose, box_size, occupied_places, top_pose
-from planning.lego.bricks.grips import grip_pose, lever_cell, presses
+from planning.lego.bricks.grid import (
+    box_pose,
+    box_size,
+    grip_pose,
+    lever_cell,
+    occupied_places,
+    presses,
+    top_pose,
+)
 from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.allowed_contacts import contacts_at_rest
 

@@ -25,8 +25,12 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.grid import covered_studs, occupied_places
-from planning.lego.bricks.grips import press_cell, presses
+from planning.lego.bricks.grid import (
+    covered_studs,
+    occupied_places,
+    press_cell,
+    presses,
+)
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import GRID, tool_room

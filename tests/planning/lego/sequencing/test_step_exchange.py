@@ -14,17 +14,16 @@ from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.grid import covered_studs
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.sequencing import sequenced
-from planning.lego.sequencing.stable_steps import stable_steps
-from planning.lego.sequencing.step_exchange import movable_work
+from planning.lego.sequencing.stable_steps import movable_work, stable_steps
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork
-from scheduling.improvement.step_order import exchange_steps, move_step
+from scheduling.improvement.neighbours import exchange_steps, move_step
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego
-from twin.scenario.file import load_scenario
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 STEPS = """\

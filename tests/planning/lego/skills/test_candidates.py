@@ -14,7 +14,7 @@ from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.brick_world import grasp_number, press_of
-from planning.lego.bricks.grips import grip_pose, presses
+from planning.lego.bricks.grid import grip_pose, presses
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.steps.skill import Obstruction, SkillPath

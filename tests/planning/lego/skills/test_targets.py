@@ -21,7 +21,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grips import presses, side_contact_pose
+from planning.lego.bricks.grid import presses, side_contact_pose
 from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.targets import (
     DEFAULT_TWIST,

@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
+from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.turn_order import sequential_order
 from tests.twin.simulated import run_bulk
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Lognormal, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.uncertainty.skill_durations import SkillDurations
 
 DURATIONS = SkillDurations(

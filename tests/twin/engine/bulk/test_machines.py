@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.machine_chains import machine_chains
+from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repetition.repeat import repeat_graph
 from tests.scheduling.repetition.line_world import line_plan
@@ -16,7 +16,7 @@ from twin.engine.bulk.max_plus import completions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scheduling.graph.rollout import earliest_times
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -17,8 +17,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Nanoseconds, Uniform
-from twin.engine.bulk.max_plus import completions, makespans
-from twin.engine.bulk.policy_graph import OTHER, precedence_arrays
+from twin.engine.bulk.max_plus import OTHER, completions, makespans, precedence_arrays
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.uncertainty.contraction import contract

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from twin.durations import to_nanoseconds
-from twin.engine.bulk.message_times import Past, end_times
-from twin.engine.bulk.policy_graph import PrecedenceArrays, policy_graph
+from twin.engine.bulk.max_plus import Past, PrecedenceArrays, end_times, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.disturbances import Disturbances, Stalls

@@ -21,7 +21,7 @@ from twin.durations import packaged_timings
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.study.replications.workload import timing_graph
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.skill_durations import SkillDurations

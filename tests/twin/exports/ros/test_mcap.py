@@ -27,7 +27,7 @@ from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from tests.twin.twin_toys import random_tpg
 from twin.durations import NANOSECONDS
 from twin.exports.segments import segments
-from twin.recorders.motion_tables import write_table
+from twin.recorders.observers import write_table
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances
 

@@ -11,11 +11,11 @@ import pytest
 from scheduling.graph.dispatcher import Dispatcher
 from tests.twin.study.study_toys import toy_workload
 from twin.durations import Nanoseconds, Uniform
-from twin.engine.bulk.policy_graph import PrecedenceArrays
+from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
 from twin.engine.processes import Execution
-from twin.run.run_record import Policy
+from twin.run.events import Policy
 from twin.study.gains.candidates import candidates
 from twin.study.gains.lever import Lever
 from twin.study.gains.replays import (
@@ -26,7 +26,7 @@ from twin.study.gains.replays import (
     eased_makespans,
     replay_of,
 )
-from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.disturbances import (
     Breakdowns,

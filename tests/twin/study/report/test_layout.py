@@ -18,7 +18,7 @@ from matplotlib.transforms import Bbox
 from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
 from twin.run.policies import NAMED_POLICIES
-from twin.study.replications.experiment import Block
+from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits

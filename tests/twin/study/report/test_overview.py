@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from twin.study.report.overview import makespans_table
+from twin.study.report.fixing import makespans_table
 
 
 def _summary(variants: int) -> dict[str, Any]:
