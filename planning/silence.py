@@ -1,18 +1,12 @@
-"""Keeping the chatter of compiled libraries off the terminal, and HiGHS without its greeting.
-
-Reports of how far some work has come, for whoever waits for it.
-
-Parallel map over all processors that this process may use.
-"""
+"""Keeping the chatter of compiled libraries off the terminal, and HiGHS without its greeting."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, TypeVar
+from typing import Any
 
 import highspy
 import pulp
@@ -62,39 +56,3 @@ class QuietHighs(pulp.HiGHS):  # type: ignore[misc]  # PuLP does not say its typ
         """Make the solver of a program."""
         with silenced():
             super().createAndConfigureSolver(lp)
-
-
-Progress = Callable[[float, float], None]
-"""Called with how much is done, and how much there is in all."""
-
-
-def no_progress(done: float, total: float) -> None:
-    """Ignore progress."""
-
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-
-def usable_cores() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def side_by_side(
-    function: Callable[[Item], Result], items: Iterable[Item]
-) -> list[Result]:
-    """Apply a function to all items in parallel; return results in the order of the items.
-
-    Args:
-        function: runs in several threads at once; compiled code releases the interpreter's lock.
-        items: what it is called with.
-    """
-    work = list(items)
-    workers = min(len(work), usable_cores())
-    if workers <= 1:
-        return [function(item) for item in work]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(function, work))

@@ -11,7 +11,8 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.motion.known_motions import MotionPlan, TaskMotion
-from planning.silence import Progress, no_progress, side_by_side
+from planning.parallel import side_by_side
+from planning.progress import Progress, no_progress
 from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array, Indices, readonly
 from scheduling.conflicts.derived_tpg import DerivedTpg

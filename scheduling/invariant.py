@@ -15,7 +15,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
-from planning.silence import side_by_side
+from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Node, Rest, while_at_rest

@@ -35,7 +35,7 @@ from planning.construction.subproblem import (
 )
 from planning.construction.world.fixed_world import Building
 from planning.construction.world.timeline import SkillMotion
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.steps.skill import gripped
 from planning.transforms import Array
 

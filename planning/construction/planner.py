@@ -22,7 +22,7 @@ from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.errors import ConstructionError
 from planning.kinematics.kinematics import frame_pose
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 
 
 @dataclass(frozen=True)

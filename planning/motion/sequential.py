@@ -20,7 +20,7 @@ from planning.motion.known_motions import (
 )
 from planning.motion.speed import RobotSpeed, sample_path
 from planning.motion.transit import TransitPlanner, take_near_turns
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.tasks.task import (
     TRANSIT,
     AllowedContact,

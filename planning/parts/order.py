@@ -34,7 +34,7 @@ from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePar
 from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import part_steps
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.statics.standing import BalanceRules
 from planning.steps.tool_changes import in_racks
 from planning.transforms import Array, readonly, translation

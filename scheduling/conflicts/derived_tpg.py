@@ -15,7 +15,7 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.robot_bodies import entity_numbers
-from planning.silence import side_by_side
+from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.close_bodies import ContactTable, contact_table
 from scheduling.conflicts.conflict_search import search_conflicts

@@ -20,7 +20,7 @@ from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, TransitError
 from planning.motion.known_motions import KnownMotions, KnownScenes, MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.work import AssemblyWork, StepExpansions
 from scheduling.build_tpg import build_nodes

@@ -21,7 +21,7 @@ from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.tasks.task import TRANSIT, apply_handlings, move_robot
 from planning.transforms import Indices
 from scheduling.build_tpg import build_nodes

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.timing.blend import longest_window
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg

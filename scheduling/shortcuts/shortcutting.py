@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.motion.speed import SpeedModel, path_duration
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.stretches import (

@@ -23,7 +23,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.transforms import Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import (

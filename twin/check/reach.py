@@ -26,7 +26,7 @@ from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.execution import GoalsSection
+from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
 
 _MOST_GRIPS = 40

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from planning.errors import RequestError
-from planning.silence import usable_cores
+from planning.parallel import usable_cores
 from twin.cluster.certificates import (
     DEFAULT_PORT,
     certificates_in,

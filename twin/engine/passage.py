@@ -11,7 +11,7 @@ from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations import NANOSECONDS, Nanoseconds
-from twin.run.policies import Commands
+from twin.run.commands import Commands
 from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import Standstill
 

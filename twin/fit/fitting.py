@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from pydantic import TypeAdapter, ValidationError
 
 from planning.errors import ScenarioError
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from twin.durations import (
     AnyDuration,

@@ -24,7 +24,7 @@ from rich.progress import (
     Progress as RichProgress,
 )
 
-from planning.silence import Progress
+from planning.progress import Progress
 
 Report = Callable[[str, float, float], None]
 """Called with the name of a stage, how much of it is done, and how much there is in all."""

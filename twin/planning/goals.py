@@ -22,7 +22,7 @@ from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.validation import FileProblem, mark_problems, unknown_name
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.execution import GoalsSection, MoveSection
+from twin.scenario.sections.goals import GoalsSection, MoveSection
 from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from planning.lego.bricks.assembly import (
     Press,
     StockBrick,
 )
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions

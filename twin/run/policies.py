@@ -1,21 +1,13 @@
-"""Names of policies, the same in every command, table and file: which plan, released how.
-
-What a robot was commanded within limits: pieces of constant acceleration along its nodes.
-"""
+"""Names of policies, the same in every command, table and file: which plan, released how."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from planning.errors import RequestError
-from planning.transforms import Array
 
 if TYPE_CHECKING:
     from twin.run.events import Policy
-
 
 IN_TURNS = "in turns"
 SHORTENED = "shortened"
@@ -96,31 +88,3 @@ def policy_name(plan: str, release: str) -> str:
 def plan_folder(plan: str) -> str:
     """Return the name of the folder of a plan."""
     return plan.replace(", ", "-").replace(" ", "-")
-
-
-@dataclass
-class Commands:
-    """Pieces of constant acceleration, in order; each lasts until the next one begins.
-
-    Speeds are shares of full speed and lengths times at full speed, see ``planning.timing.stretch``.
-    """
-
-    _rows: list[tuple[float, int, float, float, float]] = field(default_factory=list)
-
-    def add(
-        self, t_ns: float, node: int, gone: float, speed: float, rate: float
-    ) -> None:
-        """Note that a piece begins.
-
-        Args:
-            t_ns: when [ns].
-            node: in which node.
-            gone: how far into it [ns].
-            speed: at that moment.
-            rate: its change [1/ns].
-        """
-        self._rows.append((t_ns, node, gone, speed, rate))
-
-    def rows(self) -> Array:
-        """Return the pieces, shape (pieces, 5): time, node, gone, speed and rate."""
-        return np.array(self._rows, dtype=np.float64).reshape(-1, 5)

@@ -18,13 +18,7 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.run.policies import (
-    AT_ONCE,
-    IN_SLOTS,
-    IN_TURNS,
-    SHORTENED,
-    SLOTS_SHORTENED,
-)
+from twin.run.policies import AT_ONCE, IN_SLOTS, IN_TURNS, SHORTENED, SLOTS_SHORTENED
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult

@@ -17,7 +17,7 @@ from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
 from planning.contacts.precedence import MOST_OVERLAP
-from planning.silence import Progress
+from planning.progress import Progress
 from planning.transforms import Array
 from scheduling.verification.reference import ReferenceBody, measure, resting_parts
 

@@ -29,7 +29,7 @@ from planning.lego.insertion.rules import InsertionWay, SequencingRules
 from planning.lego.sequencing.blocking import Prospects, Refusal
 from planning.lego.sequencing.remedies import Design, on_plinth
 from planning.lego.stability.partial_structures import Names
-from planning.silence import Progress, no_progress
+from planning.progress import Progress, no_progress
 
 Part = TypeVar("Part", bound=Hashable)
 How = TypeVar("How")

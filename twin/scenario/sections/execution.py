@@ -1,7 +1,4 @@
-"""Execution section of a scenario file: policy, durations, messages, disturbances.
-
-Assemblies of kind ``goals``: nothing is assembled, robots go from goal to goal.
-"""
+"""Execution section of a scenario file: policy, durations, messages, disturbances."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from planning.errors import ScenarioError
 from twin.durations import (
@@ -20,9 +17,8 @@ from twin.durations import (
     Skill,
     SkillOverride,
 )
-from twin.scenario.document.section import Name, Section, Several
+from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.shapes import Configuration, PoseSection
 from twin.uncertainty.disturbances import Disturbances
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
@@ -172,40 +168,3 @@ class ExecutionSection(Disturbances):
         """Time that a message takes from the dispatcher to a robot [s]."""
         own = self.release_latency_s
         return self.latency_s if own is None else own
-
-
-class MoveSection(Section):
-    """One robot goes to one goal.
-
-    Attributes:
-        robot: who.
-        to_deg: configuration of a robot with revolute joints only [deg]; or
-        to_rad_or_m: configuration of any robot, joint by joint [rad or m]; or
-        to: pose of the frame in the world.
-        frame: tool frame that goes there.
-    """
-
-    robot: Name
-    to_deg: Configuration | None = None
-    to_rad_or_m: Configuration | None = None
-    to: PoseSection | None = None
-    frame: Name = "tool"
-
-    @model_validator(mode="after")
-    def _one_goal(self) -> MoveSection:
-        given = [v for v in (self.to_deg, self.to_rad_or_m, self.to) if v is not None]
-        if len(given) != 1:
-            raise ValueError("give 'to', 'to_deg' or 'to_rad_or_m', one of them")
-        return self
-
-
-class GoalsSection(Section):
-    """Goals of the robots.
-
-    Attributes:
-        kind: ``goals``.
-        moves: in the order of a sequential plan.
-    """
-
-    kind: Literal["goals"]
-    moves: Several[MoveSection]

@@ -26,7 +26,8 @@ from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
-from twin.scenario.sections.execution import GoalsSection, ReferenceDuration
+from twin.scenario.sections.execution import ReferenceDuration
+from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import PartsSection, ProcessSection
 

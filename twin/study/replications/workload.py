@@ -26,7 +26,7 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
-from planning.silence import usable_cores
+from planning.parallel import usable_cores
 from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.cluster.certificates import Cluster

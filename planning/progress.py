@@ -1,0 +1,12 @@
+"""Reports of how far some work has come, for whoever waits for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float, float], None]
+"""Called with how much is done, and how much there is in all."""
+
+
+def no_progress(done: float, total: float) -> None:
+    """Ignore progress."""
