@@ -1,7 +1,4 @@
-"""Colours of descriptions as the viewer takes them.
-
-Times and poses as Rerun takes them.
-"""
+"""Times, poses and colours of descriptions as Rerun takes them."""
 
 from __future__ import annotations
 
