@@ -8,10 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks.construction.critical_path import longest_chain
 from benchmarks.construction.fine_check.check import check_construction
 from benchmarks.construction.fixed_time import plan_fixed_time
-from benchmarks.construction.schedule import schedule
+from benchmarks.construction.schedule import longest_chain, schedule
 from benchmarks.stalled_runs import audited_runs
 from benchmarks.store import Row
 from planning.construction.motion_plan_export import motion_plan

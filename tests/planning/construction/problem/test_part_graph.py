@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.construction.critical_path import longest_chain
+from benchmarks.construction.schedule import longest_chain
 from planning.construction.problem.models import ModelPart, pavilion, tower, wall, well
 from planning.construction.problem.site import Spiral, ground_fixture, part_objects
 from planning.contacts.precedence import (
