@@ -12,10 +12,9 @@ import pytest
 from benchmarks.construction import experiments as construction
 from benchmarks.construction.case import case_scenario
 from benchmarks.construction.paper import DURATIONS
-from benchmarks.construction.report import write_report
+from benchmarks.construction.report import summary, write_report
 from benchmarks.construction.rows import best_baseline
 from benchmarks.construction.schedule import CARRY, DRIVE, HOME, schedule
-from benchmarks.construction.summary import summary
 from benchmarks.store import RowStore
 from planning.construction.planner import ConstructionPlan
 from planning.construction.problem.problem import ConstructionProblem
