@@ -18,10 +18,11 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.kinematics.chain import joint_table, pose_joints
 from planning.kinematics.kinematics import frame_pose
+from planning.robots.descriptions.fitting import Fitting
 from planning.robots.descriptions.urdf_file import UrdfOptions
 from planning.robots.load_urdf import load_urdf, shape_vertices
 from planning.robots.registry import ROBOTS, robot_model
-from planning.transforms import Array
+from planning.transforms import Array, inverse
 from tests.planning.robots.drawn_meshes import cone_obj
 
 NAMES = sorted(ROBOTS)
@@ -409,3 +410,13 @@ def test_ur5e_has_the_kinematics_of_its_table() -> None:
                 ]
             )
         assert np.allclose(frame_pose(robot, q), pose, atol=1e-9)
+
+
+def test_nothing_of_a_bare_ur5e_is_in_front_of_its_flange() -> None:
+    """What stands proud would be in every tool that lies flat on the flange."""
+    model = robot_model("ur5e", None, Fitting(bare=True))
+    changer = [part for part in model.parts if part.group == "tool"]
+    assert changer
+    turn = inverse(model.flange)
+    for part in changer:
+        assert np.max(part.body.vertices @ turn[2, :3] + turn[2, 3]) <= 1e-9
