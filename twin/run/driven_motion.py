@@ -127,6 +127,9 @@ _BESIDE = 1e-6
 _FINE_NS = 12e6
 """Farthest that rows around corners are apart, before each gap is cut in three [ns]."""
 
+_STEP_NS = 1.0
+"""Way, as time at full speed, by which rounded times may seem to move a robot that stands [ns]."""
+
 _AT_BORDER = 1e-9
 """Share of a stretch that is no way beyond a border."""
 
@@ -288,6 +291,8 @@ def _with_corners(
     bent = path.bent_pieces()
     piece = np.searchsorted(bent.low * NANOSECONDS, middle) - 1
     inside = (piece >= 0) & (middle < bent.high[piece] * NANOSECONDS)
+    # Where a robot stands in a corner, however long, nothing bends.
+    inside &= np.diff(way.executed(t, lag)[0]) > _STEP_NS
     pieces = np.where(inside, np.ceil(np.diff(t) / _FINE_NS), 1.0).astype(np.int64)
     of = np.repeat(np.arange(len(pieces)), pieces)
     rank = np.arange(len(of)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
@@ -360,6 +365,7 @@ class _Way:
         """Return the integral of the way up to some times."""
         piece, since = self._piece(t)
         speed, rate = self._speed[piece] / 2.0, self._rate[piece] / 6.0
+        since = since.astype(np.longdouble)
         own = since * (self._gone[piece] + since * (speed + rate * since))
         after = np.maximum(t - self._edges[-1], 0.0) * self._end
         return np.asarray(self._area[piece] + own + after)

@@ -25,10 +25,11 @@ from tests.twin.engine.driven_checks import (
     travelled,
 )
 from tests.twin.simulated import simulate
+from twin.durations import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.events import Policy
 from twin.run.trajectory import robot_trajectories
-from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.disturbances import Disturbances, EmergencyStop
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -132,6 +133,27 @@ def test_a_corner_is_passed_at_speed_and_a_robot_that_is_not_cleared_stops_withi
         before = travelled(moved, run.end_ns[1][-1:] - 1)[0]
         after = travelled(moved, run.end_ns[1][-1:] + 10**9)[0]
         assert after > before
+
+
+def test_a_robot_that_stands_in_a_corner_leaves_no_more_rows_the_longer_it_stands() -> (
+    None
+):
+    tpg = bent_tpg(3, dofs=(3,), tasks=2, edges=0)
+    corners = tpg.chains[0].corners
+    assert corners is not None
+    inside = int(corners.begin[0] + corners.stop[0]) // 2
+    at_s = simulate(tpg, NOMINAL, seed=0).start_ns[0][inside] / NANOSECONDS
+    rows = []
+    for length_s in (100.0, 3600.0):
+        stop = EmergencyStop(at_s=at_s, duration_s=length_s)
+        stops = Disturbances(emergency_stops=(stop,))
+        run = simulate(tpg, NOMINAL, seed=0, disturbances=stops)
+        assert_within_limits(tpg, run)
+        motion = robot_trajectories(tpg, run)[0]
+        rows.append(len(motion.t_ns))
+        times = np.linspace((at_s + 5.0), (at_s + length_s), 7) * NANOSECONDS
+        assert np.max(np.ptp(motion.at(times.astype(np.int64)), axis=0)) < 1e-9
+    assert rows[0] == rows[1]
 
 
 def test_other_limits_keep_the_curve_and_are_kept() -> None:
