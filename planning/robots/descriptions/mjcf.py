@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,12 +11,14 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio
+from scipy.spatial.transform import Rotation
 
 from planning.errors import RobotModelError
 from planning.files import is_file
 from planning.robots.descriptions import xml_files
+from planning.robots.descriptions.mjcf_settings import write_settings_out
 from planning.robots.descriptions.read_description import write_pose
-from planning.robots.descriptions.xml_files import read_xml
+from planning.robots.descriptions.xml_files import read_xml, vector
 from planning.transforms import Array, Transform, inverse, translation
 
 _MOST_INCLUDES = 100
@@ -26,7 +28,7 @@ _UNLIMITED = 1e6
 """A joint with a limit beyond this has none [rad or m]."""
 
 _NUMBERS = {"pos", "quat", "axisangle", "euler", "xyaxes", "zaxis", "axis", "size"}
-_NUMBERS |= {"fromto", "range", "scale", "polycoef"}
+_NUMBERS |= {"fromto", "range", "scale", "polycoef", "ref"}
 _LARGEST = 1e5
 """Largest number that a body is believed to have."""
 
@@ -50,6 +52,7 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
     _include(root, path, 0)
     _check_values(root, path)
     _check_references(root, path)
+    drawn = write_settings_out(root, path)
     _prepare(root, path)
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder, "plain.xml")
@@ -69,13 +72,13 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
                 f"{path} cannot be read as MJCF: {' '.join(said.split())}"
             ) from None
     urdf = Element("robot", name=root.get("model", path.stem))
-    frames = _links(urdf, model, path)
+    frames = _links(urdf, model, drawn, path)
     for tag, geometry in shapes.items():
         for item in geometry.geometryObjects:
             link, frame = frames[item.parentFrame]
             pose = inverse(frame) @ item.placement.homogeneous
             _write_shape(link, tag, item, pose, path)
-    _tie(urdf, root, path)
+    _tie(urdf, root, drawn, path)
     return urdf
 
 
@@ -172,8 +175,16 @@ def _complete(mesh: Element, folder: Path, path: Path) -> None:
     mesh.set("file", str(file.resolve()))
 
 
-def _links(urdf: Element, model: Any, path: Path) -> dict[int, tuple[Element, Array]]:
+def _links(
+    urdf: Element, model: Any, drawn: Mapping[str, float], path: Path
+) -> dict[int, tuple[Element, Array]]:
     """Write links and joints.
+
+    Args:
+        urdf: what is written.
+        model: of pinocchio, in which every joint is at 0 as it is drawn.
+        drawn: values of joints as they are drawn, where these are others [rad or m].
+        path: the file, for messages.
 
     Returns:
         By the number of pinocchio's frame: the link, and the pose of its frame in the frame of the
@@ -196,6 +207,9 @@ def _links(urdf: Element, model: Any, path: Path) -> dict[int, tuple[Element, Ar
                 urdf, joint.name, carrier, link, inverse(offset) @ placed
             )
             _describe(element, model, index, path)
+            if joint.name in drawn:
+                moved = _moved(element, -drawn[joint.name])
+                write_pose(element, inverse(offset) @ placed @ moved)
             carrier, offset = link, at_rest
             if level:
                 out[number] = link, at_rest
@@ -258,6 +272,19 @@ def _describe(joint: Element, model: Any, index: int, path: Path) -> None:
         SubElement(joint, "limit", lower=repr(low), upper=repr(high))
 
 
+def _moved(joint: Element, value: float) -> Transform:
+    """Return what a joint of a URDF moves by [rad or m]."""
+    axis = joint.find("axis")
+    if axis is None:
+        return np.eye(4)
+    along = value * np.array(vector(axis.get("xyz", ""), str(joint.get("name"))))
+    if joint.get("type") == "prismatic":
+        return translation(*along)
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(along).as_matrix()
+    return pose
+
+
 def _write_shape(
     link: Element, tag: str, item: Any, pose: Transform, path: Path
 ) -> None:
@@ -297,8 +324,11 @@ def _primitives(
         )
 
 
-def _tie(urdf: Element, root: Element, path: Path) -> None:
-    """Write the joints that an equality ties to another one as joints that mimic it."""
+def _tie(urdf: Element, root: Element, drawn: Mapping[str, float], path: Path) -> None:
+    """Write the joints that an equality ties to another one as joints that mimic it.
+
+    It ties what they have moved since they were drawn.
+    """
     joints = {str(joint.get("name")): joint for joint in urdf.findall("joint")}
     for tie in root.findall("equality/joint"):
         first, second = tie.get("joint1", ""), tie.get("joint2", "")
@@ -311,6 +341,7 @@ def _tie(urdf: Element, root: Element, path: Path) -> None:
                 " followed"
             )
         offset, factor = (*factors, 0.0, 0.0)[:2]
+        offset += drawn.get(first, 0.0) - factor * drawn.get(second, 0.0)
         SubElement(
             joints[first],
             "mimic",

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from planning.errors import FittingError, RobotModelError
 from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.descriptions.mjcf import urdf_of_mjcf
+from planning.robots.descriptions.read_description import hold_joints
+from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_quat_wxyz, inverse
 from tests.planning.robots.descriptions.test_mounting import link_poses
@@ -161,6 +166,93 @@ def test_an_arm_in_mjcf_moves_where_its_joints_let_it(tmp_path: Path) -> None:
     assert np.allclose(model.flange[:3, 2], (1, 0, 0))
 
 
+SETTINGS = """<mujoco model="axes"><worldbody><body name="base" childclass="turns">
+    <geom type="box" size="0.1 0.1 0.1"/>
+    <body name="a" pos="0 0 0.2"><joint name="rail" class="slides"/>
+      <body name="b" euler="90 0 90"><joint name="bend"/>
+        <body name="c"><joint name="free_turn" limited="false"/>
+          <body name="d"><joint name="lift" type="slide" axis="0 0 2" range="-0.5 1.5" ref="0.25"/>
+            <body name="e" pos="0.1 0 0" axisangle="0 0 2 -90">
+              <joint name="twist" axis="0 1 0" ref="45" range="0 90"/>
+              <frame pos="0.3 0 0"><geom type="sphere" size="0.02"/><body name="tip"/></frame>
+            </body></body></body></body></body></body></worldbody>
+  <default><joint damping="1"/>
+    <default class="turns"><joint axis="0 1 0" range="-90 120"/></default>
+    <default class="slides"><joint type="slide" axis="1 0 0" range="0 0.04"/></default></default>
+  <compiler eulerseq="XYz"/><worldbody><body name="box" pos="9 9 9"/></worldbody></mujoco>"""
+"""Angles are in degrees, the default: those of ranges of slides are none."""
+
+
+def urdf_of(text: str, tmp_path: Path) -> Element:
+    path = tmp_path / "made.xml"
+    path.write_text(text)
+    return urdf_of_mjcf(read_xml(path), path)
+
+
+def test_only_what_turns_has_its_range_in_degrees(tmp_path: Path) -> None:
+    """Of two classes the nearer one counts alone; a joint that is not limited has no range."""
+    urdf = urdf_of(SETTINGS, tmp_path)
+    joints = {str(joint.get("name")): joint for joint in urdf.findall("joint")}
+    ranges = {}
+    for name in ("rail", "bend", "free_turn", "lift", "twist"):
+        limit = joints[name].find("limit")
+        keys = ("lower", "upper")
+        if limit is not None:
+            ranges[name] = [float(limit.get(key, "nan")) for key in keys]
+    quarter = np.pi / 2
+    assert ranges["rail"] == [0.0, 0.04]
+    assert ranges["lift"] == [-0.5, 1.5]
+    assert np.allclose(ranges["bend"], [-quarter, 4 / 3 * quarter])
+    assert np.allclose(ranges["twist"], [0.0, quarter])
+    assert joints["free_turn"].get("type") == "continuous"
+    assert "free_turn" not in ranges
+    axis = joints["rail"].find("axis")
+    assert axis is not None
+    assert axis.get("xyz") == "1.0 0.0 0.0"
+
+
+def test_values_of_joints_count_from_what_is_drawn(tmp_path: Path) -> None:
+    """Where a joint is at its ``ref`` bodies are as they are drawn; the oracle is written by hand."""
+    urdf = urdf_of(SETTINGS, tmp_path)
+    hold_joints(
+        urdf,
+        tmp_path,
+        {"rail": 0.01, "bend": 0, "free_turn": 0, "lift": 0.35, "twist": np.pi / 4},
+    )
+    path = tmp_path / "held.urdf"
+    path.write_bytes(tostring(urdf))
+    found = link_poses(path, {})
+    base = inverse(found["base"])
+    # XYz: about x, then about y that stands, then about the z that has turned with it.
+    turned = Rotation.from_euler("x", 90, degrees=True)
+    turned = turned * Rotation.from_euler("z", 90, degrees=True)
+    b = np.array([0.01, 0.0, 0.2])
+    assert np.allclose((base @ found["b"])[:3, 3], b)
+    assert np.allclose((base @ found["b"])[:3, :3], turned.as_matrix(), atol=1e-7)
+    # 0.1 above where it is drawn.
+    e = b + turned.apply([0.1, 0.0, 0.1])
+    assert np.allclose((base @ found["e"])[:3, 3], e)
+    # As it is drawn: a quarter turn about -z.
+    tip = e + turned.apply([0.0, -0.3, 0.0])
+    assert np.allclose((base @ found["tip"])[:3, 3], tip)
+
+
+def test_a_class_says_the_scale_of_its_meshes(tmp_path: Path) -> None:
+    corners = ((0, 0, 0), (100, 0, 0), (0, 100, 0), (0, 0, 100))
+    lines = ["v " + " ".join(map(str, corner)) for corner in corners]
+    faces = ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
+    (tmp_path / "part.obj").write_text("\n".join([*lines, *faces]))
+    urdf = urdf_of(
+        """<mujoco model="m"><default><mesh scale="0.001 0.001 0.002"/></default>
+        <asset><mesh file="part.obj"/></asset>
+        <worldbody><body name="b"><geom type="mesh" mesh="part"/></body></worldbody></mujoco>""",
+        tmp_path,
+    )
+    mesh = urdf.find("link/collision/geometry/mesh")
+    assert mesh is not None
+    assert mesh.get("scale") == "0.001 0.001 0.002"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     rows(r"""
@@ -173,6 +265,13 @@ pos="0 0.004 0.1" childclass                 | pos="0 nan 0.1" childclass       
 pos="0 0 0.01" quat="0.9238795 0 0 0.3826834" | quat="0 0 0 0"                               | quat of <body> 'palm'
 childclass="finger"                          | childclass="thumb"                           | childclass 'thumb' of a <body> is not there
 polycoef="0.002 0.5 0 0 0"                   | polycoef="0 1 2 0 0"                         | along a curve
+angle="radian"                               | angle="grad"                                 | valid: degree, radian
+angle="radian"                               | eulerseq="xyw"                               | eulerseq of <compiler> is 'xyw'
+limited="true" range="0 0.04"                | limited="true"                               | 'left' is limited: its range must be 2 numbers
+</mujoco>                                    | <compiler autolimits="false"/><worldbody><body name="x"><joint range="0 1"/></body></worldbody></mujoco> | 'xJoint_0' has a range, and with autolimits
+limited="true" range="-1 1"                  | range="1 -1"                                 | 'bend' is limited: its range must rise
+limited="true" range="0 0.04"/>              | range="0 1"/><joint ref="x"/>                | ref of <joint> '' must be a fin
+type="hinge" axis="0 1 1"                    | type="screw" axis="0 1 1"                    | 'bend' is of type 'screw'
 </mujoco>                                    | <include file="more.xml"/></mujoco>          | more.xml does not exist
 </mujoco>                                    | <include file="hand.xml"/></mujoco>          | includes itself
 </mujoco>                                    | <asset><mesh file="no.stl"/></asset></mujoco> | 'no.stl' was not found
