@@ -7,6 +7,7 @@ Atomic writing of files: they are there whole or not at all.
 
 from __future__ import annotations
 
+import errno
 import functools
 import json
 import math
@@ -73,6 +74,9 @@ _INPUTS = (
     RequestError,
 )
 
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""What the system says where there is no more room."""
+
 P = ParamSpec("P")
 
 
@@ -80,8 +84,8 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     """Wrap a command so that every error ends in a message and an exit code.
 
     Errors in the user's input, such as ScenarioError, InfeasibleStepError and ConstructionError
-    (what is asked for cannot be built) end with 2, any other TwinError with 1, an interrupt with
-    130. Whatever else is raised is an error of the program: one line, a report file, and 70. A
+    (what is asked for cannot be built) end with 2, any other TwinError with 1, so does a disk that
+    is full, an interrupt with 130. Whatever else is raised is an error of the program: one line, a report file, and 70. A
     command may return its own code.
     """
 
@@ -94,7 +98,8 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
             code = INTERRUPTED
         except TwinError as error:
             print_error(describe(error))
-            code = BAD_INPUT if isinstance(error, _INPUTS) else FAILED
+            at_fault = isinstance(error, _INPUTS) and not _ran_out_of_space(error)
+            code = BAD_INPUT if at_fault else FAILED
         except BrokenPipeError:  # whoever read the output went away: main knows
             raise
         except Exception as error:
@@ -103,6 +108,15 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         raise typer.Exit(code or COMPLETED)
 
     return run
+
+
+def _ran_out_of_space(error: BaseException) -> bool:
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.errno in _FULL:
+            return True
+        cause = cause.__cause__
+    return False
 
 
 def describe(error: TwinError) -> str:

@@ -80,3 +80,11 @@ def test_earlier_results_outlive_a_full_disk(
     done = full(3000, command(plan, out))
     assert done.returncode == 1
     assert contents(out) == before
+
+
+def test_a_study_on_a_full_disk_has_failed(whole: Path, tmp_path: Path) -> None:
+    study = ["study", "--plan", str(whole), "-n", "20", "--workers", "0", "--quiet"]
+    done = full(2000, [*study, "--out", str(tmp_path / "study")])
+    assert done.returncode == 1, done.stderr
+    assert "File too large" in done.stderr
+    assert "Traceback" not in done.stderr
