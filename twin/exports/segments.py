@@ -3,12 +3,15 @@
 A segment waits for others only before its first node, and others wait for nothing within it but its
 last. Whoever executes a segment when all that it comes after are complete keeps to the temporal plan
 graph, whatever the delays. Robots that keep to limits of acceleration have points of what was
-executed, at a rate, with speeds and accelerations. Other points are timed by the nominal durations,
-and velocities are left to the controller.
+executed, at a rate, with speeds and accelerations, and while they stand none but the first and the last
+of it. Other points are timed by the nominal durations, and velocities are left to the controller; where
+they would be closer than the rate allows, what follows is later, which is safe whatever the plan. So no
+two points of a segment are closer than a period of the controller, but where all of it is shorter.
 """
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -32,6 +35,9 @@ CONTROLLER_RATES_HZ = (125.0, 1000.0)
 
 CONTROLLER_RATE_HZ = 250.0
 """How many they get unless somebody asks for others [Hz]."""
+
+_STILL = 1e-9
+"""What moves by less between two rows at which it stands is moved by rounding [rad or m]."""
 
 Span = tuple[int, int]
 """From when to when [ns]; -1 for what did not happen."""
@@ -118,7 +124,7 @@ def segments(run: RunResult, rate_hz: float) -> Iterator[Segment]:
 
     Args:
         run: the run.
-        rate_hz: of points where speeds are known [Hz].
+        rate_hz: of points where speeds are known, and the greatest one elsewhere [Hz].
     """
     found = contract(run.tpg)
     after = _after(found)
@@ -165,23 +171,23 @@ def _of_chain(
     for index, (first, end) in enumerate(pairwise(bounds.tolist())):
         zero = int(begin[first])
         low, high = int(chain.first[first]), int(chain.first[end])
-        t_ns = np.append(0, passed[low:high] - zero)
         q, v, a = stands[low : high + 1], None, None
+        planned = np.append(0, passed[low:high] - zero)
+        slowed, kept = _slowed(planned, q, _period_ns(rate_hz))
+        t_ns, q = slowed[kept], q[kept]
         motion = None
         if smooth is not None and spans is not None and np.all(spans[index] >= 0):
             motion = int(spans[index, 0]), int(spans[index, 1])
-            times = _sample_times(*motion, rate_hz)
+            times = _sample_times(*motion, rate_hz, smooth)
             t_ns = times - motion[0]
             q, v, a = smooth.states_at(times)
         handlings = []
         for item in tpg.handlings:
             if item.robot == k and first <= item.node < end:
-                at_ns = int(begin[item.node])
-                if item.waypoint:
-                    at_ns = int(passed[chain.first[item.node] + item.waypoint - 1])
-                at_ns -= zero
                 if motion is not None:
                     at_ns = changed[item.node, item.object] - motion[0]
+                else:
+                    at_ns = int(slowed[chain.first[item.node] + item.waypoint - low])
                 handlings.append(SegmentHandling(item.object, item.holder, at_ns))
         waits = list(after.get((k, index), ()))
         if index:
@@ -242,8 +248,55 @@ def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indic
     return spans
 
 
-def _sample_times(begin: int, end: int, rate_hz: float) -> Nanoseconds:
-    """Return times of points from a time to another [ns], both included."""
-    count = int((end - begin) * rate_hz / NANOSECONDS) + 1
-    grid = begin + np.rint(np.arange(count) * (NANOSECONDS / rate_hz)).astype(np.int64)
-    return np.unique(np.append(grid[grid < end], [begin, end]))
+def _period_ns(rate_hz: float) -> int:
+    return math.ceil(NANOSECONDS / rate_hz)
+
+
+def _slowed(t_ns: Nanoseconds, q: Array, period: int) -> tuple[Nanoseconds, Indices]:
+    """Return times of points that come no closer than a period [ns], and the points that are kept.
+
+    Left out is what neither lasts nor moves.
+
+    Args:
+        t_ns: as planned, the first 0, shape (points,) [ns].
+        q: configurations, shape (points, n).
+        period: [ns].
+    """
+    apart = np.diff(t_ns)
+    kept = (apart > 0) | np.any(np.diff(q, axis=0) != 0.0, axis=1)
+    apart = np.where(kept, np.maximum(apart, period), 0)
+    return np.append(0, np.cumsum(apart)), np.flatnonzero(np.append(True, kept))
+
+
+def _sample_times(
+    begin: int, end: int, rate_hz: float, motion: Trajectory
+) -> Nanoseconds:
+    """Return times of points from a time to another [ns], both included.
+
+    They are a period apart, the last two up to two; none is between the first and the last at which
+    the robot stands.
+    """
+    period = _period_ns(rate_hz)
+    stop = max((end - begin) // period, 1)
+    runs, low = [], 0
+    for stands, moves in _stands(motion, begin, end):
+        first, last = -(-(stands - begin) // period), (moves - begin) // period
+        if first < last:
+            runs.append(np.arange(low, min(first + 1, stop)))
+            low = last
+    k = np.concatenate([*runs, np.arange(low, stop)])
+    return np.unique(np.append(begin + k * period, end))
+
+
+def _stands(motion: Trajectory, begin: int, end: int) -> Iterator[Span]:
+    """Yield when a robot stands between two times, in order [ns]."""
+    assert motion.v is not None
+    assert motion.a is not None
+    low = int(np.searchsorted(motion.t_ns, begin, side="right"))
+    high = int(np.searchsorted(motion.t_ns, end, side="left"))
+    rows = slice(max(low - 1, 0), high + 1)
+    t, q = motion.t_ns[rows], motion.q[rows]
+    rests = np.all((motion.v[rows] == 0.0) & (motion.a[rows] == 0.0), axis=1)
+    same = np.all(np.abs(np.diff(q, axis=0)) < _STILL, axis=1)
+    for k in np.flatnonzero(rests[:-1] & rests[1:] & same).tolist():
+        yield max(int(t[k]), begin), min(int(t[k + 1]), end)

@@ -1,7 +1,8 @@
 """Inputs that are varied: ``skills.pick.scale=1,1.5,2`` and what it does to a scenario.
 
 A key is a dotted path from the top of the scenario, or from its execution section. Entries of
-lists have their position or their name: ``cell.robots.left.base.xyz_m.0``.
+lists have their position or their name: ``cell.robots.left.base.xyz_m.0``. A distribution is given
+as a whole, ``jitter={kind: uniform, low_s: 0, high_s: 1}``, or key by key, ``jitter.kind=uniform``.
 """
 
 from __future__ import annotations
@@ -12,19 +13,27 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from planning.errors import ScenarioError
 from planning.tasks.task import HOLD
+from twin.durations import Distribution
 from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
+from twin.scenario.document.yaml_text import read_yaml
 from twin.scenario.manifest import scenario_schema
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved
 
 ROBOTS = "robots"
 """The key that is not one of the file: the number of robots, of the team where there is one."""
+
+_KINDS = {
+    get_args(c.model_fields["kind"].annotation)[0] for c in get_args(Distribution)
+}
+_KINDS |= {"reference"}
+"""Kinds of distributions; a section that gets another one has nothing of the former."""
 
 _SECTIONS = frozenset(Scenario.model_fields) - {"execution"}
 
@@ -47,10 +56,13 @@ class Variation:
 
 
 def parse_variation(text: str) -> Variation:
-    """Return the variation that ``key=value,value,...`` names; values are JSON or plain words.
+    """Return the variation that ``key=value,value,...`` names.
+
+    Values are JSON, lists and mappings in one line of YAML, or plain words.
 
     Raises:
-        ScenarioError: there is no key, no value, or a value twice.
+        ScenarioError: there is no key, no value, or a value twice, or what is in brackets cannot
+            be read.
     """
     key, equals, rest = text.partition("=")
     key = key.strip().removeprefix("execution.")
@@ -138,8 +150,9 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
     Raises:
         ScenarioError: there is no such key; the message names those there are.
     """
-    for key, given in variant.items():
-        value = _plain(given)
+    # Who says which kind of distribution it is clears the place for its numbers.
+    for key in sorted(variant, key=lambda key: not key.endswith(".kind")):
+        value = _plain(variant[key])
         if key == ROBOTS:
             continue
         if is_of_execution(key):
@@ -154,12 +167,8 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
         choose_robots(content["cell"], count)
 
 
-class _NewSection(dict[str, Any]):
-    """A section that the scenario leaves out, made by the first key that is set in it."""
-
-
 class _FreeSection(dict[str, Any]):
-    """A section whose keys are left to its checks, as they depend on its kind."""
+    """A section whose keys are left to its checks: it is new, or they depend on its kind."""
 
 
 def _make_entries(content: dict[str, Any], key: str) -> None:
@@ -189,18 +198,33 @@ def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
     words = key.split(".")
     place: Any = tree
     while True:
-        free = isinstance(place, _NewSection | _FreeSection)
-        if free and len(words) == 1:
+        if isinstance(place, _FreeSection) and len(words) > 1:
+            if words[1].isdigit() and words[0] not in place:
+                whole = f"{walked}.{words[0]}"
+                raise ScenarioError(
+                    f"cannot vary {key}: the scenario leaves {walked} out; give {whole} as a whole"
+                )
+            place.setdefault(words[0], _FreeSection())
+        elif isinstance(place, _FreeSection):
             place[words[0]] = value
             return
         entry, used = _entry(place, words, key, walked)
         if used == len(words):
             place[entry] = value
             return
-        if place[entry] is None:
-            place[entry] = _NewSection()
         walked = ".".join(filter(None, (walked, *words[:used])))
-        place, words = place[entry], words[used:]
+        words, found = words[used:], place[entry]
+        if found in (None, {}) or (words == ["kind"] and _is_other(found, value)):
+            place[entry] = _FreeSection()
+        place = place[entry]
+
+
+def _is_other(place: Any, kind: Any) -> bool:
+    """Tell whether a section is that of a distribution of another kind."""
+    if not isinstance(place, dict):
+        return False
+    kinds = {str(kind), str(place.get("kind"))}
+    return len(kinds) == 2 and kinds <= _KINDS
 
 
 def _entry(
@@ -221,11 +245,6 @@ def _entry(
     for used in range(len(words), 0, -1):
         if (name := ".".join(words[:used])) in entries:
             return entries[name], used
-    if isinstance(place, _NewSection):
-        whole = f"{walked}.{words[0]}"
-        raise ScenarioError(
-            f"cannot vary {key}: the scenario leaves {walked} out; give {whole} as a whole"
-        )
     here = f"{walked} has" if walked else "a scenario has"
     what = f"no entry {words[0]!r}" if isinstance(place, list) else f"no {words[0]!r}"
     raise ScenarioError(f"cannot vary {key}: {here} {what}", choices=tuple(entries))
@@ -248,4 +267,9 @@ def _value(text: str) -> Any:
     try:
         return json.loads(text)
     except json.JSONDecodeError:
-        return text
+        if text[:1] not in ("{", "["):
+            return text
+    document = read_yaml(Path(), text)
+    for problem in document.problems:
+        raise ScenarioError(f"cannot read {text!r}: {problem.message}")
+    return document.data

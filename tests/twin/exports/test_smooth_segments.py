@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from twin.durations import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.trial.run_result import RunResult
-from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.disturbances import Disturbances, EmergencyStop
 
 CALM = Disturbances()
 
@@ -65,8 +66,28 @@ def test_points_are_the_motion_at_the_rate(
         t, q, _, _ = points_of(segment)
         begin, end = (round(s * NANOSECONDS) for s in segment["motion_s"])
         assert (t[0], t[-1]) == (0, end - begin)
-        assert np.max(np.diff(t), initial=0) <= NANOSECONDS / rate_hz + 1
+        period, apart = NANOSECONDS / rate_hz, np.diff(t)
+        if end - begin >= period:
+            assert np.min(apart) >= period
+        # Where a robot stands there are the first and the last.
+        moves = np.any(np.diff(q, axis=0) != 0.0, axis=1)
+        assert np.max(apart[moves], initial=0) < 2 * period
         assert np.max(np.abs(motions[segment["robot"]].at(begin + t) - q)) < 1e-9
+
+
+def test_a_robot_that_stands_for_long_has_no_more_points(tmp_path: Path) -> None:
+    tpg = driven_tpg(3, tasks=10, edges=20)
+    counts = []
+    for length_s in (60.0, 6000.0):
+        stop = EmergencyStop(at_s=2.0, duration_s=length_s)
+        folder = tmp_path / str(length_s)
+        folder.mkdir()
+        run, record = toy_run(
+            folder, 3, disturbances=Disturbances(emergency_stops=(stop,)), tpg=tpg
+        )
+        counts.append(sum(len(points_of(s)[0]) for s in segments_of(run)))
+        assert record.makespan_s > length_s
+    assert abs(counts[0] - counts[1]) <= len(tpg.chains)
 
 
 def test_speeds_and_accelerations_are_derivatives(

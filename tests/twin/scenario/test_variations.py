@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
+from twin.durations import Uniform
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (
@@ -66,6 +67,60 @@ def test_skills_without_a_section_can_be_varied(cliff: Scenario) -> None:
     other = varied(cliff, {"skills.pick.scale": 2, "failures.pick.probability": 0.1})
     assert other.execution.skills["pick"].scale == 2
     assert other.execution.failures["pick"].probability == 0.1
+
+
+UNIFORM = {"kind": "uniform", "low_s": 1.0, "high_s": 2.0}
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "skills.pick",
+        "jitter",
+        "stalls.duration",
+        "failures.pick.retry",
+        "machines.mill.stalls.duration",
+    ],
+)
+def test_a_distribution_is_given_as_a_whole_or_key_by_key(
+    cliff: Scenario, key: str
+) -> None:
+    """In whatever order, and whatever kind there was before."""
+    beside = {"stalls.rate_per_h": 1, "failures.pick.probability": 0.1}
+    (whole,) = parse_variation(key + "={kind: uniform, low_s: 1, high_s: 2}").values
+    wanted = varied(cliff, {**beside, key: whole}).execution
+    assert repr(Uniform(low_s=1.0, high_s=2.0)) in repr(wanted)
+    for names in (("kind", "low_s", "high_s"), ("high_s", "low_s", "kind")):
+        single = {f"{key}.{name}": UNIFORM[name] for name in names}
+        assert varied(cliff, {**single, **beside}).execution == wanted
+
+
+def test_a_distribution_within_one_is_given_key_by_key(cliff: Scenario) -> None:
+    keys = {"kind": "shifted", "offset_s": 3.0}
+    keys |= {f"model.{name}": value for name, value in UNIFORM.items()}
+    whole = {"kind": "shifted", "offset_s": 3.0, "model": UNIFORM}
+    found = varied(cliff, {f"skills.pick.{name}": v for name, v in keys.items()})
+    assert found == varied(cliff, {"skills.pick": whole})
+
+
+def test_what_says_a_kind_again_keeps_the_rest(cliff: Scenario) -> None:
+    slow = varied(cliff, {"skills.pick.scale": 2.0})
+    again = varied(slow, {"skills.pick.kind": "packaged"})
+    assert again.execution.skills["pick"].scale == 2.0
+    other = varied(slow, {f"skills.pick.{name}": v for name, v in UNIFORM.items()})
+    assert other.execution.skills["pick"] == Uniform(low_s=1.0, high_s=2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("jitter={kind: fixed, value_s: 1", "cannot read '{kind: .*not valid YAML"),
+        ("jitter={kind: fixed, kind: pert}", "'kind' is already given"),
+    ],
+)
+def test_brackets_that_cannot_be_read_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        parse_variation(text)
 
 
 @pytest.mark.parametrize(
