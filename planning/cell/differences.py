@@ -53,7 +53,8 @@ def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
 def _metres(clearances: Clearances) -> str:
     return (
         f"{clearances.robot_robot:g} and {clearances.robot_object:g} m"
-        f" (contact tolerance {clearances.contact_tolerance:g} m)"
+        f" (contact tolerance {clearances.contact_tolerance:g} m, depth"
+        f" {clearances.contact_depth:g} m)"
     )
 
 

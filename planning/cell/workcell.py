@@ -128,6 +128,10 @@ class RackTool:
         return self.item.name
 
 
+CONTACT_DEPTH = 0.003
+"""What is meant to touch may be this deep in each other, unless a scenario says more [m]."""
+
+
 @dataclass(frozen=True)
 class Clearances:
     """Least distances that are kept.
@@ -138,11 +142,14 @@ class Clearances:
         contact_tolerance: how deep a tool may graze a brick at rest within a LEGO skill. The
             default is the gap by which a brick is shorter than its studs times the pitch, 0.1 mm
             on each side: the play that bricks leave each other on their studs [m].
+        contact_depth: how deep objects that are meant to touch may be in each other, and in
+            fixtures [m].
     """
 
     robot_robot: float = 0.001
     robot_object: float = 0.0
     contact_tolerance: float = 0.0002
+    contact_depth: float = CONTACT_DEPTH
 
 
 @dataclass(frozen=True)

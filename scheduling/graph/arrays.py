@@ -147,6 +147,11 @@ def _expected_of_cell(
             for name in (f"robot_{i}_limits", f"robot_{i}_caps"):
                 values = arrays[name]
                 _require(values >= 0.0, name, values, "is negative; 0 is no limit")
+            rates = arrays[f"robot_{i}_limits"][:2]
+            wrong = (
+                "speed and acceleration must be above 0; jerk may be 0, for no limit"
+            )
+            _require(rates > 0.0, f"robot_{i}_limits", rates, wrong)
     for what, pose in (("fixture", "pose"), ("object", "start")):
         count = len(cell[f"{what}s"])
         yield f"{what}_size", np.float64, (count, 3)

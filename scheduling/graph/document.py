@@ -13,6 +13,7 @@ import numpy.typing as npt
 from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import (
+    CONTACT_DEPTH,
     CellObject,
     Clearances,
     Fixture,
@@ -50,7 +51,10 @@ _CLEARANCE = _keys(
     robot_robot="robot_robot_m",
     robot_object="robot_object_m",
     contact_tolerance="contact_tolerance_m",
+    contact_depth="contact_depth_m",
 )
+_USUAL_CLEARANCE = {"contact_tolerance_m": 0.0, "contact_depth_m": CONTACT_DEPTH}
+"""What plans mean that do not say so: those of earlier versions grazed nothing."""
 _TASK = _keys(Task, "path", "handlings")
 _HANDLING = _keys(Handling, "pose")
 _NODE_HANDLING = _keys(NodeHandling, "pose", robot="chain")
@@ -209,13 +213,16 @@ def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
     arrays["fixture_pose"] = _poses(f.pose for f in cell.fixtures)
     arrays["object_size"] = _stack((o.size for o in cell.objects), (3,))
     arrays["object_start"] = _poses(o.start for o in cell.objects)
+    clearance = _entry(cell.clearances, _CLEARANCE)
+    if cell.clearances.contact_depth == CONTACT_DEPTH:
+        del clearance["contact_depth_m"]
     # Plans without machines are written as they were before there were any.
     machines = [item.name for item in cell.machines]
     return {
         "robots": robots,
         "fixtures": [_fixture(item, arrays) for item in cell.fixtures],
         "objects": [_shaped(item, _OBJECT, arrays) for item in cell.objects],
-        "clearance": _entry(cell.clearances, _CLEARANCE),
+        "clearance": clearance,
     } | ({"machines": machines} if machines else {})
 
 
@@ -272,8 +279,7 @@ def _cell(
         values = _shaped_values({"later": False, **entry}, _OBJECT, size, arrays)
         values["colour"] = tuple(values["colour"])
         objects.append(CellObject(**values, start=start))
-    # Plans of earlier versions grazed nothing.
-    given = {"contact_tolerance_m": 0.0, **document["clearance"]}
+    given = {**_USUAL_CLEARANCE, **document["clearance"]}
     clearances = Clearances(**_values(given, _CLEARANCE))
     machines = tuple(map(machine, document.get("machines", ())))
     return Workcell(

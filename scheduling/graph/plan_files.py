@@ -6,7 +6,8 @@ plan.json, version 1, or 2 where a shape is no box, or 3 where a corner is round
                colour where it was given one}],
                objects [{name, kind, body, mass_kg, fixed, colour, later}]; what is no box has
                shape [{form, and what it measures}] beside that,
-               clearance {robot_robot_m, robot_object_m, contact_tolerance_m},
+               clearance {robot_robot_m, robot_object_m, contact_tolerance_m, contact_depth_m
+               where it is not 0.003},
                machines [name] where there are any
     tasks      [{index, robot, kind, step, label, object, goal, handlings [{object, waypoint, holder}]}]
     chains     [robot]

@@ -21,12 +21,15 @@ from planning.cell.shape import (
     Shape,
     shape_of,
 )
-from planning.errors import OutputError
+from planning.cell.workcell import CONTACT_DEPTH
+from planning.errors import OutputError, listed
 from planning.tasks.task import GONE
 
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 Metres = Annotated[float, Field(ge=0, le=1000)]
 Length = Annotated[float, Field(gt=0, le=1000)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=128)]
+"""As in scenarios, with room for the number of a copy: names become parts of file names."""
 Colour = Annotated[
     list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)
 ]
@@ -39,7 +42,7 @@ class _Entry(BaseModel):
 
 
 class _Robot(_Entry):
-    name: str
+    name: Name
     model: str | None
     urdf: str
     sha256: str | None = None
@@ -70,7 +73,7 @@ _Element = Annotated[_Box | _Round | _Mesh, Field(discriminator="form")]
 
 
 class _Thing(_Entry):
-    name: str
+    name: Name
     body: str
     shape: Annotated[list[_Element], Field(min_length=1, max_length=10_000)] | None = (
         None
@@ -93,6 +96,7 @@ class _Clearance(_Entry):
     robot_robot_m: Metres
     robot_object_m: Metres
     contact_tolerance_m: Metres = 0.0
+    contact_depth_m: Annotated[float, Field(ge=0, le=0.1)] = CONTACT_DEPTH
 
 
 class _Cell(_Entry):
@@ -100,7 +104,7 @@ class _Cell(_Entry):
     fixtures: list[_Fixture]
     objects: list[_Object]
     clearance: _Clearance
-    machines: list[str] = []
+    machines: list[Name] = []
 
 
 class _Handling(_Entry):
@@ -159,17 +163,20 @@ def check_document(document: dict[str, Any]) -> None:
     items = [*plan.cell.fixtures, *plan.cell.objects]
     _unique("cell.fixtures and cell.objects", [item.name for item in items])
     objects = {item.name for item in plan.cell.objects}
-    _unique("chains", plan.chains)
+    chains = _unique("chains", plan.chains)
+    holders = robots & chains
     for k, name in enumerate(plan.chains):
         _known(f"chains.{k}", name, movers)
     for k, task in enumerate(plan.tasks):
         if task.index != k:
             raise OutputError(f"tasks.{k}.index: is {task.index}")
-        _known(f"tasks.{k}.robot", task.robot, set(plan.chains))
+        _known(f"tasks.{k}.robot", task.robot, chains)
+        if task.object is not None:
+            _known(f"tasks.{k}.object", task.object, objects)
         for handling in task.handlings:
-            _handled(f"tasks.{k}.handlings", handling, objects, robots)
+            _handled(f"tasks.{k}.handlings", handling, objects, holders)
     for k, handling in enumerate(plan.handlings):
-        _handled(f"handlings.{k}", handling, objects, robots)
+        _handled(f"handlings.{k}", handling, objects, holders)
 
 
 def _unique(place: str, names: list[str]) -> set[str]:
@@ -181,15 +188,16 @@ def _unique(place: str, names: list[str]) -> set[str]:
 
 def _known(place: str, name: str, known: set[str]) -> None:
     if name not in known:
-        raise OutputError(f"{place}: there is no {name!r}")
+        valid = listed(sorted(known)) or "none"
+        raise OutputError(f"{place}: there is no {name!r} (valid: {valid})")
 
 
 def _handled(
-    place: str, handling: _Handling, objects: set[str], robots: set[str]
+    place: str, handling: _Handling, objects: set[str], holders: set[str]
 ) -> None:
-    _known(place, handling.object, objects)
+    _known(f"{place}.object", handling.object, objects)
     if handling.holder not in (None, GONE):
-        _known(place, str(handling.holder), robots)
+        _known(f"{place}.holder", str(handling.holder), holders)
 
 
 Arrays = dict[str, npt.NDArray[Any]]

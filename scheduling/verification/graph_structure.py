@@ -58,9 +58,11 @@ class Problem:
 
     Attributes:
         kind: ``"cycle"``, ``"order"`` (an edge or a chain against the planned order),
-            ``"dependency"``, ``"handling"``, ``"nodes"``, ``"hold"`` or ``"rest"``.
+            ``"dependency"``, ``"handling"``, ``"jump"`` (of an object), ``"task"`` (what is done is
+            not what the task says), ``"path"`` (a robot jumps), ``"nodes"``, ``"hold"``, ``"rest"``
+            or ``"grip"`` (what is in a hand is too deep in it).
         message: one sentence.
-        first, second: the two sides, None for a cycle.
+        first, second: the two sides, None for a cycle, and where there is one side.
         distance_m: distance measured where it was first seen, NaN where none was [m].
     """
 
@@ -160,16 +162,24 @@ def _dependencies_not_kept(
                 yield _problem(tpg, "dependency", u, v, text)
 
 
+def node_problem(tpg: TemporalPlanGraph, kind: str, node: _Node, text: str) -> Problem:
+    """Return a problem of one node, by chain and number."""
+    moment, name = _named(tpg, node)
+    return Problem(kind, f"{name}: {text}", moment)
+
+
 def _problem(
     tpg: TemporalPlanGraph, kind: str, u: _Node, v: _Node, text: str
 ) -> Problem:
-    first, second = (
-        Moment(chain.robot, node, int(chain.task[node]), False, chain.robot)
-        for chain, node in ((tpg.chains[a], n) for a, n in (u, v))
-    )
-    names = [f"node {m.node} of {m.robot!r} (task {m.task})" for m in (first, second)]
-    message = f"{names[0]} and {names[1]}: {text}"
-    return Problem(kind, message, first, second)
+    (first, one), (second, other) = _named(tpg, u), _named(tpg, v)
+    return Problem(kind, f"{one} and {other}: {text}", first, second)
+
+
+def _named(tpg: TemporalPlanGraph, node: _Node) -> tuple[Moment, str]:
+    chain, number = tpg.chains[node[0]], node[1]
+    task = int(chain.task[number])
+    moment = Moment(chain.robot, number, task, False, chain.robot)
+    return moment, f"node {number} of {chain.robot!r} (task {task})"
 
 
 _BLOCK = 4096

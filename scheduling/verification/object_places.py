@@ -15,6 +15,9 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 
+FlangeAt = Callable[[int, int, int], Transform]
+"""World pose of a chain's flange at a moment: chain, node and waypoint; 0 is the node's start."""
+
 
 @dataclass(frozen=True)
 class Carried:
@@ -80,7 +83,7 @@ def handled_objects(tpg: TemporalPlanGraph) -> dict[str, list[NodeHandling]]:
 
 
 def object_histories(
-    tpg: TemporalPlanGraph, flange: Callable[[int, int], Transform]
+    tpg: TemporalPlanGraph, flange: FlangeAt
 ) -> tuple[list[Carried], list[Resting]]:
     """Return the histories of all objects: carried by robots, or at rest.
 
@@ -89,7 +92,7 @@ def object_histories(
 
     Args:
         tpg: the plan.
-        flange: returns the world pose of a chain's flange as it stands before a node.
+        flange: see ``FlangeAt``.
     """
     carried: list[Carried] = []
     resting = [Resting(f.name, f.pose, f.shape, None, None) for f in tpg.cell.fixtures]
@@ -118,14 +121,14 @@ def object_histories(
                 start = stand_during(tpg, chain, put) if given else put
                 if given:
                     leaves = start if start[1] < count else None
-                    hand = flange(chain, start[1]) @ pose
+                    hand = flange(*start) @ pose
                     tasks = _tasks(tpg, chain, start[1])
                     resting.append(Resting(name, hand, item.shape, put, leaves, tasks))
                 end, fetched = taken or (chain, count, 0), False
                 if taken is not None and taken[0] != chain:
                     end, fetched = stand_during(tpg, chain, taken), True
                     stood = _end_before(tpg.chains[chain], end)
-                    hand = flange(chain, end[1]) @ pose
+                    hand = flange(*end) @ pose
                     tasks = _tasks(tpg, chain, end[1])
                     resting.append(Resting(name, hand, item.shape, stood, taken, tasks))
                 carried.append(

@@ -100,12 +100,13 @@ class ReferenceRobot:
     """A robot read anew from its URDF.
 
     Args:
-        placed: which one; of its model only the file, names and frames are used.
+        placed: which one; of its model only the file, names, frames and speeds are used.
 
     Attributes:
         base: its pose in the world, shape (4, 4).
         dof: number of joints n.
         turns: True for joints that turn, False for those that slide, shape (n,).
+        speeds: greatest speed of each joint, shape (n,) [rad/s or m/s].
         parts: its convex bodies.
     """
 
@@ -118,6 +119,7 @@ class ReferenceRobot:
             np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
         )
         self._flange = placed.model.flange
+        self.speeds = placed.model.velocity
         self._subspaces = [_subspace(joint) for joint in list(model.joints)[1:]]
         self.turns = np.array([bool(np.any(turn)) for _, turn in self._subspaces])
         tool = {part.body.name for part in placed.model.parts if part.group == "tool"}

@@ -3,8 +3,9 @@
 Nothing here is shared with the code that builds the graph: order comes from sets of ancestors,
 geometry from pinocchio's own reading of the URDF files and coal's exact shapes, occupancy from
 dense samples grown by the motion between them; no capsules, no clocks, no conflict search.
-Checked are the structure, and the invariant: (a) nodes of two robots that come too close are
-ordered, (b) so are a node and a robot that stands, (c) and a node and an object at rest.
+Checked are the structure; that what is done is what tasks say, and that no robot and no object jumps;
+and the invariant: (a) nodes of two robots that come too close are ordered, (b) so are a node and a robot
+that stands, (c) and a node and an object at rest. What may touch is held to a depth.
 
 Distances of parts in motion: few are measured, and each settles many pairs of pieces.
 
@@ -16,7 +17,7 @@ settled by that. What is left is cut finer.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -33,15 +34,22 @@ from scheduling.verification.bodies import (
     at_once,
     while_there,
 )
+from scheduling.verification.continuity import jumps
+from scheduling.verification.fulfilment import not_as_said
 from scheduling.verification.graph_structure import (
     Moment,
     Precedence,
     Problem,
     check_structure,
 )
-from scheduling.verification.object_places import object_histories
+from scheduling.verification.object_places import (
+    Carried,
+    Resting,
+    object_histories,
+)
 from scheduling.verification.reference import TOLERANCE, ReferenceRobot, separation
 from scheduling.verification.sweeps import Close, close_pairs
+from scheduling.verification.touching import allowed_depths, too_deep_in_hand
 
 _FINEST = 1e-5
 """Motions that get no further than this are not cut [m]."""
@@ -163,9 +171,20 @@ def verify_plan(
         progress: told how far it has come.
     """
     precedence, problems = check_structure(tpg)
+    geometry = {robot.name: ReferenceRobot(robot) for robot in tpg.cell.robots}
+    speeds = {name: robot.speeds for name, robot in geometry.items()}
+    problems += not_as_said(tpg, speeds)
+
+    def flange(chain: int, node: int, waypoint: int) -> Transform:
+        c = tpg.chains[chain]
+        before = int(c.first[node]) + waypoint - 1
+        q = c.start if before < 0 else c.waypoints[before]
+        return geometry[c.robot].flange_pose(q)
+
+    problems += jumps(tpg, flange)
     check = _ClearanceCheck(tpg, limit - len(problems), progress)
-    if precedence is not None:
-        check.run(precedence)
+    if precedence is not None and len(problems) < limit:
+        check.run(precedence, geometry, object_histories(tpg, flange))
     return VerificationReport(
         check.pairs,
         check.robots.least,
@@ -185,8 +204,8 @@ class _ClearanceCheck:
     Attributes:
         problems: found so far.
         pairs: pairs of pieces looked at.
-        robots, objects, grazing: measure between two robots, between other things, and where a
-            tool only grazes.
+        robots, objects, contacts: measure between two robots, between other things, and where
+            these may touch.
     """
 
     def __init__(self, tpg: TemporalPlanGraph, limit: int, progress: Progress) -> None:
@@ -194,24 +213,25 @@ class _ClearanceCheck:
         self.problems: list[Problem] = []
         self.pairs = 0
         self.robots, self.objects = Measuring(), Measuring()
-        self.grazing = Measuring()
-        self.allowed: dict[frozenset[str], list[tuple[frozenset[int], bool]]] = {}
-        for contact in tpg.allowed:
-            pair = frozenset((contact.first, contact.second))
-            entry = contact.tasks, contact.grazing
-            self.allowed.setdefault(pair, []).append(entry)
+        self.contacts = Measuring()
+        self.allowed = allowed_depths(tpg)
 
-    def run(self, precedence: Precedence) -> None:
-        """Check all pairs of robots, then every robot against what rests in the world."""
+    def run(
+        self,
+        precedence: Precedence,
+        geometry: Mapping[str, ReferenceRobot],
+        histories: tuple[list[Carried], list[Resting]],
+    ) -> None:
+        """Check all pairs of robots, then every robot against what rests in the world.
+
+        Args:
+            precedence: what precedes what.
+            geometry: of all robots.
+            histories: of all objects.
+        """
         tpg, cell = self.tpg, self.tpg.cell
-        geometry = {robot.name: ReferenceRobot(robot) for robot in cell.robots}
-
-        def flange(chain: int, node: int) -> Transform:
-            c = tpg.chains[chain]
-            q = c.start if node == 0 else c.waypoints[c.first[node] - 1]
-            return geometry[c.robot].flange_pose(q)
-
-        carried, resting = object_histories(tpg, flange)
+        carried, resting = histories
+        self.problems += too_deep_in_hand(tpg, geometry, carried, self.allowed)
         robots = [
             VerifiedRobot(tpg, placed, geometry[placed.name], carried)
             for placed in cell.robots
@@ -288,37 +308,26 @@ class _ClearanceCheck:
         measuring: Measuring,
         seen: dict[_Key, Problem],
     ) -> None:
-        """Note what comes too close in some pairs of pieces, unless it may.
-
-        What may graze is held to the contact tolerance.
-        """
+        """Note what comes too close in some pairs of pieces, or too deep where it may touch."""
         a, b = sides
         entities = a.motion.part.entity, b.motion.part.entity
         if entities[0] == entities[1]:
             return
-        left = np.ones(len(pairs[0]), dtype=np.bool_)
-        grazes = np.zeros(len(pairs[0]), dtype=np.bool_)
-        for tasks, grazing in self.allowed.get(frozenset(entities), ()):
+        least = np.full(len(pairs[0]), limit)
+        for tasks, depth in self.allowed.get(frozenset(entities), ()):
             now = a.in_tasks(pairs[0], tasks) & b.in_tasks(pairs[1], tasks)
-            if grazing:
-                grazes |= now
-            else:
-                left &= ~now
+            least[now] = np.minimum(least[now], -depth)
         keys = np.stack([a.keys(pairs[0]), b.keys(pairs[1])])
         if seen:
-            left &= [key not in seen for key in zip(*keys.tolist(), strict=True)]
-        tolerance = self.tpg.cell.clearances.contact_tolerance
-        for some, least, how in (
-            (left & ~grazes, limit, measuring),
-            (left & grazes, -tolerance, self.grazing),
-        ):
+            new = [key not in seen for key in zip(*keys.tolist(), strict=True)]
+            least[~np.array(new)] = -np.inf
+        for bound in np.unique(least[least > -np.inf]).tolist():
+            some, how = least == bound, measuring if bound == limit else self.contacts
             rows, columns = pairs[0][some], pairs[1][some]
-            if not len(rows):
-                continue
             known = keys[:, some]
             alike = np.ravel_multi_index(tuple(known), tuple(known.max(axis=1) + 1))
             for k, distance in how.too_close(
-                a.motion, b.motion, (rows, columns), least - TOLERANCE, alike
+                a.motion, b.motion, (rows, columns), bound - TOLERANCE, alike
             ):
                 first, second = a.moment(int(rows[k])), b.moment(int(columns[k]))
                 seen[known[0, k], known[1, k]] = _conflict(first, second, distance)

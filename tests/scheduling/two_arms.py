@@ -83,7 +83,8 @@ class Writer:
         start = self.q[robot]
         count = max(1, int(np.ceil(np.abs(goal - start).sum() / step)))
         path = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (goal - start)
-        time = self.time + STEP * np.arange(count + 1)
+        pace = max(STEP, float(np.abs(goal - start).sum()) / count)
+        time = self.time + pace * np.arange(count + 1)
         index = len(self.tasks)
         self.tasks.append(
             Task(

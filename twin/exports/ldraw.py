@@ -149,6 +149,9 @@ def _shown(
     out = _scaffold(assembly, types)
     for name, (step, pose) in sorted(rests.items(), key=lambda rest: rest[1][0]):
         item = items[name]
+        if item.kind not in types:
+            what = f"the plan has {name!r} for a {item.kind!r}, which is no brick"
+            raise OutputError(what, choices=tuple(sorted(types)))
         kind, height = types[item.kind], float(item.size[2])
         out.append(ShownBrick(kind, away @ pose, height, item.colour, step))
     return out

@@ -185,7 +185,13 @@ def _of_chain(
         for item in tpg.handlings:
             if item.robot == k and first <= item.node < end:
                 if motion is not None:
-                    at_ns = changed[item.node, item.object] - motion[0]
+                    at = changed.get((item.node, item.object))
+                    if at is None:
+                        raise OutputError(
+                            f"{run.folder}: in node {item.node} of {chain.robot!r} the plan lets"
+                            f" {item.object!r} change hands, of which the log does not tell"
+                        )
+                    at_ns = at - motion[0]
                 else:
                     at_ns = int(slowed[chain.first[item.node] + item.waypoint - low])
                 handlings.append(SegmentHandling(item.object, item.holder, at_ns))

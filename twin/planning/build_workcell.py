@@ -116,7 +116,10 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
             *assembly.objects(folder),
             *(tool.item for robot in robots for tool in robot.tools),
         ),
-        clearances=Clearances(**plain_values(scenario.cell.clearance)),
+        clearances=Clearances(
+            **plain_values(scenario.cell.clearance),
+            contact_depth=assembly.contact_depth(),
+        ),
         machines=tuple(map(machine, assembly.machines())),
     )
 

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
@@ -125,6 +125,10 @@ class AssemblyKind(Protocol):
     def due(self) -> tuple[tuple[float, ...], int | None]:
         """Return when each product is due [s], and how many at the beginning do not count."""
         return (), None
+
+    def contact_depth(self) -> float:
+        """Return how deep objects that are meant to touch may be in each other [m]."""
+        return CONTACT_DEPTH
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return what the run is to come to, as the section says, for the audit.

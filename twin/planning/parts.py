@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planning.cell.workcell import CellObject, Workcell
+from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
 from planning.tasks.task import DOOR
 from planning.tasks.work import supplied_work
 from planning.transforms import readonly
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 
 _GREY_BLUE = (196, 214, 226)
+
+_ROUNDING = 0.001
+"""What is joined may be deeper in each other than its file says by this [m]."""
 
 ORDERS = "orders tried"
 """Name of the stage for progress displays."""
@@ -104,6 +107,10 @@ class PartKind(AssemblyKind):
     def products(self) -> int:
         """Return the number of products."""
         return written_out(self.section).products
+
+    def contact_depth(self) -> float:
+        """Return how deep they may be: bars that are joined may meet in a node [m]."""
+        return max(CONTACT_DEPTH, self.section.joined_overlap_m + _ROUNDING)
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return the goals of the parts, the processes, and how far fingers stand open."""

@@ -231,6 +231,80 @@ def test_numbers_that_no_plan_has_are_refused(
         load_plan(tmp_path, _models(tpg))
 
 
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_robots_that_keep_to_limits_have_a_speed_and_an_acceleration(
+    tpg: TemporalPlanGraph, tmp_path: Path, row: int
+) -> None:
+    first = tpg.cell.robots[0]
+    joints = np.ones((3, first.model.dof))
+    joints[row, 1] = np.inf
+    limited = dataclasses.replace(first, limits=MotionLimits(*joints))
+    robots = (limited, *tpg.cell.robots[1:])
+    cell = dataclasses.replace(tpg.cell, robots=robots)
+    save_plan(dataclasses.replace(tpg, cell=cell), tmp_path)
+    if row == 2:
+        assert load_plan(tmp_path, _models(tpg)).cell.robots[0].limits is not None
+        return
+    message = (
+        rf"robot_0_limits\[{row}, 1\] is 0.0: speed and acceleration must be above"
+    )
+    with pytest.raises(OutputError, match=message):
+        load_plan(tmp_path, _models(tpg))
+
+
+Document = dict[str, Any]
+
+
+def _of_task(key: str, value: object) -> Callable[[Document], None]:
+    def spoil(document: Document) -> None:
+        document["tasks"][0][key] = value
+
+    return spoil
+
+
+def _renamed(name: str) -> Callable[[Document], None]:
+    """Call an object by another name wherever it is named."""
+
+    def spoil(document: Document) -> None:
+        old = document["cell"]["objects"][0]["name"]
+        text = json.dumps(document).replace(json.dumps(old), json.dumps(name))
+        document.update(json.loads(text))
+
+    return spoil
+
+
+def _held_by_nobody(document: Document) -> None:
+    idle = {**document["cell"]["robots"][0], "name": "idle"}
+    document["cell"]["robots"].append(idle)
+    document["handlings"][0]["holder"] = "idle"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (
+            _of_task("object", "../x"),
+            r"tasks\.0\.object: there is no '\.\./x' \(valid: ",
+        ),
+        (_renamed("../x"), r"cell\.objects\.0\.name: String should match pattern"),
+        (_renamed("x" * 200), r"cell\.objects\.0\.name: .* at most 128 characters"),
+        (_held_by_nobody, r"handlings\.0\.holder: there is no 'idle' \(valid: "),
+    ],
+)
+def test_names_that_no_plan_has_are_refused(
+    tpg: TemporalPlanGraph,
+    tmp_path: Path,
+    spoil: Callable[[Document], None],
+    words: str,
+) -> None:
+    save_plan(tpg, tmp_path)
+    document = json.loads((tmp_path / "plan.json").read_text())
+    spoil(document)
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    with pytest.raises(OutputError, match=words):
+        load_plan(tmp_path, _models(tpg))
+
+
 def test_arrays_that_unpack_to_more_than_a_plan_has_are_not_unpacked(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:

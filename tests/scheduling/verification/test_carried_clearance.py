@@ -21,7 +21,7 @@ from tests.scheduling.verification.test_verification import ONE_NODE, at, graph,
 
 def beside_a_beam(gap: float, *, leaves: bool) -> Writer:
     """Left holds a beam; right comes down on its end, but for a gap, and maybe goes home."""
-    at_stock = translation(0.44, -0.2, 0.24)
+    at_stock = translation(0.44, -0.2, 0.2375)
     writer = Writer(two_arms((block("beam", (0.34, 0.03, 0.02), at_stock),)))
     left, right = writer.cell.robots
     pick, hold = (at(writer, "left", 0.29, y, 0.25) for y in (-0.2, 0.0))

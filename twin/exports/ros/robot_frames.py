@@ -113,7 +113,7 @@ def objects_there(run: RunResult) -> Iterator[ObjectsThere]:
         for k in np.flatnonzero(times == t_ns).tolist():
             name, parent, xyz, quat = rows[k]
             if parent == GONE:
-                del frames[name]
+                frames.pop(name, None)
                 gone = True
                 continue
             if parent != WORLD:

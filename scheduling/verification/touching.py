@@ -1,0 +1,101 @@
+"""What may touch, and how deep: contacts that a plan allows, and what is in a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from planning.cell.workcell import CONTACT_DEPTH
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.verification.graph_structure import Problem, node_problem
+from scheduling.verification.object_places import Carried
+from scheduling.verification.reference import (
+    TOLERANCE,
+    ReferenceBody,
+    ReferenceRobot,
+    measure,
+)
+
+Depths = Mapping[frozenset[str], list[tuple[frozenset[int], float]]]
+"""By pair of names: in which tasks these may touch, and how deep they may then be in each other [m]."""
+
+
+def allowed_depths(tpg: TemporalPlanGraph) -> Depths:
+    """Return how deep things may be in each other where a plan lets them touch.
+
+    A contact counts only if handling needs it: of a tool and an object, of two objects, or of an
+    object and a fixture. Robots never touch each other, and an arm never touches anything.
+    """
+    cell = tpg.cell
+    objects = {item.name for item in cell.objects}
+    fixtures = {item.name for item in cell.fixtures}
+    tools = {f"{robot.name}/tool" for robot in cell.robots}
+    out: dict[frozenset[str], list[tuple[frozenset[int], float]]] = {}
+    for contact in tpg.allowed:
+        pair = frozenset((contact.first, contact.second))
+        others = pair - objects
+        if len(pair) < 2 or len(others) > 1 or not others <= tools | fixtures:
+            continue
+        depth = cell.clearances.contact_depth
+        if contact.grazing:
+            depth = cell.clearances.contact_tolerance
+        elif not others.isdisjoint(tools):
+            depth = CONTACT_DEPTH
+        out.setdefault(pair, []).append((contact.tasks, depth))
+    return out
+
+
+def too_deep_in_hand(
+    tpg: TemporalPlanGraph,
+    geometry: Mapping[str, ReferenceRobot],
+    carried: list[Carried],
+    allowed: Depths,
+) -> Iterator[Problem]:
+    """Yield what is too deep in the tool that holds it, or in something else in the same hand.
+
+    From then on until it is let go of they move as one, so that one look at each hold is enough.
+
+    Args:
+        tpg: the plan.
+        geometry: of all robots.
+        carried: who carries what when.
+        allowed: who may touch whom.
+    """
+    for k, held in enumerate(carried):
+        chain = tpg.chains[held.chain]
+        robot = geometry[chain.robot]
+        load = _load(tpg, robot, held)
+        beside = [part for part in robot.parts if part.entity.endswith("/tool")]
+        for other in carried[:k]:
+            if other.chain == held.chain and _meet(other, held):
+                beside += _load(tpg, robot, other)
+        frames = robot.joint_frames_along(chain.start[None])[0]
+        tasks = set(chain.task[held.start[0] : held.end[0] + 1].tolist())
+        deepest: dict[str, float] = {}
+        for part in load:
+            for other_part in beside:
+                at = frames[part.joint + 1], frames[other_part.joint + 1]
+                depth = -measure(part, at[0], other_part, at[1])
+                entity = other_part.entity
+                deepest[entity] = max(deepest.get(entity, 0.0), depth)
+        for entity, depth in deepest.items():
+            pair = frozenset((held.object, entity))
+            entries = allowed.get(pair, ())
+            most = max((d for now, d in entries if tasks & now), default=0.0)
+            if depth > most + TOLERANCE:
+                where = held.chain, min(held.start[0], len(chain) - 1)
+                text = (
+                    f"{held.object!r} is {depth * 1e3:.2f} mm deep in {entity} while"
+                    f" {chain.robot!r} holds it, and may be {most * 1e3:g} mm"
+                )
+                yield node_problem(tpg, "grip", where, text)
+
+
+def _load(
+    tpg: TemporalPlanGraph, robot: ReferenceRobot, held: Carried
+) -> list[ReferenceBody]:
+    return robot.loads(held.object, tpg.cell.object(held.object).shape, held.pose)
+
+
+def _meet(one: Carried, other: Carried) -> bool:
+    """Tell whether two holds last at the same time."""
+    return one.start < other.end and other.start < one.end
