@@ -14,7 +14,7 @@ import pytest
 
 from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import box_shape
-from planning.cell.workcell import Fixture
+from planning.cell.workcell import CONTACT_DEPTH, Fixture
 from planning.errors import OutputError
 from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
@@ -81,6 +81,23 @@ def test_the_colour_of_a_fixture_goes_with_its_plan(
     written = json.loads((tmp_path / "plan.json").read_text())["cell"]["fixtures"]
     assert written[0]["colour"] == [255, 0, 10]
     assert "colour" not in written[1]
+
+
+def test_how_deep_joined_bars_may_be_goes_with_their_plan(
+    tpg: TemporalPlanGraph, tmp_path: Path
+) -> None:
+    written = []
+    for depth in (CONTACT_DEPTH, 0.008):
+        clearances = dataclasses.replace(tpg.cell.clearances, contact_depth=depth)
+        cell = dataclasses.replace(tpg.cell, clearances=clearances)
+        save_plan(dataclasses.replace(tpg, cell=cell), tmp_path)
+        assert load_plan(tmp_path, _models(tpg)).cell.clearances == clearances
+        written.append(json.loads((tmp_path / "plan.json").read_text())["cell"])
+    # Usual plans are written as they were before any could say so.
+    assert [cell["clearance"].get("contact_depth_m") for cell in written] == [
+        None,
+        0.008,
+    ]
 
 
 def test_the_same_plan_makes_the_same_bytes(

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from planning.cell.workcell import CONTACT_DEPTH
 from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import executed
@@ -62,8 +63,15 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
 ) -> None:
     given = load_scenario(write(tmp_path, NODE))
     planned = plan_scenario(given)
+    tpg = planned.tpg
+    assert verify_plan(tpg).problems == ()
+    usual = replace(tpg.cell.clearances, contact_depth=CONTACT_DEPTH)
+    less = replace(tpg, cell=replace(tpg.cell, clearances=usual))
+    words = [p.message for p in verify_plan(less).problems]
+    assert words
+    assert all("first" in text and "second" in text for text in words)
     out = tmp_path / "run"
-    executed(given, planned.tpg, out)
+    executed(given, tpg, out)
     wanted = assembly_kind(given.assembly).wanted(given.cell)
     strict = audit_run(out, wanted=replace(wanted, joined_overlap_m=0.002))
     assert {v.kind for v in strict.violations} == {"contact"}
