@@ -25,6 +25,7 @@ from twin.audit.grips import ContactRule, GripWatch
 from twin.audit.keeping import (
     NodeSpans,
     edge_violations,
+    held_in_place,
     logged_spans,
     moved_spans,
 )
@@ -225,7 +226,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         watch = _Watch(self._world, rule, self._exempt, within)
         wanted = self._wanted
         others = wanted and (
-            RestWatch(self._world, wanted),
+            RestWatch(self._world, wanted, held_in_place(self._tpg, recording, wanted)),
             GripWatch(self._world, wanted),
         )
         for stretch in stretches(self._world, recording):

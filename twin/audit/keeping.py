@@ -144,7 +144,7 @@ def keeping_violations(
     asked: dict[str, tuple[float, str]] = {
         part: (ends[step], step) for part, step in wanted.keeps.items() if step in ends
     }
-    for part, task, end in _kept_in_plan(tpg, recording, spans):
+    for part, task, end in _kept_until(tpg, recording, spans):
         asked[part] = max(asked.get(part, (end, task)), (end, task), key=itemgetter(0))
     for part, (end, until) in asked.items():
         placed = _placed(recording, part)
@@ -157,10 +157,24 @@ def keeping_violations(
             yield Violation(leaves, end, part, robot, 0.0, detail, "support")
 
 
-def _kept_in_plan(
-    tpg: TemporalPlanGraph, recording: Recording, spans: Mapping[str, NodeSpans]
-) -> Iterator[tuple[str, str, float]]:
-    """Yield parts that the plan has let go of after a task of another robot, its words and its end.
+def held_in_place(
+    tpg: TemporalPlanGraph, recording: Recording, wanted: Wanted
+) -> dict[str, tuple[float, float]]:
+    """Return from when to when parts that are kept hold of are held where they were put down [s].
+
+    That is as long as who placed them stands still, whatever they are kept hold of for.
+    """
+    parts = {*wanted.keeps, *(part for part, _ in _kept_in_plan(tpg))}
+    placed = {part: _placed(recording, part) for part in parts}
+    return {
+        part: (at[1], _leaves(recording.robots[at[0]], at[1]))
+        for part, at in placed.items()
+        if at is not None
+    }
+
+
+def _kept_in_plan(tpg: TemporalPlanGraph) -> Iterator[tuple[str, int]]:
+    """Yield parts that the plan has let go of after a task of another robot, and that task.
 
     The way back of who keeps hold is a task of its own, about the part, in which nothing changes
     hands; of all others it belongs to the skill that places.
@@ -179,6 +193,14 @@ def _kept_in_plan(
             (h.object, h.holder) == (back.object, None) for h in place.handlings
         ):
             continue
+        yield back.object, first
+
+
+def _kept_until(
+    tpg: TemporalPlanGraph, recording: Recording, spans: Mapping[str, NodeSpans]
+) -> Iterator[tuple[str, str, float]]:
+    """Yield parts that the plan keeps hold of, the words of the task until which, and its end."""
+    for part, first in _kept_in_plan(tpg):
         chain = tpg.chains[tpg.chain_index[tpg.tasks[first].robot]]
         nodes = np.flatnonzero(chain.task == first)
         if chain.robot in recording.robots:
@@ -189,7 +211,7 @@ def _kept_in_plan(
         else:
             continue
         if np.isfinite(end):
-            yield back.object, tpg.tasks[first].label, end
+            yield part, tpg.tasks[first].label, end
 
 
 def _placed(recording: Recording, part: str) -> tuple[str, float] | None:

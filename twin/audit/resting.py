@@ -28,16 +28,24 @@ _SINKS = 0.3
 class RestWatch:
     """Looks at every state of what is at rest, and notes who hangs in the air.
 
-    Fixtures stand, and so do tools that are changed, which racks hold. What rests on something that stands, stands too; see ``Hold`` for what counts
-    as resting.
+    Fixtures stand, and so do tools that are changed, which racks hold, and parts that their robot
+    keeps hold of. What rests on something that stands, stands too; see ``Hold`` for what counts as
+    resting.
 
     Args:
         world: to measure in.
         wanted: what keeps objects at rest, and how near is touching.
+        held: from when to when parts are held where they were put down: they stand meanwhile [s].
     """
 
-    def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
+    def __init__(
+        self,
+        world: AuditWorld,
+        wanted: Wanted,
+        held: Mapping[str, tuple[float, float]],
+    ) -> None:
         self._world, self._wanted = world, wanted
+        self._held_from_to, self._propped = held, frozenset[str]()
         cell = world.cell
         self._shapes = shapes_by_entity((*world.fixtures, *world.objects))
         self._poses: dict[str, Transform] = {f.name: f.pose for f in cell.fixtures}
@@ -59,15 +67,21 @@ class RestWatch:
 
     def look(self, stretch: RunStretch) -> None:
         """Check the state of a stretch, where it is another than before."""
-        t = float(stretch.t[0])
-        if self._update(stretch.placements):
+        self._last = float(stretch.t[-1])
+        begin = float(stretch.t[0])
+        ends = {end for _, end in self._held_from_to.values()}
+        for t in (begin, *sorted(end for end in ends if begin < end <= self._last)):
+            self._look_at(stretch.placements, t)
+
+    def _look_at(self, placements: Mapping[str, ObjectRow], t: float) -> None:
+        """Check the state at a time [s]."""
+        if self._update(placements, t):
             hanging = self._floating()
             for name in [name for name in self._hanging if name not in hanging]:
                 self._close(name, t)
             for name in hanging:
                 if name not in self._hanging:
                     self._hanging[name] = (t, *self._nearest(name, hanging))
-        self._last = float(stretch.t[-1])
 
     def violations(self) -> list[Violation]:
         """Return what hung in the air, from when to when."""
@@ -82,12 +96,16 @@ class RestWatch:
             Violation(since, until, name, nearest, gap, detail, "hanging")
         )
 
-    def _update(self, placements: Mapping[str, ObjectRow]) -> bool:
-        """Take over what has changed; tell whether anything has."""
+    def _update(self, placements: Mapping[str, ObjectRow], t: float) -> bool:
+        """Take over what has changed by a time [s]; tell whether anything has."""
         resting = {k: row for k, row in placements.items() if row.holder is None}
         gone = [k for k, row in self._rows.items() if resting.get(k) is not row]
         come = [k for k, row in resting.items() if self._rows.get(k) is not row]
-        fallen = False
+        spans = self._held_from_to.items()
+        held = {name for name, (begin, end) in spans if begin <= t < end}
+        propped = frozenset(self._wanted.doors | held)
+        fallen = changed = propped != self._propped
+        self._propped = propped
         for name in gone:
             del self._rows[name], self._poses[name]
             self._bounds[self._number[name]] = np.nan
@@ -99,7 +117,7 @@ class RestWatch:
             self._carried[name].clear()
             self._stands -= {name} - self._ground
         if fallen:
-            self._stands = {*self._ground, *(self._wanted.doors & self._rows.keys())}
+            self._stands = {*self._ground, *(propped & self._rows.keys())}
             self._stand_on(self._stands)
         for name in come:
             self._rows[name] = resting[name]
@@ -108,12 +126,10 @@ class RestWatch:
             self._carriers[name] = set()
             for other in self._near(name):
                 self._join(name, other)
-            if name in self._wanted.doors or not self._carriers[name].isdisjoint(
-                self._stands
-            ):
+            if name in propped or not self._carriers[name].isdisjoint(self._stands):
                 self._stands.add(name)
                 self._stand_on([name])
-        return bool(gone or come)
+        return bool(gone or come or changed)
 
     def _stand_on(self, names: Iterable[str]) -> None:
         """Note that what is carried by things that stand, stands too."""

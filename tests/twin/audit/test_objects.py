@@ -224,6 +224,28 @@ def test_a_brick_that_is_let_go_in_the_air_and_caught_again(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
+    ("keeps", "since"), [({}, 4.5), ({"b1": "cap"}, 6.5), ({"b2": "cap"}, 4.5)]
+)
+def test_what_is_kept_hold_of_hangs_in_the_air_only_once_its_robot_leaves(
+    tmp_path: Path, keeps: dict[str, str], since: float
+) -> None:
+    """``left`` lets go of b1 30 mm above the plate at 4.5 s, and stands there until 6.5 s."""
+    cell = two_arm_cell([brick("b1", X, Y)])
+    path = straight_down(cell, "left", EDGE, Y, CONTACT + 0.06, CONTACT, 61)
+    way = np.vstack([path, path[59:29:-1], path[30], path[29::-1]])
+    t = np.concatenate([np.arange(91) * 0.05, 6.5 + np.arange(31) * 0.05])
+    run = HandWrittenRun(cell, handled("b1"))
+    run.move("left", t, way)
+    start = cell.object("b1").start
+    run.put(3.0, "b1", "left", in_hand(cell, "left", path[60], start))
+    run.put(4.5, "b1", None, at(0.0, 0.0, 0.03) @ start)
+    (v,) = found(run, tmp_path, replace(STUDS, keeps=keeps), "hanging")
+    assert (v.first, v.second) == ("b1", "plate")
+    assert (v.t_start, v.t_end) == (since, pytest.approx(8.0))
+    assert v.depth_m == pytest.approx(0.03, abs=1e-5)
+
+
+@pytest.mark.parametrize(
     ("below", "opening", "gap"),
     [
         (0.0080, 0.0, 0.0),
