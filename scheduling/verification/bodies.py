@@ -21,6 +21,7 @@ from scheduling.verification.object_places import Carried, Resting
 from scheduling.verification.reference import (
     ReferenceBody,
     ReferenceRobot,
+    SeenFrom,
     resting_parts,
 )
 from scheduling.verification.sweeps import DIRECTIONS, SweepBounds, farthest
@@ -34,13 +35,13 @@ class Motion:
     """A part, from knot to knot.
 
     Attributes:
-        robot: that it belongs to, None for what rests in the world.
+        robot: that it belongs to, and from where it is seen; None for what does not move.
         part: the part.
         knots: piece k leads straight from knot k to knot k + 1, shape (s + 1, n).
         frames: of its joint at the knots, shape (s + 1, 4, 4).
     """
 
-    robot: ReferenceRobot | None
+    robot: ReferenceRobot | SeenFrom | None
     part: ReferenceBody
     knots: Array
     frames: Array
@@ -180,6 +181,7 @@ class VerifiedRobot:
 
     Attributes:
         name: of the robot.
+        home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.
         bodies: its parts, then what it carries.
@@ -193,6 +195,7 @@ class VerifiedRobot:
         carried: list[Carried],
     ) -> None:
         self.name, self.chain = placed.name, tpg.chain_index.get(placed.name)
+        self.home = placed.home
         loads = [
             (c, part)
             for c in carried

@@ -59,8 +59,9 @@ class Problem:
     Attributes:
         kind: ``"cycle"``, ``"order"`` (an edge or a chain against the planned order),
             ``"dependency"``, ``"handling"``, ``"jump"`` (of an object), ``"task"`` (what is done is
-            not what the task says), ``"path"`` (a robot jumps), ``"nodes"``, ``"hold"``, ``"rest"``
-            or ``"grip"`` (what is in a hand is too deep in it).
+            not what the task says), ``"path"`` (a robot jumps), ``"nodes"``, ``"hold"``, ``"rest"``,
+            ``"itself"`` (a robot touches itself, or what it carries) or ``"grip"`` (what is in a
+            hand is too deep in it).
         message: one sentence.
         first, second: the two sides, None for a cycle, and where there is one side.
         distance_m: distance measured where it was first seen, NaN where none was [m].

@@ -5,7 +5,7 @@ Shapes as coal knows them by itself: round things round, and hulls of what meshe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from typing import Any
 
@@ -193,6 +193,46 @@ class ReferenceRobot:
             )
             reach += float(self._limits[j]) if slides else 0.0
         return ReferenceBody(entity, joint, local, shape, centre, radius, weight)
+
+
+class SeenFrom:
+    """A robot as it moves in the eyes of one of its own joints.
+
+    Args:
+        robot: the robot.
+        joint: index of the joint, -1 for the base.
+
+    Attributes:
+        after: True for joints that move anything in its eyes, shape (n,).
+        turns: True for those of them that turn, shape (n,).
+    """
+
+    def __init__(self, robot: ReferenceRobot, joint: int) -> None:
+        self._robot, self._joint = robot, joint
+        self.after = np.arange(robot.dof) > joint
+        self.turns = robot.turns & self.after
+
+    def joint_frame(self, q: Array, joint: int) -> Array:
+        """Return the pose of a joint at ``q``, shape (4, 4)."""
+        return np.asarray(self.joint_frames_along(np.asarray(q)[None])[0, joint + 1])
+
+    def joint_frames_along(self, path: Array) -> Array:
+        """Return poses of base and joints at many configurations, shape (s, n + 1, 4, 4)."""
+        frames = self._robot.joint_frames_along(path)
+        return np.asarray(inverses(frames[:, self._joint + 1, None]) @ frames)
+
+    def seen(self, part: ReferenceBody) -> ReferenceBody:
+        """Return a part of the robot as only the joints after this one move it."""
+        return replace(part, weight=part.weight * self.after)
+
+
+def inverses(poses: Array) -> Array:
+    """Return the inverses of poses, shape (..., 4, 4)."""
+    turned = np.swapaxes(poses[..., :3, :3], -1, -2)
+    out = np.zeros_like(poses)
+    out[..., :3, :3], out[..., 3, 3] = turned, 1.0
+    out[..., :3, 3] = -(turned @ poses[..., :3, 3, None])[..., 0]
+    return out
 
 
 def resting_parts(entity: str, shape: Shape, pose: Transform) -> list[ReferenceBody]:

@@ -15,6 +15,9 @@ from scheduling.verification.reference import (
     measure,
 )
 
+SLACK = 1e-4
+"""Overlaps up to this are none, where nothing says more: hulls are larger than what they contain [m]."""
+
 Depths = Mapping[frozenset[str], list[tuple[frozenset[int], float]]]
 """By pair of names: in which tasks these may touch, and how deep they may then be in each other [m]."""
 
@@ -50,7 +53,7 @@ def too_deep_in_hand(
     carried: list[Carried],
     allowed: Depths,
 ) -> Iterator[Problem]:
-    """Yield what is too deep in the tool that holds it, or in something else in the same hand.
+    """Yield what is too deep in the hand that holds it, or in something else in the same hand.
 
     From then on until it is let go of they move as one, so that one look at each hold is enough.
 
@@ -64,7 +67,7 @@ def too_deep_in_hand(
         chain = tpg.chains[held.chain]
         robot = geometry[chain.robot]
         load = _load(tpg, robot, held)
-        beside = [part for part in robot.parts if part.entity.endswith("/tool")]
+        beside = [part for part in robot.parts if part.joint == robot.dof - 1]
         for other in carried[:k]:
             if other.chain == held.chain and _meet(other, held):
                 beside += _load(tpg, robot, other)
@@ -81,7 +84,7 @@ def too_deep_in_hand(
             pair = frozenset((held.object, entity))
             entries = allowed.get(pair, ())
             most = max((d for now, d in entries if tasks & now), default=0.0)
-            if depth > most + TOLERANCE:
+            if depth > max(most + TOLERANCE, SLACK):
                 where = held.chain, min(held.start[0], len(chain) - 1)
                 text = (
                     f"{held.object!r} is {depth * 1e3:.2f} mm deep in {entity} while"

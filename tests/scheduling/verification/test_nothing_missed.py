@@ -13,6 +13,7 @@ from planning.transforms import Array, rotation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import Motion
+from scheduling.verification.measuring import Measuring
 from scheduling.verification.reference import ReferenceRobot, measure
 from scheduling.verification.sweeps import (
     DIRECTIONS,
@@ -20,7 +21,7 @@ from scheduling.verification.sweeps import (
     close_pairs,
     farthest,
 )
-from scheduling.verification.verify import Measuring, verify_plan
+from scheduling.verification.verify import verify_plan
 from tests.scheduling.two_arms import random_turns, two_arms
 
 CLEARANCE = 0.001
