@@ -221,6 +221,8 @@ def _check_poses(name: str, poses: npt.NDArray[Any]) -> None:
 def _check_chain(prefix: str, arrays: Arrays, tasks: int) -> None:
     first, task = arrays[f"{prefix}first"], arrays[f"{prefix}task"]
     fraction, points = arrays[f"{prefix}fraction"], len(arrays[f"{prefix}waypoints"])
+    if not len(task):
+        raise OutputError(f"{prefix}task is empty: a chain has nodes")
     _require(np.diff(first) > 0, f"{prefix}first", first, "does not rise")
     if first[0] != 0 or first[-1] != points:
         raise OutputError(f"{prefix}first does not run from 0 to {points}")

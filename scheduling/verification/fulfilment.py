@@ -51,7 +51,7 @@ def not_as_said(
         for index, first, stop in _nodes_of_tasks(chain):
             done.setdefault(index, []).append((k, first, stop))
     for task in tpg.tasks:
-        if task.index not in done and task.kind != TRANSIT:
+        if task.index not in done and (task.kind != TRANSIT or task.handlings):
             text = f"task {task.index} ({task.label}) of {task.robot!r} has no node"
             yield Problem("task", text)
         for own in done.get(task.index, ()):
@@ -87,8 +87,10 @@ def _of_task(
             yield f"its path has {len(way)} waypoints, and that of its task {len(task.path)}"
         elif (away := np.abs(way - task.path).max()) > _SAME:
             yield f"its path is up to {away:.3g} rad or m beside that of its task"
-    elif task.goal and (away := np.abs(way[-1] - task.path[-1]).max()) > _SAME:
-        yield f"it ends {away:.3g} rad or m beside the goal of its task"
+    elif task.goal:
+        away = np.abs(way[-1:] - task.path[-1:]).max(initial=0.0)
+        if away > _SAME:
+            yield f"it ends {away:.3g} rad or m beside the goal of its task"
     about = task.object if task.kind in HANDLED_IN else None
     if about is not None and all(h.object != about for h in handled):
         yield f"{about!r} does not change hands in it"
