@@ -157,10 +157,17 @@ def _done(
 
 
 def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
-    """Return from when to when a robot is at some nodes [s], None if it never is."""
+    """Return from when to when a robot is at some nodes [s], None if it never is.
+
+    What takes no time has no rows of its own within limits: it is passed where the next node begins.
+    """
     own = np.flatnonzero(np.isin(rows.node, nodes))
     if not len(own):
-        return None
+        after = int(np.searchsorted(rows.node, nodes[0]))
+        if not 0 < after < len(rows.node):
+            return None
+        passed = float(rows.t[after - 1])
+        return passed, passed
     return float(rows.t[max(0, int(own[0]) - 1)]), float(rows.t[own[-1]])
 
 
