@@ -23,8 +23,9 @@ from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.timing.torque import ArmDynamics, Payload, too_weak, why_unchecked
 from planning.transforms import Array, from_rpy
 from twin.check.finding import Finding, Findings, Subject, millimetres
-from twin.durations import Packaged, PackagedSkill
+from twin.durations import DurationModel, Packaged, PackagedSkill
 from twin.scenario.sections.parts import PartsSection
+from twin.uncertainty.skill_durations import SkillDurations
 
 _SUNK = 0.005
 """A base may be in what it stands on by this [m]."""
@@ -253,19 +254,26 @@ _SKILLS: dict[str, tuple[PackagedSkill, ...]] = {
 
 
 def check_skill_times(subject: Subject) -> Findings:
-    """Yield skills of assemblies other than LEGO that take LEGO's packaged times."""
+    """Yield skills of assemblies other than LEGO in which someone takes LEGO's packaged times."""
     execution = subject.scenario.execution
-    kind = subject.scenario.assembly.kind
-    packaged = [
-        (skill, duration)
-        for skill in _SKILLS.get(kind, ())
-        if isinstance(duration := execution.skills[skill], Packaged)
-    ]
+    models = {k: v for k, v in execution.skills.items() if isinstance(v, DurationModel)}
+    durations = SkillDurations(models, execution.skill_overrides)
+    robots = [robot.name for robot in subject.scenario.cell.robots]
+    kinds = dict.fromkeys(item.kind for item in subject.cell.objects if not item.fixed)
+    packaged: dict[str, float] = {}
+    takers: dict[str, None] = {}
+    for skill in _SKILLS.get(subject.scenario.assembly.kind, ()):
+        for robot, kind in product(robots, kinds):
+            duration = durations.model_of(skill, robot, kind)
+            if isinstance(duration, Packaged):
+                packaged[skill] = duration.mean
+                takers[robot] = None
     if packaged:
-        means = ", ".join(f"{skill} {item.mean:.2f} s" for skill, item in packaged)
+        means = ", ".join(f"{skill} {mean:.2f} s" for skill, mean in packaged.items())
+        who = f", by {', '.join(takers)}" if len(takers) < len(robots) else ""
         yield Finding(
             ("execution", "skills"),
             f"these skills take the packaged times of a LEGO tool with force control ({means} in the"
-            f" mean), and this is no LEGO: give execution.skills your own (twin fit makes them from"
-            " measured times)",
+            f" mean{who}), and this is no LEGO: give execution.skills your own (twin fit makes them"
+            " from measured times)",
         )

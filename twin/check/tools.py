@@ -38,6 +38,9 @@ _IN_FRONT, _SHARE = 0.01, 1.0 / 3.0
 _PLAY = 0.001
 """Openings that differ by less are the same [m]."""
 
+_DRAWN = 0.05
+"""Share of an opening by which fingers may be drawn beside it, each by no more than ``_PLAY``."""
+
 _ALONG = 0.7
 """A tool whose z axis is so much along the axis of the last joint points out of its flange."""
 
@@ -206,13 +209,18 @@ def check_openings(subject: Subject) -> Findings:
                 " close: its description has no fingers, or 'tcp' or 'closing' is wrong (twin robots"
                 " shows where everything is)",
             )
-        elif gap > most + _PLAY or gap < least - _PLAY:
+        elif gap > most + _play(most) or gap < least - _play(most):
             yield Finding(
                 at,
                 f"the fingers of {tool} are held {millimetres(gap)} apart, and opening_m is"
                 f" {millimetres(least)} to {millimetres(most)}: one of the two is wrong, or 'closing' is"
                 " across the fingers",
             )
+
+
+def _play(opening: float) -> float:
+    """Return by how much fingers may be held beside an opening: either may be drawn a little off [m]."""
+    return max(_PLAY, min(2.0 * _PLAY, _DRAWN * opening))
 
 
 def finger_gap(model: RobotModel, frame: Array) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import re
 import time
 from pathlib import Path
@@ -124,6 +125,29 @@ def test_what_is_refused_could_not_be_planned(mistake: str, tmp_path: Path) -> N
     file = written(tmp_path, text)
     with pytest.raises(TwinError):
         plan_scenario(read_scenario(file)[0], tmp_path)
+
+
+_EXCEPTION = "{{skill: {}, robot: {}, duration: {{kind: fixed, value_s: 1}}}}"
+
+
+@pytest.mark.parametrize(
+    ("robots", "words"),
+    [
+        (("left", "right"), []),
+        (("left",), [" s in the mean, by right)"]),
+        ((), [" s in the mean)"]),
+    ],
+)
+def test_exceptions_of_every_robot_stand_in_for_packaged_times(
+    robots: tuple[str, ...], words: list[str], tmp_path: Path
+) -> None:
+    """As ``twin fit --by robot --apply`` writes them."""
+    listed = [_EXCEPTION.format("pick", name) for name in robots]
+    text = CELL.replace("    pick: {kind: fixed, value_s: 2}\n", "")
+    text += "  skill_overrides: [" + ", ".join(listed) + "]\n"
+    said = [item.message for item in checked(written(tmp_path, text)).findings]
+    assert len(said) == len(words)
+    assert all(map(operator.contains, said, words)), said
 
 
 def test_many_findings_at_one_place_are_counted(tmp_path: Path) -> None:

@@ -128,6 +128,17 @@ def test_a_sound_hand_passes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("opening", "said"), [("0.059", 0), ("0.0581", 0), ("0.0575", 1), ("0.05", 1)]
+)
+def test_fingers_may_be_drawn_a_little_wider_than_they_open(
+    tmp_path: Path, opening: str, said: int
+) -> None:
+    """Each by a millimetre, as a vendor's are that open to 85 mm and are drawn 86 mm apart."""
+    found = findings(tmp_path, "opening_m: 0.08}", f"opening_m: {opening}}}")
+    assert len([m for m, _, _ in found if "are held 60.0 mm apart" in m]) == said
+
+
+@pytest.mark.parametrize(
     ("old", "new", "words", "line", "level"),
     rows(r"""
 old                        | new                                          | says                                    | line | level
