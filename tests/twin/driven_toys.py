@@ -22,12 +22,16 @@ def driven_tpg(
     tasks: int = 6,
     nodes_per_transit: int = 6,
     edges: int = 8,
+    jerk: float | None = None,
 ) -> TemporalPlanGraph:
-    """Return a random graph whose transits are one or two straight stretches, with random limits."""
+    """Return a random graph whose transits are one or two straight stretches, with random limits.
+
+    That of jerk is the same for all joints where it is given.
+    """
     tpg = random_tpg(
         seed, dofs=dofs, tasks=tasks, nodes_per_transit=nodes_per_transit, edges=edges
     )
-    return with_limits(tpg, np.random.default_rng(seed), _straightened)
+    return with_limits(tpg, np.random.default_rng(seed), _straightened, jerk)
 
 
 DRIVEN_TPGS = st.builds(
@@ -44,20 +48,25 @@ def with_limits(
     tpg: TemporalPlanGraph,
     rng: np.random.Generator,
     laid: Callable[[NodeChain, np.random.Generator], NodeChain],
+    jerk: float | None = None,
 ) -> TemporalPlanGraph:
     """Return a graph with random limits, and with chains as they are laid at random."""
-    robots = tuple(_limited(robot, rng) for robot in tpg.cell.robots)
+    robots = tuple(_limited(robot, rng, jerk) for robot in tpg.cell.robots)
     chains = tuple(laid(chain, rng) for chain in tpg.chains)
     cell = replace(tpg.cell, robots=robots)
     return within_limits(replace(tpg, cell=cell, chains=chains))
 
 
-def _limited(robot: PlacedRobot, rng: np.random.Generator) -> PlacedRobot:
+def _limited(
+    robot: PlacedRobot, rng: np.random.Generator, jerk: float | None
+) -> PlacedRobot:
     """Return a robot with random limits."""
     n = robot.model.dof
     limits = MotionLimits(
         rng.uniform(0.5, 3.0, n), rng.uniform(1.0, 10.0, n), rng.uniform(20, 500, n)
     )
+    if jerk is not None:
+        limits = replace(limits, jerk=np.full(n, jerk))
     return replace(robot, limits=limits)
 
 

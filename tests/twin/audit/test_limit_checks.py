@@ -32,6 +32,7 @@ from twin.uncertainty.skill_durations import SkillDurations
 
 CALM = Disturbances()
 KINDS = ("joint-speed", "joint-acceleration", "joint-jerk")
+KEYS = ("velocity", "acceleration", "jerk")
 
 
 def found_in(cell: Workcell, rows: Mapping[str, RobotRows]) -> list[Violation]:
@@ -40,10 +41,10 @@ def found_in(cell: Workcell, rows: Mapping[str, RobotRows]) -> list[Violation]:
 
 
 def executed(
-    seed: int, disturbances: Disturbances = CALM
+    seed: int, disturbances: Disturbances = CALM, jerk: float | None = None
 ) -> tuple[Workcell, dict[str, RobotRows]]:
     """A made-up run of robots within limits, as its table tells it."""
-    tpg = driven_tpg(seed, tasks=10, edges=20)
+    tpg = driven_tpg(seed, tasks=10, edges=20, jerk=jerk)
     times = SkillDurations(packaged_timings())
     run = simulate(tpg, times, seed=seed, disturbances=disturbances)
     rows = {
@@ -59,6 +60,55 @@ def test_runs_within_limits_pass(seed: int) -> None:
     stalled = Disturbances(stalls=Stalls(count_per_robot=3))
     for disturbances in (CALM, stalled):
         assert found_in(*executed(seed, disturbances)) == []
+
+
+STALLED = Disturbances(stalls=Stalls(count_per_robot=3))
+
+
+@pytest.mark.parametrize("jerk", [5e4, 1e6])
+def test_runs_pass_whatever_the_scale_of_their_limits(jerk: float) -> None:
+    """Accelerations build up within microseconds, of which a nanosecond is not little."""
+    for seed in range(6):
+        assert found_in(*executed(seed, STALLED, jerk)) == []
+
+
+@pytest.mark.parametrize(
+    ("jerk", "number"),
+    [(j, k) for j in (5e4, 1e6) for k in range(3) if (j, k) != (1e6, 2)],
+)
+def test_what_is_beyond_a_limit_is_found_at_any_scale(jerk: float, number: int) -> None:
+    """By a ten thousandth; of a jerk of 1e6 ten microseconds of whole nanoseconds tell no more."""
+    cell, rows = executed(1, STALLED, jerk)
+    robot, own = cell.robots[0], rows["robot_0"]
+    assert own.v is not None
+    assert own.a is not None
+    assert robot.limits is not None
+    long = np.diff(own.t) > 1e-5
+    jerks = np.abs(np.diff(own.a, axis=0)) / np.diff(own.t)[:, None]
+    told = [np.abs(own.v), np.abs(own.a), jerks[long]]
+    most = told[number].max(axis=0)
+    joint = int(np.argmax(most))
+    limit = np.array(getattr(robot.limits, KEYS[number]))
+    limit[joint] = most[joint] / 1.00012
+    tight = replace(robot.limits, **{KEYS[number]: limit})
+    found = found_in(limited(cell, tight), {"robot_0": own})
+    seen = {(v.kind, v.second) for v in found}
+    assert seen == {(KINDS[number], robot.model.joint_names[joint])}
+    for v in found:
+        said, limited_to = v.detail.split(", its limit is ")
+        assert float(said.split()[0]) > float(limited_to.split()[0])
+
+
+def test_an_acceleration_that_is_there_at_once_is_found() -> None:
+    """Within a nanosecond, in a motion whose positions and speeds fit it."""
+    t = np.array([0.0, 0.5, 0.5 + 1e-9, 1.0])
+    a = np.array([[0.0], [0.0], [9.0], [9.0]])
+    since = np.maximum(t - 0.5, 0.0)[:, None]
+    rows = RobotRows(t, 4.5 * since**2, np.arange(4), 9.0 * since, a)
+    limits = MotionLimits(*(np.array([top]) for top in (10.0, 10.0, 1e6)))
+    (found,) = found_in(limited(toy_cell([1]), limits), {"robot_0": rows})
+    assert found.kind == "joint-jerk"
+    assert found.detail.startswith("9e+09 rad/s^3, its limit is 1e+06 rad/s^3")
 
 
 def made(seed: int, joints: int = 2) -> RobotRows:
@@ -118,7 +168,9 @@ def test_a_limit_is_exceeded_where_looking_often_says_so(
     seen = {(v.kind, v.first, v.second) for v in found}
     assert seen == ({(kind, "robot_0", f"joint_{joint}")} if share < 1.0 else set())
     for v in found:
-        assert v.detail.startswith("1 times its limit of")
+        top, limit = tops[kind][joint], wide[kind][joint]
+        assert v.detail.startswith(f"{top:.6g} rad/s")
+        assert f", its limit is {limit:.6g} rad/s" in v.detail
         assert 0.0 <= v.t_start < v.t_end <= rows.t[-1]
 
 
@@ -216,7 +268,8 @@ def test_the_audit_of_a_run_holds_it_to_its_limits(
     for violation in found:
         assert violation.first == "left"
         assert violation.second == left.model.joint_names[joint]
-        assert violation.detail.startswith("1 times its limit of")
+        said, limited_to = violation.detail.split(", its limit is ")
+        assert float(said.split()[0]) > float(limited_to.split()[0])
 
 
 def test_a_run_within_limits_needs_speeds_in_its_table(tmp_path: Path) -> None:
