@@ -7,7 +7,7 @@ the order nearest to a list that keeps all of them, or the steps that wait for e
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
@@ -51,6 +51,31 @@ def near_to(
         if gap <= within:
             out[name] = gap
     return out
+
+
+def nearest_to(part: Lying, others: Mapping[str, Lying]) -> tuple[str, float] | None:
+    """Return the entity nearest to a part, and how far it is [m]; None where there is no other."""
+    low, high = bounds(part)
+    least = {
+        name: float(np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0.0)))
+        for name, (a, b) in ((k, bounds(other)) for k, other in others.items())
+    }
+    best: tuple[str, float] | None = None
+    for name in sorted(others, key=least.__getitem__):
+        if best is not None and least[name] > best[1]:
+            break
+        gap = _gap(part, others[name])
+        if best is None or gap < best[1]:
+            best = name, gap
+    return best
+
+
+def nearest_words(name: str, part: Lying, others: Mapping[str, Lying]) -> str:
+    """Return in words what is nearest to a part, and how far it is."""
+    found = nearest_to(part, others)
+    if found is None:
+        return f"nothing else is there by then to be near {name}"
+    return f"nearest to {name} is {found[0]}, {found[1] * 1e3:.1f} mm away"
 
 
 def _gap(one: Lying, other: Lying) -> float:
@@ -346,8 +371,12 @@ class StepPrecedence:
         done = self._doable()
         return done if len(done) == len(self.before) else None
 
-    def explained(self) -> str:
-        """Return in words why there is no order."""
+    def explained(self, lacks: Callable[[Collection[int]], str] | None = None) -> str:
+        """Return in words why there is no order.
+
+        Args:
+            lacks: says what keeps steps, which need one of each other, from what stands.
+        """
         done = set(self._doable())
         stuck = [k for k in range(len(self.before)) if k not in done]
         way = [stuck[0]]
@@ -355,13 +384,23 @@ class StepPrecedence:
             waits = [k for k in self.before[way[-1]] if k not in done]
             if not waits:
                 others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
-                return f"  {self.words[way[-1]]} needs one of these before it: {others}"
+                text = f"  {self.words[way[-1]]} needs one of these before it: {others}"
+                return text + ("" if lacks is None else lacks(self._together(way[-1])))
             way.append(min(waits))
         circle = way[way.index(way[-1]) :]
         return "\n".join(
             f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
             for then, first in pairwise(circle)
         )
+
+    def _together(self, step: int) -> list[int]:
+        """Return a step and those that come before it or that it needs one of, and so on."""
+        found, front = {step}, [step]
+        while front:
+            new = (self.any_of[front[-1]] | self.before[front.pop()].keys()) - found
+            found |= new
+            front += new
+        return sorted(found)
 
     def _doable(self) -> tuple[int, ...]:
         """Return the steps that can be done one after another, as far as that goes."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.cell.robot_model import ToolGrip
 from planning.contacts.precedence import Overlaps
-from planning.statics.standing import BalanceRules
+from planning.statics.standing import BalanceRules, Joint
 from planning.tasks.work import Supply
 from planning.transforms import Array, Transform, readonly
 
@@ -277,12 +277,15 @@ class PartAssembly:
         """Names of the parts that are placed, in the order of the steps."""
         return placed_parts(self.steps)
 
-    def is_joined(self, part: str) -> bool:
-        """Tell whether a part is joined to another one, so that it may touch nothing."""
-        rules = self.balance
-        return rules is not None and any(
-            part in (item.joint.first, item.joint.second) for item in rules.joined
-        )
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """What is joined, where it is looked at what stands."""
+        return tuple(item.joint for item in self.balance.joined) if self.balance else ()
+
+    def joined_to(self, part: str) -> tuple[str, ...]:
+        """Return what a part is joined to: it may touch nothing of what is there before it."""
+        found = (joint.ends for joint in self.joints if part in joint.ends)
+        return tuple(a if b == part else b for a, b in found)
 
 
 _AXES = "xyz"

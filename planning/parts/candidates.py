@@ -13,6 +13,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import Grip, PartAssembly, moves_on
 from planning.parts.balance import kept_as_said, stand_of_all
+from planning.parts.joints import require_joints
 from planning.parts.part_skills import PartSkills, process_targets
 from planning.parts.part_steps import (
     KnownStep,
@@ -115,10 +116,11 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
 
     Raises:
         InfeasibleStepError: a part would hang in the air, goes where something is or through it,
-            or something would fall.
+            is joined to something far from it, or something would fall.
     """
     changes = find_tool_changes(cell, assembly.goals)
     around = with_tools(cell, NO_TOOLS)
+    require_joints(around, assembly)
     steps = part_steps(around, assembly)
     stand = Stand(frozenset(), kept_as_said(steps))
     if assembly.balance is not None:

@@ -12,7 +12,7 @@ does and a later step joins it, its robot keeps hold of it, and that step comes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,12 +27,14 @@ from planning.contacts.precedence import (
     build_part_graph,
     leads_through,
     near_to,
+    nearest_to,
     stacked,
 )
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
+from planning.parts.joints import in_place, room
 from planning.parts.part_steps import part_steps
 from planning.progress import Progress, no_progress
 from planning.statics.standing import BalanceRules
@@ -127,8 +129,8 @@ class _AnyOrder:
         """
         graph = self._graph()
         any_of = tuple(
-            frozenset(self._placing[other] for other in graph.neighbours[step.part])
-            if isinstance(step, PlacePart) and step.part not in graph.ground
+            self._one_of(graph, step.part)
+            if isinstance(step, PlacePart)
             else frozenset[int]()
             for step in self._steps
         )
@@ -149,6 +151,32 @@ class _AnyOrder:
             out.require(first, then, why)
         return out
 
+    def _one_of(self, graph: PartGraph, part: str) -> frozenset[int]:
+        """Return the steps one of which comes before a part, as it touches or is joined to nothing else."""
+        near = {*graph.neighbours[part], *self._assembly.joined_to(part)}
+        if part in graph.ground or not near <= self._goals.keys():
+            return frozenset()
+        return frozenset(self._placing[other] for other in near)
+
+    def _lacks(self, steps: Collection[int]) -> str:
+        """Return in words how far parts, none of which touches what stands, are from that."""
+        lying = in_place(self._cell, self._assembly)
+        there = {k: v for k, v in lying.items() if k not in self._goals}
+        found = []
+        for name in dict.fromkeys(
+            s.part for k, s in self._places.items() if k in steps
+        ):
+            if (near := nearest_to(self._goals[name], there)) is not None:
+                found.append((near[1], name, near[0]))
+        if not found:
+            return ""
+        gap, name, other = min(found)
+        return (
+            f"; none of them touches what stands: nearest is {name}, {gap * 1e3:.1f} mm from {other}"
+            f" (touch_m {self._assembly.touch:g}): put it nearer, or join the two over that room"
+            f" (joined: {{parts: [{name}, {other}], gap_m: {room(gap):g}}})"
+        )
+
     def ordered(self, known: StepPrecedence) -> PartAssembly:
         """Return the assembly with its steps in the order nearest to the list.
 
@@ -158,7 +186,7 @@ class _AnyOrder:
         order = known.order()
         if order is None:
             raise InfeasibleStepError(
-                f"there is no order of the steps\n{known.explained()}"
+                f"there is no order of the steps\n{known.explained(self._lacks)}"
             )
         return replace(self._assembly, steps=tuple(self._steps[k] for k in order))
 

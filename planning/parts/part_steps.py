@@ -14,6 +14,7 @@ from planning.contacts.precedence import (
     Overlaps,
     leads_through,
     near_to,
+    nearest_words,
     standing,
 )
 from planning.errors import InfeasibleStepError
@@ -220,8 +221,11 @@ def _place_step(
     around = _around(cell, {k: pose for k, pose in where.items() if k != name})
     lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
     at_goal = near_to((part, goal), lying, assembly.touch)
-    if not assembly.is_joined(name):
-        _require_standing(f"step {number} ({name})", at_goal)
+    if not at_goal and not assembly.joined_to(name):
+        raise InfeasibleStepError(
+            f"step {number} ({name}) would leave it in the air: it touches neither a fixture nor a part"
+            f" that is there by then; {nearest_words(name, (part, goal), lying)}"
+        )
     _require_room(number, name, at_goal, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
     rules = assembly.handling(name).grips
@@ -260,14 +264,6 @@ def require_ways(
                         f"step {number} ({part.name}) leads through {other} on the straight way"
                         f" {words}"
                     )
-
-
-def _require_standing(step: str, touched: Mapping[str, float]) -> None:
-    if not touched:
-        raise InfeasibleStepError(
-            f"{step} would leave it in the air: it touches neither a fixture nor a part that is"
-            " there by then"
-        )
 
 
 def _require_room(

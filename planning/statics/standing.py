@@ -62,18 +62,25 @@ class PlacedBody:
 
 @dataclass(frozen=True)
 class Joint:
-    """Two bodies joined where they touch, such as by a weld or a screw.
+    """Two bodies joined where they touch, such as by a weld or a screw, or across a gap.
 
     Attributes:
         first, second: names of the bodies, either of which may be of the ground.
         force: most that it bears along each axis [N].
         torque: most that it bears about each axis [N m].
+        gap: room between them, of a connector that is no part [m].
     """
 
     first: str
     second: str
     force: float = math.inf
     torque: float = math.inf
+    gap: float = 0.0
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Names of both bodies."""
+        return self.first, self.second
 
     @property
     def endless(self) -> bool:
@@ -120,8 +127,9 @@ class Standing:
         }
         self.patches: dict[tuple[str, str], tuple[ContactPatch, ...]] = {}
         """Contacts by pair of names; the second is a body, the first one or of the ground."""
+        self._between: dict[Joint, tuple[ContactPatch, ...]] = {}
         for first, second in self._pairs():
-            found = self._contacts(first, second)
+            found = self._contacts(first, second, self.rules.touch)
             if found:
                 self.patches[first, second] = found
 
@@ -237,22 +245,30 @@ class Standing:
         touch = self.rules.touch
         return bool(np.all(low <= most + touch) and np.all(least <= high + touch))
 
-    def _contacts(self, first: str, second: str) -> tuple[ContactPatch, ...]:
+    def _contacts(
+        self, first: str, second: str, touch: float
+    ) -> tuple[ContactPatch, ...]:
         one = self._ground.get(first) or self.bodies[first]
         other = self.bodies[second]
         (low, high), (least, most) = self._boxes[first], self._boxes[second]
-        near = np.all(low[:, None] <= most + self.rules.touch, axis=2)
-        near &= np.all(least <= high[:, None] + self.rules.touch, axis=2)
+        near = np.all(low[:, None] <= most + touch, axis=2)
+        near &= np.all(least <= high[:, None] + touch, axis=2)
         patches = (
             contact_patch(one.pieces[a], one.pose, other.pieces[b], other.pose)
             for a, b in np.argwhere(near).tolist()
         )
-        return tuple(patch for patch in patches if patch.gap <= self.rules.touch)
+        return tuple(patch for patch in patches if patch.gap <= touch)
 
     def _middle(self, joint: Joint) -> Array:
-        """Return where a joint is: the middle of the contact, or between the bodies."""
+        """Return where a joint is: the middle of the contact, of the gap, or between the bodies."""
         pair = (joint.first, joint.second)
         patches = self.patches.get(pair) or self.patches.get(pair[::-1])
+        if not patches and joint.gap > 0.0:
+            if joint not in self._between:
+                ends_at = pair if joint.second in self.bodies else pair[::-1]
+                touch = self.rules.touch + joint.gap
+                self._between[joint] = self._contacts(*ends_at, touch)
+            patches = self._between[joint]
         if patches:
             return np.asarray(np.vstack([p.points for p in patches]).mean(axis=0))
         ends = [self._ground.get(name) or self.bodies[name] for name in pair]

@@ -141,7 +141,7 @@ class ContactRule:
     """
 
     def __init__(self, tpg: TemporalPlanGraph, wanted: Wanted | None = None) -> None:
-        self._nodes = frozenset[frozenset[str]]() if wanted is None else wanted.joined
+        self._nodes = frozenset(() if wanted is None else wanted.joined)
         self._node_depth = 0.0 if wanted is None else wanted.joined_overlap_m
         self._recording = Recording({}, (), 0.0)
         self._tasks = {chain.robot: chain.task for chain in tpg.chains}

@@ -132,7 +132,7 @@ class Wanted:
         helpers: whether further objects may stay where they only help, such as temporary bricks.
         processes: that are to be done, in any order but for what they are to come after.
         joined: pairs of objects, or of an object and a fixture, that hold each other in their
-            places.
+            places, each with the room between the two [m].
         joined_overlap_m: how deep these may be in each other [m].
         rests: where parts lie on their way and are worked at without a robot, in order for each.
         doors: objects that machines hold, so that they rest on nothing.
@@ -146,7 +146,7 @@ class Wanted:
     opening_m: float = 0.0
     helpers: bool = False
     processes: tuple[WantedProcess, ...] = ()
-    joined: frozenset[frozenset[str]] = frozenset()
+    joined: Mapping[frozenset[str], float] = field(default_factory=dict)
     joined_overlap_m: float = 0.0
     rests: tuple[WantedRest, ...] = ()
     doors: frozenset[str] = frozenset()

@@ -14,6 +14,7 @@ from twin.check.lying import (
     check_centres,
     check_fixtures,
     check_goals,
+    check_joints,
     check_meshes,
     check_starts,
 )
@@ -44,6 +45,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_homes,
     check_starts,
     check_goals,
+    check_joints,
     check_balance,
     check_centres,
     check_grips,

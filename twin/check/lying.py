@@ -7,8 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from planning.cell.shape import Mesh
-from planning.contacts.precedence import MOST_OVERLAP, Lying, bounds, near_to, standing
+from planning.contacts.precedence import (
+    MOST_OVERLAP,
+    Lying,
+    bounds,
+    near_to,
+    nearest_words,
+    standing,
+)
 from planning.parts.assembly import PlacePart
+from planning.parts.joints import wide_joints
 from planning.parts.part_steps import node_remedy, steps_in_order
 from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import PartsSection
@@ -87,13 +95,31 @@ def check_goals(subject: Subject) -> Findings:
                     + node_remedy(name, other, -gap, assembly.overlaps),
                     error=True,
                 )
-        if not touched and not assembly.is_joined(name):
+        if not touched and not assembly.joined_to(name):
+            near = nearest_words(name, (cell.object(name), goal), lying)
             yield Finding(
                 at,
                 f"{name} would be left in the air: {place} it touches neither a fixture nor a"
-                f" part that is there by then (touch_m {section.touch_m:g})",
+                f" part that is there by then (touch_m {section.touch_m:g}); {near}",
                 error=True,
             )
+
+
+def check_joints(subject: Subject) -> Findings:
+    """Yield what is joined to something that is farther from it than the joint says."""
+    if subject.parts is None:
+        return
+    listed = [set(item.parts) for item in subject.parts.section.joined]
+    for joint, words in wide_joints(subject.cell, subject.parts.listed):
+        own = {_listed(name, subject.parts.section) for name in joint.ends}
+        at = ("assembly", "joined", listed.index(own))
+        yield Finding(at, words, error=True)
+
+
+def _listed(name: str, section: PartsSection) -> str:
+    """Return the name that the file has for a part, that of a product without its number."""
+    known = {end for item in section.joined for end in item.parts}
+    return name if name in known else name.rpartition(".")[0]
 
 
 def check_centres(subject: Subject) -> Findings:

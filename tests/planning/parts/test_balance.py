@@ -126,6 +126,7 @@ def test_what_touches_nothing_may_stand_where_it_is_joined() -> None:
     free = PartAssembly(goals, steps, balance=RULES)
     with pytest.raises(InfeasibleStepError, match="in the air"):
         part_steps(cell(), free)
-    joined = (Joined(Joint("table", "post")), Joined(Joint("post", "beam")))
+    across = Joint("post", "beam", gap=0.02)
+    joined = (Joined(Joint("table", "post")), Joined(across))
     built = replace(free, balance=replace(RULES, joined=joined))
     assert balance(built).stand().waits == {(0, 1)}

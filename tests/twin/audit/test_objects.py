@@ -98,6 +98,18 @@ def test_a_brick_that_ends_beside_its_place(
         assert f"up to {away * 1e3:.2f} mm off" in v.detail
 
 
+@pytest.mark.parametrize(("room", "hangs"), [(0.029, False), (0.02, True), (0.0, True)])
+def test_what_is_joined_across_a_gap_rests_as_near_as_its_joint_says(
+    room: float, hangs: bool, tmp_path: Path
+) -> None:
+    """30 mm above the plate that it is joined to."""
+    goal = at(X, Y, CONTACT - BRICK[2] / 2 + 0.03)
+    joined = {frozenset({"b1", "plate"}): room}
+    wanted = Wanted((Place("step 1", goal, "2x4", "b1"),), "weight", joined=joined)
+    seen = found(moved_brick(goal), tmp_path, wanted, "hanging")
+    assert [v.second for v in seen] == (["plate"] if hangs else [])
+
+
 def test_a_named_part_must_not_be_turned(tmp_path: Path) -> None:
     goal = brick("b1", X, Y).start @ rotation("z", np.pi)
     wanted = Wanted((Place("goal", goal, "2x4", "b1"),))

@@ -79,14 +79,14 @@ def assembly_of(line: Line) -> PartAssembly:
             ),
         ),
         balance=_balance(section),
-        overlaps=Overlaps(joined_pairs(section), section.joined_overlap_m),
+        overlaps=Overlaps(frozenset(joined_pairs(section)), section.joined_overlap_m),
         supply=line.supply,
     )
 
 
-def joined_pairs(section: PartsSection) -> frozenset[frozenset[str]]:
-    """Return the pairs that are joined."""
-    return frozenset(frozenset(item.parts) for item in section.joined)
+def joined_pairs(section: PartsSection) -> dict[frozenset[str], float]:
+    """Return the pairs that are joined, each with the room between the two [m]."""
+    return {frozenset(item.parts): item.gap_m for item in section.joined}
 
 
 def _balance(section: PartsSection) -> BalanceRules | None:
@@ -97,7 +97,13 @@ def _balance(section: PartsSection) -> BalanceRules | None:
     rules = StandingRules(own.friction, np.deg2rad(own.tilt_deg), section.touch_m)
     joined = (
         Joined(
-            Joint(first, second, item.force_n or np.inf, item.torque_nm or np.inf),
+            Joint(
+                first,
+                second,
+                item.force_n or np.inf,
+                item.torque_nm or np.inf,
+                item.gap_m,
+            ),
             item.by,
         )
         for item in section.joined

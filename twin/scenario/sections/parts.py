@@ -41,10 +41,12 @@ class JoinedSection(Section):
             the later of them when not given.
         force_n: most that the joint bears along each axis; whatever comes when not given.
         torque_nm: most that it bears about each axis; whatever comes when not given.
+        gap_m: room between the two, such as of a connector that is no part, beside ``touch_m``.
     """
 
     parts: Two[Name]
     by: Name | None = None
+    gap_m: Annotated[float, Field(ge=0, le=1)] = 0.0
     force_n: Annotated[float, Field(gt=0, le=1e9)] | None = None
     torque_nm: Annotated[float, Field(gt=0, le=1e9)] | None = None
 
