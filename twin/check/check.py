@@ -18,6 +18,7 @@ from twin.check.lying import (
     check_meshes,
     check_starts,
 )
+from twin.check.masses import check_payloads
 from twin.check.reach import check_reach
 from twin.check.robots import (
     check_bases,
@@ -30,7 +31,6 @@ from twin.check.tools import (
     check_flanges,
     check_grips,
     check_openings,
-    check_payloads,
     check_tool_frames,
     check_units,
 )

@@ -5,7 +5,6 @@ Checks of units: lengths a thousand times too large, as millimetres are where me
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -165,28 +164,6 @@ def check_flanges(subject: Subject) -> Findings:
         if doubt is not None and along < _ALONG:
             at = subject.robot_at(robot.name, "flange", "model")
             yield Finding(at, f"flange of {robot.name} ({model.name}): {doubt}")
-
-
-def check_payloads(subject: Subject) -> Findings:
-    """Yield parts to be placed that are too heavy for every robot, its tool counted."""
-    section = subject.scenario.assembly
-    if not isinstance(section, PartsSection):
-        return
-    placed = {step.place for step in section.steps}
-    free = {
-        robot.name: math.inf if robot.model.drives is None else robot.model.drives.spare
-        for robot in subject.cell.robots
-    }
-    listing = ", ".join(f"{name} {left:.3g} kg" for name, left in free.items())
-    for part in subject.cell.objects:
-        named = {part.name, part.name.rpartition(".")[0]}  # of products, NAME.1
-        if named & placed and part.mass > max(free.values()):
-            yield Finding(
-                subject.thing_at(part.name, "mass_kg"),
-                f"{part.name} weighs {part.mass:g} kg, which no robot carries beside its tool ({listing};"
-                " limits.payload_kg)",
-                error=True,
-            )
 
 
 def check_openings(subject: Subject) -> Findings:

@@ -188,7 +188,9 @@ def _rack_tool(
     mount, rack = build_transform(own.mount), build_transform(own.rack)
     shape = tool_shape(name, model, mount)
     start = frame_pose(robot, robot.home) @ mount if robot.tool == name else rack
-    item = CellObject(name, name, shape, readonly(start), colour=_TOOL_COLOUR)
+    item = CellObject(
+        name, name, shape, readonly(start), own.mass_kg or 0.0, colour=_TOOL_COLOUR
+    )
     seconds = own.rack.change_time.located(folder).mean
     return RackTool(item, mount, rack, own.rack.approach_m, seconds, model)
 

@@ -171,7 +171,7 @@ def _part(part: PartSection, steps: tuple[str, ...], folder: Path) -> CellObject
         kind=part.shape_words,
         shape=shape,
         start=readonly(build_transform(part.start)),
-        mass=part.mass_kg,
+        mass=part.mass_kg or (part.density_kg_m3 or 0.0) * shape.volume,
         fixed=part.name not in steps,
         colour=(red, green, blue),
     )

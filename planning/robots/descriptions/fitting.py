@@ -33,6 +33,7 @@ class Tool:
         closing: axis of that frame along which fingers close.
         frames: further frames, each a pose in the frame of the root link.
         grip: how it holds; None for tools that hold nothing.
+        mass: of all of it, in place of what its description adds up to; None for that [kg].
     """
 
     name: str
@@ -45,6 +46,7 @@ class Tool:
     closing: Literal["x", "y"] = "y"
     frames: Mapping[str, Transform] = field(default_factory=dict)
     grip: ToolGrip | None = None
+    mass: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

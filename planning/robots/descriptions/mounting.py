@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh
+from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
 from planning.cell.shape import Element as PlacedForm
 from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.fitting import (
@@ -42,6 +42,7 @@ from planning.robots.descriptions.urdf_file import (
     serial_chain,
     tip_link,
 )
+from planning.robots.descriptions.weights import weigh
 from planning.robots.descriptions.xml_files import (
     find_mesh_of_package,
     kept_folder,
@@ -338,6 +339,11 @@ def _mount(
         _cut(body, path, tool.within)
     without_prefixes(body)
     tcp = _tcp(body, tree.root, tool)
+    if tool.mass is not None:
+        centre = 0.5 * tcp[:3, 3]
+        if tool.shapes:
+            centre = Shape(tool.shapes, ()).centre_of_mass
+        weigh(body, tree.root, tool.mass, centre, float(np.linalg.norm(tcp[:3, 3])))
     _rename(body, f"{tool.name}.")
     for child in body:
         if child.tag in ("link", "joint", "material"):

@@ -93,7 +93,7 @@ version: 1
 name: hands
 cell:
   tools:
-    hand: {description: hand.urdf, joints: {squeeze: 0.03}, opening_m: 0.08}
+    hand: {description: hand.urdf, joints: {squeeze: 0.03}, opening_m: 0.08, mass_kg: 0.5}
   robots:
     - {name: arm, model: ARM, tool: hand, home_deg: [0, -100, 110, -100, -90, 0], limits: {payload_kg: 3}}
   fixtures:
@@ -134,7 +134,7 @@ def test_fingers_may_be_drawn_a_little_wider_than_they_open(
     tmp_path: Path, opening: str, said: int
 ) -> None:
     """Each by a millimetre, as a vendor's are that open to 85 mm and are drawn 86 mm apart."""
-    found = findings(tmp_path, "opening_m: 0.08}", f"opening_m: {opening}}}")
+    found = findings(tmp_path, "opening_m: 0.08", f"opening_m: {opening}")
     assert len([m for m, _, _ in found if "are held 60.0 mm apart" in m]) == said
 
 
@@ -142,10 +142,10 @@ def test_fingers_may_be_drawn_a_little_wider_than_they_open(
     ("old", "new", "words", "line", "level"),
     rows(r"""
 old                        | new                                          | says                                    | line | level
-opening_m: 0.08}           | opening_m: 0.05}                             | hand are held 60.0 mm apart             | 7    | warning
-opening_m: 0.08}           | opening_m: 0.08, closing: x}                 | nothing of hand on both sides           | 7    | warning
+opening_m: 0.08            | opening_m: 0.05                              | hand are held 60.0 mm apart             | 7    | warning
+opening_m: 0.08            | opening_m: 0.08, closing: x                  | nothing of hand on both sides           | 7    | warning
 size_m: [0.06, 0.04, 0.04] | size_m: [0.1, 0.1, 0.1]                      | and hand opens to 80.0 mm               | 14   | error
-opening_m: 0.08}           | opening_m: 0}                                | and hand holds nothing                  | 14   | error
+opening_m: 0.08            | opening_m: 0                                 | and hand holds nothing                  | 14   | error
 mass_kg: 1}                | mass_kg: 3.5}                                | a weighs 3.5 kg, which no robot carries | 14   | error
 "squeeze: 0.03}, "         | "squeeze: 0.03}, mount: {xyz_m: [0, 0, 0], rpy_deg: [0, 90, 0]}, " | ""                                      | 0    | warning
 """),
@@ -195,7 +195,7 @@ def test_a_process_may_work_at_a_distance_in_front_of_its_tool(
     (tmp_path / "hand.urdf").write_text(GRIPPER)
     look = "  processes: {look: {duration: {kind: fixed, value_s: 1}, frame: camera}}\n"
     text = CELL.replace("ARM", "ur5e").replace(
-        "opening_m: 0.08}", f"opening_m: 0.08, frames: {{camera: {{xyz_m: {frame}}}}}}}"
+        "opening_m: 0.08", f"opening_m: 0.08, frames: {{camera: {{xyz_m: {frame}}}}}"
     )
     text = text.replace("  steps: [a]", f"{look}  steps: [a]")
     file.write_text(text)

@@ -73,6 +73,7 @@ class ToolSection(Section):
         opening_m: farthest that its fingers open, or least and farthest; 0 for a tool that holds
             nothing. Without it, and without suction, what assembly.grips says holds.
         suction: whether it holds by suction, at one face.
+        mass_kg: of all of it; default: what its description adds up to.
         frames: further frames by name, each a pose in the frame of its root link.
         rack: pose of its root link where it lies while no robot has it on it; for tools that are
             changed.
@@ -87,6 +88,7 @@ class ToolSection(Section):
     closing: Literal["x", "y"] = "y"
     opening_m: Several[Opening] | Opening | None = None
     suction: bool = False
+    mass_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     rack: RackSection | None = None
 

@@ -109,6 +109,7 @@ class PartSection(ShapedSection):
         source: name of the source that it is taken from.
         goal: pose of that frame once it is in place; a part without one stays where it is.
         mass_kg: its mass.
+        density_kg_m3: in place of it, what a cubic metre of it weighs.
         centre_of_mass_m: its centre of mass in the frame of its shape; that of a body that is
             equally dense throughout when not given.
         colour: red, green, blue.
@@ -126,6 +127,7 @@ class PartSection(ShapedSection):
     source: Name | None = None
     goal: PoseSection | None = None
     mass_kg: Mass = 0.0
+    density_kg_m3: Annotated[float, Field(gt=0, le=1e5)] | None = None
     centre_of_mass_m: Vector3 | None = None
     colour: Colour = (190, 140, 90)
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
@@ -141,7 +143,14 @@ class PartSection(ShapedSection):
             raise ValueError(
                 "where does it come from? Give start, a pose, or source, the name of one"
             )
+        if self.density_kg_m3 is not None and self.mass_kg > 0.0:
+            raise ValueError("give mass_kg or density_kg_m3, not both")
         return self
+
+    @property
+    def weight_told(self) -> bool:
+        """Whether it is known what it weighs."""
+        return self.mass_kg > 0.0 or self.density_kg_m3 is not None
 
 
 class PartGripSection(Section):
