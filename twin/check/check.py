@@ -26,14 +26,17 @@ from twin.check.robots import (
     check_homes,
     check_skill_times,
     check_speeds,
+    check_standing_times,
 )
 from twin.check.tools import (
     check_flanges,
     check_grips,
     check_openings,
+    check_suction,
     check_tool_frames,
     check_units,
 )
+from twin.check.work import check_machines, check_works
 from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
@@ -53,8 +56,12 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_tool_frames,
     check_openings,
     check_payloads,
+    check_suction,
     check_efforts,
+    check_works,
+    check_machines,
     check_skill_times,
+    check_standing_times,
     check_speeds,
 )
 """Quick checks; reach is looked at only where these found no error, as it takes what they check."""

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from typing import get_args
 
 import numpy as np
 
@@ -251,6 +252,23 @@ _SKILLS: dict[str, tuple[PackagedSkill, ...]] = {
     "construction": ("pick", "place-down"),
 }
 """Skills that every assembly of a kind uses."""
+
+
+def check_standing_times(subject: Subject) -> Findings:
+    """Yield that nothing which is done takes any time."""
+    execution = subject.scenario.execution
+    every: tuple[str, ...] = get_args(PackagedSkill)
+    used = [*_SKILLS.get(subject.scenario.assembly.kind, every)]
+    used += subject.scenario.processes
+    given = [execution.skills.get(name) for name in used]
+    given += [item.duration for item in execution.skill_overrides if item.skill in used]
+    known = [item.mean for item in given if isinstance(item, DurationModel)]
+    if subject.cell.objects and len(known) == len(given) and not any(known):
+        yield Finding(
+            ("execution", "skills"),
+            f"all that is done takes 0 s ({', '.join(used)}): no fingers close and no tool turns in no time, so"
+            " this is a bound of what can be, and no forecast; give execution.skills durations",
+        )
 
 
 def check_skill_times(subject: Subject) -> Findings:

@@ -17,7 +17,8 @@ from planning.geometry.exact import Solid, distance_at
 from planning.parts.assembly import GripRules
 from planning.parts.grips import thinnest
 from planning.parts.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
-from planning.robots.overview import flange_doubt
+from planning.robots.descriptions.xml_files import read_xml
+from planning.robots.overview import flange_doubt, overview
 from planning.transforms import Array, Transform, readonly
 from twin.check.finding import Finding, Findings, Subject, millimetres
 from twin.check.reach import away_from, reach_bound
@@ -164,6 +165,44 @@ def check_flanges(subject: Subject) -> Findings:
         if doubt is not None and along < _ALONG:
             at = subject.robot_at(robot.name, "flange", "model")
             yield Finding(at, f"flange of {robot.name} ({model.name}): {doubt}")
+
+
+def check_suction(subject: Subject) -> Findings:
+    """Yield tools that are said to hold by suction, and whose descriptions have fingers that move."""
+    section = subject.scenario.assembly
+    everywhere = isinstance(section, PartsSection) and section.grips.suction
+    seen: set[RobotModel] = set()
+    for robot in subject.cell.robots:
+        model = robot.model
+        suction = everywhere if model.grip is None else model.grip.suction
+        if not suction or model in seen:
+            continue
+        seen.add(model)
+        fingers = moving_fingers(model)
+        if len(fingers) > 1:
+            tool = "its tool" if model.grip is None else model.grip.tool
+            said = "assembly.grips" if model.grip is None else f"cell.tools.{tool}"
+            yield Finding(
+                subject.robot_at(robot.name, "tool", "model"),
+                f"{tool} of {robot.name} is said to hold by suction ({said}.suction), at one face, and its"
+                f" description has {len(fingers)} joints that move ({', '.join(fingers[:_TOLD])}), as those of"
+                " fingers are: give opening_m in place of suction, or the description of a cup",
+            )
+
+
+_TOLD = 4
+"""How many joints are named."""
+
+
+def moving_fingers(model: RobotModel) -> list[str]:
+    """Return the joints of a tool that its description lets move, and that are held here."""
+    seen = overview(model)
+    links = {row.joint for row in seen.links if row.group == "tool"}
+    kinds = {
+        str(joint.get("name")): joint.get("held") or joint.get("type")
+        for joint in read_xml(model.urdf).findall("joint")
+    }
+    return [name for name, kind in kinds.items() if name in links and kind != "fixed"]
 
 
 def check_openings(subject: Subject) -> Findings:

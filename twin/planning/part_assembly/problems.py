@@ -292,6 +292,11 @@ def check_work(section: PartsSection, cell: CellSection) -> Found:
             words = f"no robot has the tool {process.tool!r}"
             yield at, words + (f" (valid: {', '.join(tools)})" if tools else "")
     fixtures = {item.name: item for item in cell.fixtures}
+    for name, machine in section.machines.items():
+        for i, own in enumerate(machine.fixtures):
+            if own not in fixtures:
+                words = unknown_name("fixture", own, tuple(fixtures))
+                yield ("assembly", "machines", name, "fixtures", i), words
     things = (*(part.name for part in section.parts), *fixtures)
     for k, item in enumerate(section.joined):
         for i, name in enumerate(item.parts):

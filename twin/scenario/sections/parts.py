@@ -79,9 +79,11 @@ class MachineSection(Section):
 
     Attributes:
         door: what is shut for as long as it works; nothing when not given.
+        fixtures: names of those that it is made of: what it works at lies on one of them.
     """
 
     door: DoorSection | None = None
+    fixtures: tuple[Name, ...] = ()
 
 
 def _real_direction(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -240,6 +242,7 @@ class ProcessSection(Section):
             pointing out of the surface; the first is where it comes to, the last where it leaves.
         turn_deg: turn of the tool about the frame's z axis; any when not given.
         turns: how many turns are tried where any will do.
+        distance_m: how far in front of itself the tool works, such as a camera.
     """
 
     duration: AnyDuration | None = None
@@ -251,13 +254,15 @@ class ProcessSection(Section):
     path: tuple[PoseSection, ...] = ()
     turn_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     turns: Annotated[int, Field(ge=1, le=72)] = 8
+    distance_m: Annotated[float, Field(ge=0, le=10)] = 0.0
 
     @model_validator(mode="after")
     def _of_robots_or_not(self) -> ProcessSection:
         if self.machine is not None and self.unattended:
             raise ValueError("give machine or unattended, not both")
         if self.without_robot:
-            for key in ("tool", "frame", "approach_m", "path", "turn_deg", "turns"):
+            of_robots = ("tool", "frame", "approach_m", "path", "turn_deg", "turns")
+            for key in (*of_robots, "distance_m"):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise ValueError(f"{key} is of a robot, and no robot does this")
         return self

@@ -1,0 +1,149 @@
+"""Checks of what is done to parts: tools that come to their places of work, machines that stand somewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from planning.cell.shape import Shape
+from planning.cell.workcell import Fixture, PlacedRobot
+from planning.contacts.precedence import Lying, near_to, nearest_to, standing
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.parts.assembly import MachineWork, PlacePart
+from planning.parts.part_skills import process_targets
+from planning.parts.part_steps import WorkStep, steps_in_order
+from planning.parts.tool_grips import tool_bodies
+from planning.transforms import Transform, inverse
+from twin.check.finding import Finding, Findings, Subject, millimetres, position
+from twin.scenario.sections.parts import MachineSection
+
+_BRIDGED = 0.02
+"""A tool that stays no farther than this from what it works at works at it [m]."""
+
+_BESIDE = 0.5
+"""A machine works at parts no farther than this from its door, and from each other [m]."""
+
+
+def check_works(subject: Subject) -> Findings:
+    """Yield processes in which the tool stays far from all that they are done at.
+
+    Some tools do work at a distance, and their processes say at which (``distance_m``).
+    """
+    parts = subject.parts
+    if parts is None:
+        return
+    listed = {id(step): k for k, step in enumerate(parts.listed.steps)}
+    seen: set[int] = set()
+    for known in parts.steps or ():  # none where one cannot be, which is said elsewhere
+        if not isinstance(known, WorkStep):
+            continue
+        step = known.step
+        number = listed[id(step)] % len(parts.section.steps)
+        if number in seen:
+            continue  # of another product
+        seen.add(number)
+        lying = standing(subject.cell)
+        lying |= {name: (item, at.pose) for name, (item, at) in known.around.items()}
+        there = {name: lying[name] for name in known.touched} or lying
+        found = [
+            (gap, robot.name, name)
+            for robot in subject.cell.robots
+            if step.done_by(robot.name)
+            and step.process.tool in (None, robot.tool)
+            and step.process.frame in {"flange", *robot.model.frames}
+            for name, gap in _nearest(robot, known, there)
+        ]
+        room = parts.section.processes[step.process.name].distance_m
+        if not found or min(found)[0] <= _BRIDGED + room:
+            continue
+        gap, robot, name = min(found)
+        said = f"distance_m {room:g} says" if room else "works at"
+        yield Finding(
+            subject.step_at(number + 1),
+            f"{step.words}: the tool of {robot} stays {millimetres(gap)} away from {name}, the nearest that it"
+            f" could work at, and at most {millimetres(_BRIDGED + room)} is what a tool {said}: move the place"
+            f" of work or the tool's frame {step.process.frame!r}; for what works at a distance, such as a"
+            f" camera, say processes.{step.process.name}.distance_m",
+        )
+
+
+def _nearest(
+    robot: PlacedRobot, known: WorkStep, there: Mapping[str, Lying]
+) -> Iterator[tuple[str, float]]:
+    """Yield what is nearest to the tool of a robot at each pose of its path, and how far it is [m]."""
+    process = known.step.process
+    body = Shape((), tuple(tool_bodies(robot.model)))
+    tip = inverse(frame_in_last_joint(robot.model, process.frame))
+    way = process_targets(process, known.place, process.turns[0])
+    for goal in way.targets.subgoals[way.first : way.last + 1]:
+        pose: Transform = goal.pose @ tip
+        found = nearest_to((Fixture("tool", body, pose), pose), there)
+        if found is not None:
+            yield found
+
+
+def check_machines(subject: Subject) -> Findings:
+    """Yield machines that work at parts elsewhere than they stand, or nowhere that anybody tells.
+
+    Where a machine names its fixtures, a part that lies on none of them cannot be worked at. Where it does
+    not, it stands where its parts are brought to; so they are to be brought, and to one place.
+    """
+    parts = subject.parts
+    if parts is None or isinstance(parts.found, str):
+        return
+    cell, machines, moved = subject.cell, parts.section.machines, set[str]()
+    places: dict[str, Transform] = {}
+    for number, step, where, _ in steps_in_order(cell, parts.listed):
+        if isinstance(step, PlacePart):
+            moved.add(step.part)
+        if not isinstance(step, MachineWork) or step.machine not in machines:
+            continue
+        name, pose, own = step.machine, where[step.part], machines[step.machine]
+        at, lying = subject.step_at(number), (cell.object(step.part), pose)
+        first = places.setdefault(name, pose)
+        spread = float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))
+        tell = f"machines.{name}.fixtures says where it stands"
+        if own.fixtures:
+            named = {k: v for k, v in standing(cell).items() if k in own.fixtures}
+            nearest = nearest_to(lying, named)
+            if nearest is not None and not near_to(lying, named, parts.section.touch_m):
+                yield Finding(
+                    at,
+                    f"{name} works at {step.part}, which lies on none of its fixtures by then: {nearest[0]} is"
+                    f" {millimetres(nearest[1])} away (touch_m {parts.section.touch_m:g}); put it there before"
+                    " ({place: PART, at: {fixture: NAME}}), or change machines."
+                    + name
+                    + ".fixtures",
+                    error=True,
+                )
+        elif (gap := _from_door(own, lying, subject)) is not None and gap > _BESIDE:
+            yield Finding(
+                at,
+                f"{name} works at {step.part} {gap:.2f} m away from its door: {tell}",
+            )
+        elif spread > _BESIDE:
+            yield Finding(
+                at,
+                f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"
+                f" {position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
+            )
+        elif step.part not in moved and own.door is None:
+            yield Finding(
+                at,
+                f"{name} works at {step.part} where that lies at the start, at"
+                f" {position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
+            )
+
+
+def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | None:
+    """Return how far a part is from the door of a machine, None where it has none [m]."""
+    if own.door is None:
+        return None
+    from twin.planning.build_workcell import build_shape
+    from twin.scenario.sections.shapes import build_transform
+
+    shape = build_shape("door", own.door.described, subject.folder)
+    pose = build_transform(own.door.pose)
+    found = nearest_to(lying, {"door": (Fixture("door", shape, pose), pose)})
+    return None if found is None else max(0.0, found[1])
