@@ -283,7 +283,7 @@ class Audit:
 
     @property
     def min_distance_m(self) -> float:
-        """Least distance of any two robots; infinite with fewer than two [m]."""
+        """Least distance of any two robots with what they carry; infinite with fewer than two [m]."""
         return self.report.min_distance_m
 
     @property

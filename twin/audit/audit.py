@@ -21,7 +21,7 @@ import numpy as np
 from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import ContactRule, GripWatch
+from twin.audit.grips import SLACK, ContactRule, GripWatch
 from twin.audit.keeping import (
     NodeSpans,
     edge_violations,
@@ -80,9 +80,10 @@ class AuditReport:
 
     Attributes:
         configurations: number of different configurations of the whole cell that were checked.
-        min_distance_m: least distance of any two robots that was measured, negative if they
-            overlap; infinite with fewer than two robots [m].
-        min_distance_bound_m: nearer than this no two robots were at any moment; at most 0.05 mm
+        min_distance_m: least distance that was measured of any two robots with what they carry,
+            where they are not meant to touch; negative if they overlap, infinite with fewer than
+            two robots [m].
+        min_distance_bound_m: nearer than this they were at no moment; at most 0.05 mm
             less than ``min_distance_m`` [m].
         violations: by time; empty when all is well.
         engine: what distances were measured with, and its version.
@@ -290,11 +291,14 @@ class _Watch:
         def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
             return depth_at(a.entity, b.entity, sample)
 
-        asked = Asked(lambda: self._least, depth)
+        def meant(a: WatchedShape, b: WatchedShape, sample: int) -> bool:
+            return depth(a, b, sample) > SLACK
+
+        asked = Asked(lambda: self._least, depth, meant)
         for gap in gaps(self._world, stretch, self._exempt, asked):
             a, b = gap.first, gap.second
             robots = a.robot is not None and b.robot is not None and a.robot != b.robot
-            if robots:
+            if gap.between_robots:
                 self._least = min(self._least, gap.distance)
                 self._bound = min(self._bound, gap.bound)
             if gap.distance > 0.0:

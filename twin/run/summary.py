@@ -289,7 +289,7 @@ def _audit_row(audit: Mapping[str, Any] | None) -> tuple[str, str, str]:
     least = audit["min_distance_m"]
     remark = f"{audit['configurations']} configurations"
     if least is not None:
-        remark += f", robots at least {1000 * least:.1f} mm apart"
+        remark += f", robots and loads at least {1000 * least:.1f} mm apart"
     if engine := audit.get("engine"):
         remark += f", measured with {engine}"
     if helpers := audit.get("helpers"):

@@ -122,6 +122,39 @@ def test_robots_report_their_least_distance_when_they_stay_apart(
     assert report.configurations == 1
 
 
+@pytest.mark.parametrize("meant", [False, True])
+def test_what_a_robot_carries_counts_where_no_contact_is_meant(
+    tmp_path: Path, meant: bool
+) -> None:
+    """The left arm holds out a rod towards the tool of the right one."""
+    at = translation(0.48, 0.0, 0.3)
+    rod = CellObject("rod", "rod", box_shape("rod", (0.16, 0.02, 0.02)), at)
+    cell = two_arm_cell([rod])
+    both = frozenset({0, 1})
+    allowed = [AllowedContact("rod", "right/tool", both)] if meant else []
+    run = HandWrittenRun(cell, allowed)
+    q = {r: reach(cell, r, x, 0.0, 0.3) for r, x in (("left", 0.4), ("right", 0.62))}
+    for robot in q:
+        run.move(robot, [0.0, 1.0], np.array([q[robot], q[robot]]))
+    run.put(0.0, "rod", "left", in_hand(cell, "left", q["left"], at))
+    world = open_world(cell)
+    for k, robot in enumerate(("left", "right")):
+        world.configure(k, q[robot])
+    (carried,) = world.objects
+    world.place(carried, at)
+    left, right = ([s for s in world.robot_shapes if s.robot == k] for k in (0, 1))
+    arms = min(world.distance(a, b, 1.0) for a in left for b in right)
+    to_rod = {s.entity: 1.0 for s in right}
+    for shape in right:
+        found = world.distance(carried, shape, 1.0)
+        to_rod[shape.entity] = min(to_rod[shape.entity], found)
+    world.close()
+    assert to_rod["right/tool"] < min(arms, to_rod["right/arm"]) - 0.005
+    least = min(arms, to_rod["right/arm"]) if meant else to_rod["right/tool"]
+    report = audit_run(run.write(tmp_path))
+    assert report.min_distance_m == pytest.approx(least, abs=2e-5)
+
+
 def test_tool_and_plate(tmp_path: Path) -> None:
     times, path = down_and_up(TOP + 0.0032 - 0.002)
     run = HandWrittenRun(two_arm_cell())
@@ -373,7 +406,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
                     if b.holder is None and i < arms and a.link == 0:
                         continue
                     gap = world.distance(a.shape, b.shape, 0.2)
-                    if i < arms and j < arms and a.holder != b.holder:
+                    if b.holder is not None and a.holder != b.holder:
                         least = min(least, gap)
                     pair = (a.shape.entity, b.shape.entity)
                     deepest[pair] = max(deepest.get(pair, -1.0), -gap)

@@ -44,6 +44,8 @@ class Gap:
         distance: [m].
         bound: less than this it cannot have been since the measurement before, where that is
             less than asked for; else ``distance`` [m].
+        between_robots: whether they are of two robots, or of what two robots carry, and are not
+            meant to touch.
     """
 
     first: WatchedShape
@@ -52,6 +54,7 @@ class Gap:
     until: int
     distance: float
     bound: float
+    between_robots: bool
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,12 @@ class Asked:
     Attributes:
         least: returns the least gap between robots so far [m].
         depth: returns the overlap that is allowed for two shapes at a sample [m].
+        meant: tells whether two shapes are meant to touch at a sample.
     """
 
     least: Callable[[], float]
     depth: Callable[[WatchedShape, WatchedShape, int], float]
+    meant: Callable[[WatchedShape, WatchedShape, int], bool]
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,7 @@ def gaps(
         asked: what must be excluded.
     """
     least = asked.least
-    watched = list(_pairs(stretch, len(world.robot_shapes), exempt, least()))
+    watched = list(_pairs(stretch, len(world.robot_shapes), exempt, asked))
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
     before: list[_PairDistance | None] = [None] * len(watched)
@@ -135,7 +140,8 @@ def gaps(
         if following is not None:
             heapq.heappush(due, (following, k))
         if distance <= 0.0 or (pair.between_robots and distance < least()):
-            yield Gap(pair.a.shape, pair.b.shape, sample, until, distance, distance)
+            shapes = pair.a.shape, pair.b.shape
+            yield Gap(*shapes, sample, until, distance, distance, pair.between_robots)
         now = _PairDistance(float(sample), pair.moved[sample], distance)
         last = before[k]
         if last is not None:
@@ -185,16 +191,16 @@ class _Between:
             _, _, bound, pair, low, high = heapq.heappop(self._open)
             if bound >= _needed(pair, low, high, self._asked):
                 continue
-            a, b = pair.a.shape, pair.b.shape
+            a, b, robots = pair.a.shape, pair.b.shape, pair.between_robots
             if high.moved - low.moved <= FINEST:
                 nearest = min(low.distance, high.distance)
-                yield Gap(a, b, int(low.at), int(low.at) + 1, nearest, bound)
+                yield Gap(a, b, int(low.at), int(low.at) + 1, nearest, bound, robots)
                 continue
             used = 0.5 * (low.moved + high.moved)
             at = pair.middle(low.at, high.at, used)
             distance = _measure(self._placer, pair, at, self._asked.least())
-            if distance <= 0.0 or pair.between_robots:
-                yield Gap(a, b, int(at), int(at) + 1, distance, distance)
+            if distance <= 0.0 or robots:
+                yield Gap(a, b, int(at), int(at) + 1, distance, distance, robots)
             middle = _PairDistance(at, used, distance)
             self.add(pair, low, middle)
             self.add(pair, middle, high)
@@ -217,7 +223,7 @@ def _needed(
 
 
 def _pairs(
-    stretch: RunStretch, arms: int, exempt: frozenset[tuple[int, int]], least: float
+    stretch: RunStretch, arms: int, exempt: frozenset[tuple[int, int]], asked: Asked
 ) -> Iterator[_Watched]:
     """Yield the pairs that come near each other; the first ``arms`` tracks are of robots.
 
@@ -229,7 +235,7 @@ def _pairs(
     if not moving:
         return
     stands = all(r.distinct[0] == r.distinct[-1] for r in stretch.robots)
-    watched = max(least, 0.0)  # how far apart robots are of interest
+    watched = max(asked.least(), 0.0)  # how far apart robots are of interest
     travelled = [np.append(0.0, np.cumsum(track.steps)) for track in moving]
     movers = movers_of(moving, slice(0, 1) if stands else slice(None))
     holders = np.array([track.holder for track in moving])
@@ -239,18 +245,32 @@ def _pairs(
         whose = np.array([*range(arms), *(arms + loads.index(name) for name in loads)])
         apart = whose[first] != whose[second]
         first, second = first[apart], second[apart]
-    between = (holders[first] != holders[second]) & (second < arms)
+    between = holders[first] != holders[second]
     room = np.where(between, watched, 0.0)
     for n, close in movers.near_movers(first, second, room):
         i, j = int(first[n]), int(second[n])
         a, b = moving[i], moving[j]
         same = a.holder == b.holder
         moved = _travelled_within(a, b) if same else travelled[i] + travelled[j]
-        yield _Watched(a, b, close, moved.tolist(), bool(between[n]))
+        apart = close
+        if between[n] and j >= arms:
+            apart = _not_meant(a.shape, b.shape, close, asked)
+            if len(apart) < len(close):
+                yield _Watched(a, b, close, moved.tolist(), False)
+        if apart:
+            yield _Watched(a, b, apart, moved.tolist(), bool(between[n]))
     # A base and a box at rest: nothing moves; bases stand on tables.
     some = [k for k, track in enumerate(moving) if track.link > 0 or k >= arms]
     for i, k, close in movers.near_boxes(np.array(some), boxes):
         yield _Watched(moving[i], boxes.tracks[k], close, travelled[i].tolist(), False)
+
+
+def _not_meant(
+    a: WatchedShape, b: WatchedShape, close: list[int], asked: Asked
+) -> list[int]:
+    """Return the samples at which a contact is not meant, and those at which that begins and ends."""
+    free = {k for k in close if not asked.meant(a, b, k)}
+    return [k for k in close if free & {k - 1, k, k + 1}]
 
 
 @lru_cache(maxsize=16)
