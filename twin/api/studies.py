@@ -15,7 +15,7 @@ from twin.audit.worlds.world import engine_named
 from twin.comparison.comparison import shortcut_budget
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.run.policies import OPEN_LOOP, SEQUENTIAL, policy_named
+from twin.run.policies import OPEN_LOOP, policy_named
 from twin.scenario.variations import Variation, variants, variation
 from twin.study.folder import (
     EDGES,
@@ -26,7 +26,12 @@ from twin.study.folder import (
     require_no_study,
     require_same_study,
 )
-from twin.study.plans import default_policies, given_plans, possible_policies
+from twin.study.plans import (
+    default_policies,
+    given_plans,
+    possible_policies,
+    with_baselines,
+)
 from twin.study.replications.statistics import Experiment, Precision
 from twin.study.replications.workload import check_cluster, open_executor
 from twin.study.report.report import write_report
@@ -272,7 +277,6 @@ def _variations(vary: Vary) -> list[Variation]:
 
 
 def _policies_of(plan: PlanResult) -> tuple[str, ...]:
-    """Return the policies that a plan is studied under by default: one task at a time, its own."""
+    """Return the policies that a plan is studied under by default: its own, and its baselines."""
     possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
-    both = tuple(dict.fromkeys((SEQUENTIAL, possible[-1])))
-    return tuple(p for p in both if p in possible)
+    return tuple(p for p in with_baselines(possible[-1]) if p in possible)

@@ -45,6 +45,10 @@ NAMED_POLICIES = {
 """What each name means, in the order of tables and charts."""
 
 
+PLAIN_POLICIES = (SEQUENTIAL, SYNCHRONOUS, SYNCHRONOUS_TPG, ASYNCHRONOUS)
+"""Those that are safe and take no shortcuts: what shortcuts are worth is told against these."""
+
+
 def _letters(text: str) -> str:
     """Return a name without what people write differently."""
     return text.lower().replace(" ", "").replace("_", "-").removesuffix("s")

@@ -23,6 +23,7 @@ from twin.planning.pipeline import (
 )
 from twin.run.policies import (
     ASYNCHRONOUS,
+    ASYNCHRONOUS_SHORTCUTS,
     AT_ONCE,
     IN_SLOTS,
     IN_TURNS,
@@ -47,7 +48,7 @@ Plans = Mapping[str, TemporalPlanGraph]
 
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
-    """Return the policies that a study has by default: one task at a time, and that of a run."""
+    """Return the policies that a study has by default: that of a run, and what it is compared with."""
     if scenario.planning.coordination == "synchronous":
         plan = SLOTS_SHORTENED if planned_shortcuts(scenario) else IN_SLOTS
     else:
@@ -55,7 +56,16 @@ def default_policies(scenario: Scenario) -> tuple[str, ...]:
     own = policy_name(plan, scenario.execution.policy)
     if own not in NAMED_POLICIES:
         own = ASYNCHRONOUS
-    return tuple(dict.fromkeys((SEQUENTIAL, own)))
+    return with_baselines(own)
+
+
+def with_baselines(policy: str) -> tuple[str, ...]:
+    """Return a policy behind those that it is compared with by default.
+
+    That is one task at a time; one with shortcuts is compared with the same motions without them, too.
+    """
+    plain = (ASYNCHRONOUS,) if policy == ASYNCHRONOUS_SHORTCUTS else ()
+    return tuple(dict.fromkeys((SEQUENTIAL, *plain, policy)))
 
 
 def plan_for_study(

@@ -12,6 +12,7 @@ from scipy import stats
 
 from planning.transforms import Array
 from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.replays import replay_cost
 from twin.study.replications.statistics import Block
@@ -189,16 +190,21 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
 
 def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
     chains = tuple(
-        replace(
-            chain,
-            duration=np.where(moving_nodes(load.tpg, chain), factor, 1.0)
-            * chain.duration,
-        )
-        if chain.robot == robot
-        else chain
+        _with_longer_motions(load.tpg, chain, factor) if chain.robot == robot else chain
         for chain in load.tpg.chains
     )
     return replace(load, tpg=replace(load.tpg, chains=chains))
+
+
+def _with_longer_motions(
+    tpg: TemporalPlanGraph, chain: NodeChain, factor: float
+) -> NodeChain:
+    """Return a chain whose motions take a factor of their times, within limits those at full speed."""
+    factors = np.where(moving_nodes(tpg, chain), factor, 1.0)
+    drive = chain.drive
+    if drive is not None:
+        drive = replace(drive, cruise=factors * drive.cruise)
+    return replace(chain, duration=factors * chain.duration, drive=drive)
 
 
 def _with_stalls(load: Workload, factor: float) -> Workload:

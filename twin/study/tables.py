@@ -28,6 +28,7 @@ from twin.engine.bulk.bulk_engine import bulk_contraction
 from twin.engine.bulk.max_plus import OTHER, policy_graph
 from twin.host.guard import replacing
 from twin.recorders.observers import write_table
+from twin.run.policies import PLAIN_POLICIES
 from twin.scenario.variations import Variant
 from twin.study.replications.block_results import (
     COMPLETED,
@@ -120,11 +121,7 @@ def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
         "step": [task.step for task in tasks],
         "label": [task.label for task in tasks],
         "criticality": tally.critical / max(tally.count, 1),
-        "slack_mean_s": np.where(
-            tally.slack_ns >= 0,
-            tally.slack_ns / NANOSECONDS / max(tally.count, 1),
-            np.nan,
-        ),
+        "slack_mean_s": tally.slack_ns / NANOSECONDS / max(tally.count, 1),
     }
     for name, values in (("start", tally.start_ns), ("end", tally.end_ns)):
         for p in (10, 50, 90):
@@ -303,27 +300,45 @@ def _cell(
 def _differences(
     experiment: Experiment, samples: Sequence[Array]
 ) -> list[dict[str, Any]]:
-    """Return every policy against the first one, pair by pair, within the same variant."""
-    reference = experiment.policies[0]
+    """Return policies against each other, pair by pair, within the same variant.
+
+    Each is compared with the first one, and one with shortcuts with the best of those without, too.
+    """
     found = []
+    count = len(experiment.policies)
     for k, (policy, variant) in enumerate(experiment.cells):
-        first, second = samples[k], samples[k - k % len(experiment.policies)]
-        both = np.isfinite(first) & np.isfinite(second)
-        if policy == reference or not np.any(both):
-            continue
-        mirrored = experiment.antithetic and bool(np.all(both)) and len(both) > 1
-        absolute = mean_interval(
-            first[both] - second[both],
-            confidence=experiment.precision.confidence,
-            antithetic=mirrored,
-        )
-        found.append(
-            {
-                "policy": policy,
-                "reference": reference,
-                "variant": dict(variant),
-                "makespan_s": absolute.content(),
-                "relative": absolute.estimate / float(np.mean(second[both])),
-            }
-        )
+        begin = k - k % count
+        for other in dict.fromkeys((begin, _best_plain(experiment, samples, k))):
+            first, second = samples[k], samples[other]
+            both = np.isfinite(first) & np.isfinite(second)
+            if other == k or not np.any(both):
+                continue
+            mirrored = experiment.antithetic and bool(np.all(both)) and len(both) > 1
+            absolute = mean_interval(
+                first[both] - second[both],
+                confidence=experiment.precision.confidence,
+                antithetic=mirrored,
+            )
+            found.append(
+                {
+                    "policy": policy,
+                    "reference": experiment.policies[other - begin],
+                    "variant": dict(variant),
+                    "makespan_s": absolute.content(),
+                    "relative": absolute.estimate / float(np.mean(second[both])),
+                }
+            )
     return found
+
+
+def _best_plain(experiment: Experiment, samples: Sequence[Array], cell: int) -> int:
+    """Return the quickest cell without shortcuts beside one with them; else the first one."""
+    begin = cell - cell % len(experiment.policies)
+    if experiment.cells[cell][0] in PLAIN_POLICIES:
+        return begin
+    means = {
+        begin + k: float(np.mean(samples[begin + k]))
+        for k, policy in enumerate(experiment.policies)
+        if policy in PLAIN_POLICIES and np.all(np.isfinite(samples[begin + k]))
+    }
+    return min(means, key=lambda k: means[k], default=begin)

@@ -34,6 +34,7 @@ from twin.host.progress import Report, report_nothing
 from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
+from twin.run.policies import SHORTENED
 from twin.run.summary import summarise
 from twin.run.throughput import line_summary
 from twin.scenario.manifest import MANIFEST, load_scenario, manifest_base, read_manifest
@@ -192,6 +193,8 @@ class Preparation:
         turns_sha256: hash of the plan in turns, where it is another one.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
         step_order: numbers that the steps had before they were put into another order.
+        makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
+            plan is what became of it by a better order of tasks and shortcuts [s].
     """
 
     recording: bool
@@ -204,6 +207,7 @@ class Preparation:
     warnings: Sequence[str] = ()
     load_bound_s: float | None = None
     step_order: Sequence[int] = ()
+    makespan_asynchronous_s: float | None = None
 
 
 def prepare(
@@ -220,7 +224,7 @@ def prepare(
         recording=recording,
         audit=audit,
         planning_s=dict(plan.planning_s),
-        makespan_sequential_s=_sequential_s(plan),
+        makespan_sequential_s=_makespan_s(plan, plan.turns or plan.tpg, "sequential"),
         plan_sha256=plan_sha256(plan.tpg),
         warnings=(
             *plan.warnings,
@@ -231,15 +235,20 @@ def prepare(
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         load_bound_s=plan.load_bound_s,
         step_order=plan.step_order,
+        # What is left of the plan in turns beside one in slots does not say what waits for what.
+        makespan_asynchronous_s=None
+        if plan.turns is None or plan.name != SHORTENED
+        else _makespan_s(plan, plan.turns, "asynchronous"),
     )
 
 
-def _sequential_s(plan: PlanResult) -> float | None:
-    """Return the makespan of one task at a time [s], None where that comes to no end."""
+def _makespan_s(
+    plan: PlanResult, tpg: TemporalPlanGraph, policy: Policy
+) -> float | None:
+    """Return the makespan of a plan under a policy [s], None where that comes to no end."""
     case = plan.scenario
-    tpg = plan.turns or plan.tpg
     try:
-        baseline = execute(case.sections, tpg, case.folder, "sequential")
+        baseline = execute(case.sections, tpg, case.folder, policy)
     except DeadlockError:
         return None
     return baseline.makespan_s if baseline.outcome == "completed" else None
@@ -271,6 +280,9 @@ def figures(
         makespan_sequential_s=about.makespan_sequential_s if completed else None,
         warnings=about.warnings,
         line=line_summary(tpg, record, *assembly_kind(scenario.assembly).due()),
+    )
+    found["makespan_asynchronous_s"] = (
+        about.makespan_asynchronous_s if completed else None
     )
     found["load_bound_s"] = about.load_bound_s
     found["step_order"] = list(about.step_order) or None

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from planning.errors import RequestError
+from tests.twin.driven_toys import driven_tpg
 from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Fixed, Uniform
 from twin.engine.execution_model import ExecutionModel
 from twin.study.folder import check_points
-from twin.study.replications.statistics import Block
+from twin.study.gains.gains import cell_gains
+from twin.study.replications.statistics import Block, Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.study.sensitivity import influences, inputs_of, makespans_s, sobol_indices
 from twin.uncertainty.disturbances import Disturbances, Stalls
@@ -45,6 +47,17 @@ def test_a_sum_answers_as_a_sum_does() -> None:
     assert (motions.less_s, motions.more_s) == pytest.approx(
         (-0.2 * moves, 0.2 * moves), abs=1e-6
     )
+
+
+def test_motions_within_limits_count_as_they_do_in_what_is_worth_fixing() -> None:
+    tpg = timing_graph(driven_tpg(3, dofs=(2,), tasks=8, edges=0))
+    load = Workload(tpg, ExecutionModel(SkillDurations({})), 0)
+    (motions,) = (one for one in influences(load) if one.name.startswith("motions"))
+    gains = cell_gains(Experiment(("asynchronous",), replications=1), load, 1).gains
+    (every,) = (one for one in gains if one.lever.name == "every motion")
+    assert motions.less_s < -0.1
+    assert motions.less_s == pytest.approx(-every.shorter.mean.estimate, abs=1e-6)
+    assert motions.more_s == pytest.approx(-motions.less_s, rel=0.2)
 
 
 def test_sobol_indices_of_a_sum_are_shares_of_variance() -> None:

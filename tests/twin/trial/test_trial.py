@@ -247,5 +247,5 @@ def test_the_table_can_show_a_run_without_time() -> None:
         "audit": {"configurations": 1, "min_distance_m": None, "violations": []},
     }
     rows = {row[0]: row[1:] for row in summary_rows(summary)}
-    assert rows["makespan, asynchronous"] == ("0.00 s", "0.0 % below")
+    assert rows["makespan, asynchronous"] == ("0.00 s", "0.0 % below sequential")
     assert rows["audit"] == ("clean", "1 configurations")

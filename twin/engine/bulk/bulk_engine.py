@@ -25,6 +25,7 @@ from twin.engine.bulk.max_plus import (
     completions,
     explain,
     makespans,
+    makespans_of_ends,
     policy_graph,
 )
 from twin.engine.execution_model import ExecutionModel, Messages
@@ -99,7 +100,7 @@ class BulkEngine:
         if self._drive is None:
             return makespans(self.graph, times.busy_ns)
         _, end = self._driven(times)
-        return np.asarray(end.max(axis=0, initial=0), dtype=np.int64)
+        return makespans_of_ends(self.graph, end)
 
     def _driven(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
         """Return start and end of every node, shape (nodes, replications) [ns]."""

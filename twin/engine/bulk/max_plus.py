@@ -51,6 +51,7 @@ class PrecedenceArrays(NamedTuple):
         first, chain, order, edge_first, source: see FlatGraph.
         cause: why, by edge, shape (edges,).
         not_before: no node starts before this, shape (nodes,) [ns].
+        last: of each chain the node with which it is done, -1 for none, shape (chains,).
     """
 
     first: Indices
@@ -60,6 +61,7 @@ class PrecedenceArrays(NamedTuple):
     source: Indices
     cause: npt.NDArray[np.uint8]
     not_before: Nanoseconds
+    last: Indices
 
 
 def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
@@ -106,6 +108,7 @@ def precedence_arrays(
         flat.source,
         tpg.cause[flat.row],
         np.zeros_like(flat.order) if not_before_ns is None else not_before_ns,
+        np.where(np.diff(flat.first) > 0, flat.first[1:] - 1, -1),
     )
 
 
@@ -150,7 +153,7 @@ class Completions:
 
     Attributes:
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
-        chain_end_ns: end of each robot's last node, shape (chains, replications) [ns].
+        chain_end_ns: when each chain is done, shape (chains, replications) [ns].
         waited_ns: what each robot waited for, shape (chains, 3, replications) [ns], by
             TASK_DEPENDENCY, MOTION_CONFLICT and OTHER: the time until the last of the nodes
             waited for was complete is its edge's, a dependency's on a tie, and what is left is
@@ -158,8 +161,8 @@ class Completions:
         critical: True where a node is on a critical path, shape (nodes, replications); there is
             one path a replication, and a robot's own predecessor comes before another robot's.
         critical_edge: the same for edges, shape (edges, replications).
-        slack_ns: by how much a node could end later without a later end of the run,
-            shape (nodes, replications) [ns]; None where that is not known.
+        slack_ns: by how much a node could end later without a later end of the run if all else
+            took as long as it did, shape (nodes, replications) [ns].
     """
 
     start_ns: Nanoseconds
@@ -168,7 +171,7 @@ class Completions:
     waited_ns: Nanoseconds
     critical: npt.NDArray[np.bool_]
     critical_edge: npt.NDArray[np.bool_]
-    slack_ns: Nanoseconds | None
+    slack_ns: Nanoseconds
 
     @property
     def makespan_ns(self) -> Nanoseconds:
@@ -187,7 +190,13 @@ def makespans(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Nanoseconds:
         Shape (replications,) [ns].
     """
     end = _end_times(graph, np.ascontiguousarray(busy_ns, dtype=np.int64))
-    return np.asarray(_last_ends(graph, end).max(axis=0, initial=0), dtype=np.int64)
+    return makespans_of_ends(graph, end)
+
+
+def makespans_of_ends(graph: PrecedenceArrays, end_ns: Nanoseconds) -> Nanoseconds:
+    """Return the makespan of every replication from the ends of all nodes, shape (replications,) [ns]."""
+    ends = _last_ends(graph, end_ns)
+    return np.asarray(ends.max(axis=0, initial=0), dtype=np.int64)
 
 
 def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
@@ -199,10 +208,7 @@ def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
     """
     busy = np.ascontiguousarray(busy_ns, dtype=np.int64)
     end = _end_times(graph, busy)
-    makespan = _last_ends(graph, end).max(axis=0, initial=0)
-    latest = np.tile(makespan, (len(busy), 1))
-    _lower(graph, busy, latest)
-    return explain(graph, end - busy, end, latest - end)
+    return explain(graph, end - busy, end)
 
 
 @kernel
@@ -227,13 +233,22 @@ def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
 
 
 @kernel
-def _lower(graph: PrecedenceArrays, busy: Nanoseconds, latest: Nanoseconds) -> None:
-    """Lower how late nodes may end from the makespan, by a pass in reverse order."""
+def _lower(graph: PrecedenceArrays, end: Nanoseconds, latest: Nanoseconds) -> None:
+    """Lower how late nodes may end from the makespan, by a pass in reverse order.
+
+    What a node takes counts from when all that the graph has it wait for is over: a message that
+    is on its way, or a turn, leaves nobody room.
+    """
     for k in range(len(graph.order) - 1, -1, -1):
         n = graph.order[k]
         own = n - 1 if n > graph.first[graph.chain[n]] else -1
-        for r in range(busy.shape[1]):
-            begin = latest[n, r] - busy[n, r]
+        for r in range(end.shape[1]):
+            since = graph.not_before[n]
+            if own >= 0:
+                since = max(since, end[own, r])
+            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+                since = max(since, end[graph.source[e], r])
+            begin = latest[n, r] - (end[n, r] - since)
             if own >= 0:
                 latest[own, r] = min(latest[own, r], begin)
             for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
@@ -245,21 +260,22 @@ def explain(
     graph: PrecedenceArrays,
     start_ns: Nanoseconds,
     end_ns: Nanoseconds,
-    slack_ns: Nanoseconds | None = None,
 ) -> Completions:
-    """Return waiting times by cause, and the critical path of each replication.
+    """Return waiting times by cause, slack, and the critical path of each replication.
 
     Args:
         graph: what must wait for what.
         start_ns, end_ns: of every node, shape (nodes, replications) [ns].
-        slack_ns: see Completions.
     """
     start = np.ascontiguousarray(start_ns, dtype=np.int64)
     end = np.ascontiguousarray(end_ns, dtype=np.int64)
     chain_end = _last_ends(graph, end)
     waited = _waits(graph, start, end)
     critical, critical_edge = _critical_paths(graph, end, chain_end)
-    return Completions(start, end, chain_end, waited, critical, critical_edge, slack_ns)
+    latest = np.maximum(chain_end.max(axis=0, initial=0), end)
+    _lower(graph, end, latest)
+    slack = latest - end
+    return Completions(start, end, chain_end, waited, critical, critical_edge, slack)
 
 
 @kernel
@@ -310,8 +326,8 @@ def _critical_paths(
     for r in range(end.shape[1]):
         n, latest = -1, -1
         for chain in range(len(graph.first) - 1):
-            last = graph.first[chain + 1] - 1
-            if last >= graph.first[chain] and last_end[chain, r] > latest:
+            last = graph.last[chain]
+            if last >= 0 and last_end[chain, r] > latest:
                 n, latest = last, last_end[chain, r]
         while n >= 0:
             critical[n, r] = True
@@ -329,10 +345,10 @@ def _critical_paths(
 
 
 def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:
-    """Return the end of the last node of each chain, 0 for a chain without nodes."""
-    out = np.zeros((len(graph.first) - 1, end.shape[1]), dtype=np.int64)
-    has_nodes = np.diff(graph.first) > 0
-    out[has_nodes] = end[graph.first[1:][has_nodes] - 1]
+    """Return when each chain is done, 0 for one without anything to do."""
+    out = np.zeros((len(graph.last), end.shape[1]), dtype=np.int64)
+    done = graph.last >= 0
+    out[done] = end[graph.last[done]]
     return out
 
 

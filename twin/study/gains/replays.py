@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
+from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher, earliest_times
 from scheduling.graph.task_edges import with_barriers, with_turns
@@ -22,6 +24,7 @@ from twin.engine.bulk.max_plus import (
     end_times,
     explain,
     makespans,
+    makespans_of_ends,
     policy_graph,
 )
 from twin.engine.driven import DrivenExecution
@@ -62,7 +65,7 @@ class Replay(Protocol):
         ...
 
     def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
-        """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
+        """Return when all work is done with a lever a share shorter, shape (r,) [ns]."""
         ...
 
 
@@ -82,6 +85,27 @@ def replay_of(load: Workload, numbers: Indices) -> Replay:
         if needs_events(load)
         else MessageReplay(load, numbers)
     )
+
+
+def until_work_is_done(
+    tpg: TemporalPlanGraph, graph: PrecedenceArrays
+) -> PrecedenceArrays:
+    """Return the graph of runs that are over when all work is done.
+
+    Work is all but transits on which nothing depends: a robot that goes HOME after its last skill has
+    done its part. In a plan without skills, all is work.
+
+    Args:
+        tpg: the plan, contracted or not.
+        graph: what must wait for what in it.
+    """
+    works = np.array([task.kind != TRANSIT or task.goal for task in tpg.tasks])
+    last = np.full(len(tpg.chains), -1, dtype=np.int64)
+    for k, chain in enumerate(tpg.chains):
+        own = np.flatnonzero(works[chain.task])
+        if len(own):
+            last[k] = graph.first[k] + own[-1]
+    return graph._replace(last=last) if np.any(last >= 0) else graph
 
 
 def needs_events(load: Workload) -> bool:
@@ -113,7 +137,8 @@ class PathReplay:
 
     def __init__(self, load: Workload, numbers: Indices) -> None:
         engine = BulkEngine(load.tpg, load.execution)
-        self.tpg, self.graph = engine.contraction.tpg, engine.graph
+        self.tpg = engine.contraction.tpg
+        self.graph = until_work_is_done(self.tpg, engine.graph)
         times = engine.sample(seed=load.seed, replications=numbers)
         self.draws = Draws.completing(numbers, times)
 
@@ -136,6 +161,7 @@ class DrivenReplay:
 
     def __init__(self, load: Workload, numbers: Indices) -> None:
         self._engine = engine = BulkEngine(load.tpg, load.execution)
+        engine.graph = until_work_is_done(load.tpg, engine.graph)
         self.tpg, self.graph = load.tpg, engine.graph
         times = engine.sample(seed=load.seed, replications=numbers)
         self.draws = Draws.completing(numbers, times)
@@ -169,7 +195,6 @@ def eased_makespans(
     firsts, chains = graph.first.tolist(), graph.chain.tolist()
     sources, begins = graph.source.tolist(), graph.edge_first.tolist()
     end = np.empty_like(busy_ns)
-    latest = np.zeros(busy_ns.shape[1], dtype=np.int64)
     for n in graph.order.tolist():
         free = np.full(busy_ns.shape[1], graph.not_before[n], dtype=np.int64)
         if n > firsts[chains[n]]:
@@ -183,8 +208,7 @@ def eased_makespans(
         if waits:
             free += shortened(np.maximum(np.max(waits, axis=0) - free, 0), share)
         end[n] = free + busy_ns[n]
-        np.maximum(latest, end[n], out=latest)
-    return latest
+    return makespans_of_ends(graph, end)
 
 
 class MessageReplay:
@@ -194,7 +218,8 @@ class MessageReplay:
 
     def __init__(self, load: Workload, numbers: Indices) -> None:
         policy = load.execution.policy
-        self.tpg, self.graph = load.tpg, policy_graph(load.tpg, policy)
+        graph = policy_graph(load.tpg, policy)
+        self.tpg, self.graph = load.tpg, until_work_is_done(load.tpg, graph)
         self.draws = _drawn(load, _node_by_node(load.tpg), numbers)
         own = load.execution.messages
         depth = 1 if policy == "sequential" else own.queue_depth
@@ -220,7 +245,7 @@ class MessageReplay:
         messages = quicker(self._messages, share) if lever.messages else self._messages
         with self.draws.less(lever, share) as busy_ns:
             end = self._ends(busy_ns, messages)
-        return np.asarray(end.max(axis=0, initial=0), dtype=np.int64)
+        return makespans_of_ends(self.graph, end)
 
     def _ends(self, busy_ns: Nanoseconds, messages: Messages) -> Nanoseconds:
         return end_times(self.graph, busy_ns, messages, self._past)
@@ -236,7 +261,8 @@ class EventReplay:
         policy = load.execution.policy
         self._driven = is_driven(load.tpg)
         cut = contract(load.tpg) if _in_segments(load) else _node_by_node(load.tpg)
-        self.tpg, self.graph = cut.tpg, policy_graph(cut.tpg, policy)
+        self.tpg = cut.tpg
+        self.graph = until_work_is_done(cut.tpg, policy_graph(cut.tpg, policy))
         self.draws = _drawn(load, cut, numbers)
         barred = with_barriers(cut.tpg) if policy == "synchronous" else cut.tpg
         if policy == "sequential" and self._driven:
@@ -249,12 +275,7 @@ class EventReplay:
     def base(self) -> Completions:
         """Return what came of the replications as they were drawn."""
         runs = self._runs(self.draws.times(self.draws.busy_ns), self._model)
-        shape = self.draws.busy_ns.shape
-        start, end = (
-            np.array([np.concatenate(run[k]) for run in runs], dtype=np.int64)
-            for k in (0, 1)
-        )
-        return explain(self.graph, *(t.reshape(shape[::-1]).T for t in (start, end)))
+        return explain(self.graph, *(self._by_node(runs, k) for k in (0, 1)))
 
     def makespans_ns(self, lever: Lever, share: float) -> Nanoseconds:
         """Return the makespans with a lever a share shorter, shape (r,) [ns]."""
@@ -266,7 +287,14 @@ class EventReplay:
             model = replace(model, disturbances=fewer)
         with self.draws.less(lever, share) as busy_ns:
             runs = self._runs(self.draws.times(busy_ns, lever, share), model)
-        return np.array([max(map(max, end)) for _, end in runs], dtype=np.int64)
+        return makespans_of_ends(self.graph, self._by_node(runs, 1))
+
+    def _by_node(
+        self, runs: Sequence[tuple[list[list[int]], list[list[int]]]], which: int
+    ) -> Nanoseconds:
+        """Return starts (0) or ends (1) of every node, shape (nodes, replications) [ns]."""
+        times = np.array([np.concatenate(run[which]) for run in runs], dtype=np.int64)
+        return times.reshape(len(runs), -1).T
 
     def _runs(
         self, times: SegmentTimes, model: ExecutionModel

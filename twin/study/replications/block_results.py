@@ -131,8 +131,7 @@ class TaskTally:
         count: replications counted.
         critical: in how many of them each task was on the critical path, shape (tasks,).
         critical_edges: the same for type-2 edges, shape (edges,).
-        slack_ns: sum of the slacks of each task, shape (tasks,) [ns]; -1 where an engine
-            cannot tell.
+        slack_ns: sum of the slacks of each task, shape (tasks,) [ns].
         start_ns, end_ns: of each task in replications below KEPT, shape (k, tasks) [ns].
     """
 
@@ -145,12 +144,11 @@ class TaskTally:
 
     def plus(self, other: TaskTally) -> TaskTally:
         """Return both together; ``other`` has the later replications."""
-        known = np.minimum(self.slack_ns, other.slack_ns) >= 0
         return TaskTally(
             self.count + other.count,
             self.critical + other.critical,
             self.critical_edges + other.critical_edges,
-            np.where(known, self.slack_ns + other.slack_ns, -1),
+            self.slack_ns + other.slack_ns,
             np.concatenate([self.start_ns, other.start_ns]),
             np.concatenate([self.end_ns, other.end_ns]),
         )
@@ -174,9 +172,7 @@ class TaskGroups:
         """Sum up what came of some replications that completed."""
         kept = replications < min(KEPT, max(_FEWEST, _MOST_KEPT // len(self.task)))
         critical = np.logical_or.reduceat(found.critical, self.first, axis=0)
-        slack = np.full(len(self.task), -1, dtype=np.int64)
-        if found.slack_ns is not None:
-            slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
+        slack = np.minimum.reduceat(found.slack_ns, self.first, axis=0).sum(axis=1)
         return TaskTally(
             len(replications),
             critical.sum(axis=1).astype(np.int64),

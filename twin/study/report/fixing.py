@@ -39,9 +39,10 @@ LESS = f"{100 * SHORTER:.0f} % shorter"
 P90 = f"P{100 * QUANTILE:.0f}"
 
 HONEST = (
-    "Seconds that the makespan would fall by if one thing took a fifth less time, or none, and all"
-    " else stayed as it was drawn: the same replications were executed again with that one thing"
-    " changed. These are gains of the model, as good as its times are. Whether something can be"
+    "Seconds by which the work would be done sooner, the last part in its place, if one thing took a"
+    " fifth less time, or none, and all else stayed as it was drawn: the same replications were"
+    " executed again with that one thing changed. What robots do after their last work, such as"
+    " going HOME, is part of the makespan and of nothing here. These are gains of the model, as good as its times are. Whether something can be"
     " made shorter, and what that costs, it does not know; gains of several do not add up, and"
     " robots are never assigned or planned anew. A wait that is gone is a robot that does not"
     " wait, whatever stands in its way: more than any better plan can do."
@@ -115,7 +116,7 @@ def critical_tasks_table(rows: list[Mapping[str, Any]], label: str, most: int) -
                 str(rank),
                 text(row["name"]),
                 f"{100 * row['criticality']:.0f} %",
-                "-" if row["slack_mean_s"] is None else f"{row['slack_mean_s']:.1f}",
+                f"{row['slack_mean_s']:.1f}",
                 f"{row['time_p50_s']:.1f}",
             ]
             for rank, row in enumerate(shown, start=1)

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from twin.check.finding import Subject
@@ -279,12 +278,11 @@ def _task_rows(
     names = task_names(load.tpg.tasks)
     rows: list[Mapping[str, Any]] = []
     for k, task in enumerate(columns["task"].tolist()):
-        slack = float(columns["slack_mean_s"][k])
         rows.append(
             {
                 "name": names[task],
                 "criticality": float(columns["criticality"][k]),
-                "slack_mean_s": slack if np.isfinite(slack) else None,
+                "slack_mean_s": float(columns["slack_mean_s"][k]),
                 "time_p50_s": float(
                     columns["end_p50_s"][k] - columns["start_p50_s"][k]
                 ),

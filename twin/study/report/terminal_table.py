@@ -144,8 +144,8 @@ def _print_gains(console: Console, result: StudyResult) -> None:
     if not gains.gains:
         return
     table = Table(
-        title=f"\nworth fixing ({cell_label(result.summary['cells'][cell])}): seconds that the"
-        f" model gains, {gains.replications} replications executed again",
+        title=f"\nworth fixing ({cell_label(result.summary['cells'][cell])}): seconds by"
+        f" which the work is done sooner, {gains.replications} replications executed again",
         title_justify="left",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),

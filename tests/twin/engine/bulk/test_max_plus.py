@@ -15,11 +15,18 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from tests.twin.driven_toys import driven_tpg
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Nanoseconds, Uniform
-from twin.engine.bulk.max_plus import OTHER, completions, makespans, precedence_arrays
+from twin.engine.bulk.max_plus import (
+    OTHER,
+    completions,
+    explain,
+    makespans,
+    precedence_arrays,
+)
 from twin.engine.engine import Simulator
-from twin.engine.execution_model import ExecutionModel
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -100,6 +107,25 @@ def test_a_critical_path_adds_up_to_the_makespan(seed: int) -> None:
     assert np.array_equal(total, found.makespan_ns)
     assert not np.any(found.slack_ns[found.critical])
     assert found.slack_ns.min() >= 0
+
+
+@pytest.mark.parametrize("driven", [False, True])
+def test_slack_of_what_was_executed_counts_neither_messages_nor_braking(
+    driven: bool,
+) -> None:
+    tpg = (driven_tpg if driven else random_tpg)(6, dofs=(2, 3, 2), tasks=12, edges=14)
+    durations = SkillDurations({"pick": Uniform(low_s=0.5, high_s=4.0)})
+    late = Messages.of_seconds(3, 0.3, 0.1)
+    simulator = Simulator(tpg, ExecutionModel(durations, messages=late))
+    runs = [simulator.run(seed=3, replication=r) for r in range(5)]
+    start, end = (
+        np.stack([np.concatenate(getattr(run, name)) for run in runs], axis=1)
+        for name in ("start_ns", "end_ns")
+    )
+    found = explain(precedence_arrays(tpg), start, end)
+    assert found.waited_ns[:, OTHER].sum() > 0
+    assert not np.any(found.slack_ns[found.critical])
+    assert found.slack_ns.min() == 0 < found.slack_ns.max()
 
 
 def test_a_wait_has_the_cause_of_the_edge_that_ended_it() -> None:
