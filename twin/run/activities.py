@@ -18,6 +18,7 @@ from scheduling.graph.temporal_plan_graph import (
 from twin.run.events import Event
 
 WAITING = "waiting"
+HOLDING = "holding"
 STALLED = "stalled"
 STOPPED = "stopped"
 RETRYING = "retrying"
@@ -37,6 +38,7 @@ LANE_COLOURS: dict[str, str] = {
     ARRIVE: "#c9b88f",
     PRESENT: "#a5885a",
     LEAVE: "#8f6f9c",
+    HOLDING: "#b3d3ee",
     WAITING: "#e2e5e9",
     STALLED: "#ce3630",
     STOPPED: "#78161e",
@@ -72,8 +74,12 @@ def plan_colours(tpg: TemporalPlanGraph) -> dict[str, str]:
     return lane_colours(task.kind for task in tpg.tasks)
 
 
-STANDING = frozenset({WAITING, STALLED, STOPPED, RETRYING, FAILED})
-"""States in which a robot does not get on with its work."""
+STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
+"""States in which a robot stands. Holding is what it is there for: it supports something, or keeps hold
+of what it placed, until others are done."""
+
+_SUPPORTS = ("support-bottom", "support-top", HOLD)
+_PLACES = ("place-down", "place-up")
 
 _STANDS = {"stalled": STALLED, "stopped": STOPPED}
 
@@ -85,7 +91,8 @@ class Activity:
     Attributes:
         state: kind of the task, or one of STANDING.
         start_ns, end_ns: when [ns].
-        task: the task under way, or waited for; -1 for a robot that will never go on.
+        task: the task under way, waited for, or at the end of which it holds something; -1 for a
+            robot that will never go on.
         first, last: nodes of the robot that it belongs to, or that are waited for; -1 as above.
     """
 
@@ -100,6 +107,15 @@ class Activity:
     def duration_ns(self) -> int:
         """Duration of the activity [ns]."""
         return self.end_ns - self.start_ns
+
+
+def part_names(tpg: TemporalPlanGraph) -> list[str]:
+    """Return what each task is about: its part, else that of its step, else the step's number."""
+    of_step: dict[int, str] = {}
+    for task in tpg.tasks:
+        if task.object is not None:
+            of_step.setdefault(task.step, task.object)
+    return [t.object or of_step.get(t.step, str(t.step)) for t in tpg.tasks]
 
 
 def robot_activities(
@@ -174,12 +190,23 @@ class _RobotLog:
         if self._stands:
             return self._stands[-1]
         if self._node < 0:
-            return WAITING
+            return HOLDING if self._holds() else WAITING
         return self._tasks[int(self._chain.task[self._node])].kind
+
+    def _holds(self) -> bool:
+        """Tell whether the robot stands at the end of a task in which it came to hold something."""
+        if not 0 < self._next < len(self._chain):
+            return False
+        last, now = self._chain.task[self._next - 1 : self._next + 1].tolist()
+        done, then = self._tasks[last], self._tasks[now]
+        lets_go = then.kind == STRAIGHT and then.object == done.object is not None
+        kept = done.kind in _PLACES and lets_go
+        return last != now and (kept or done.kind in _SUPPORTS)
 
     def _until(self, t_ns: int, state: str) -> None:
         if t_ns > self._clock:
             node = self._node if self._node >= 0 else self._next
+            node -= state == HOLDING
             there = node < len(self._chain)
             task = int(self._chain.task[node]) if there else -1
             node = node if there else -1

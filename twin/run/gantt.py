@@ -19,10 +19,12 @@ from matplotlib.patches import Patch, Rectangle
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.host.pictures import INK, style_axes
+from twin.host.pictures import INK, fitted, style_axes
 from twin.run.activities import (
+    HOLDING,
     WAITING,
     Activity,
+    part_names,
     plan_colours,
     robot_activities,
 )
@@ -62,7 +64,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 _TASKS_A_ROW = 36
-"""Tasks of a lane in a row: their steps can be read."""
+"""Tasks of a lane in a row: their parts can be read."""
 
 _MOST_LANES = 96
 """Lanes of all rows together: what does not go into so many is left out of the picture."""
@@ -71,6 +73,8 @@ _MARGIN = 1.012
 _WIDTH_IN = 15.0
 _LANE_IN = 0.42
 _LANE_HEIGHT = 0.72
+_NAME_SIZE, _NAME_LINES = 6.0, 3
+"""Size of the names of parts [points], and lines of them in a bar."""
 
 
 def gantt_figure(
@@ -83,8 +87,8 @@ def gantt_figure(
 ) -> Figure:
     """Return a picture of what every robot did when.
 
-    Bars are coloured by kind of task and carry the assembly step they serve, or the product where
-    there are several; waits are hatched, and arrows are the type-2 edges that ended them. Long
+    Bars are coloured by kind of task and carry the part that they are about, or the number of the
+    product where there are several; waits are hatched, and arrows are the type-2 edges that ended them. Long
     runs wrap into several rows. Beside its lane each robot has its colour of the recording.
 
     Args:
@@ -198,7 +202,7 @@ def _draw_lane(
     lane: Sequence[Activity],
     window: tuple[float, float],
 ) -> None:
-    colours = plan_colours(tpg)
+    colours, names = plan_colours(tpg), part_names(tpg)
     point_s = (window[1] - window[0]) / (_WIDTH_IN * 0.91 * 72)
     bars: dict[str, list[tuple[float, float]]] = {}
     for span in lane:
@@ -207,16 +211,21 @@ def _draw_lane(
         if high <= low:
             continue
         bars.setdefault(span.state, []).append((low, high - low))
-        label = _label(tpg, span)
-        size_pt = 7.5 if len(label) < 3 else 6.3
-        if label and (high - low) / point_s > 0.62 * size_pt * len(label) + 1.5:
+        label = fitted(
+            _label(tpg, names, span),
+            (high - low) / point_s - 1.5,
+            _NAME_SIZE,
+            lines=_NAME_LINES,
+        )
+        if label:
             axis.text(
                 0.5 * (low + high),
                 k,
                 label,
                 ha="center",
                 va="center",
-                fontsize=size_pt,
+                fontsize=_NAME_SIZE,
+                linespacing=1.0,
                 color="white" if _dark(colours[span.state]) else INK,
             )
     for state, spans in bars.items():
@@ -231,17 +240,16 @@ def _draw_lane(
         )
 
 
-def _label(tpg: TemporalPlanGraph, span: Activity) -> str:
-    """Return the step that a skill serves, of several products the number of the product.
+def _label(tpg: TemporalPlanGraph, names: Sequence[str], span: Activity) -> str:
+    """Return the part that a skill is about, of several products the number of the product.
 
     Motions and waits carry none.
     """
     if span.task < 0 or span.state in (TRANSIT, STRAIGHT):
         return ""
-    task = tpg.tasks[span.task]
-    if len(tpg.products) and span.state == task.kind:
-        return str(tpg.products[span.task])
-    return str(task.step) if span.state == task.kind else ""
+    if span.state not in (tpg.tasks[span.task].kind, HOLDING):
+        return ""
+    return str(tpg.products[span.task]) if len(tpg.products) else names[span.task]
 
 
 def _dark(colour: str) -> bool:

@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import groupby, pairwise
 
+import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.tasks.task import HOLD, STRAIGHT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.twin_toys import two_robot_tpg
+from twin.durations import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.recorders.observers import MemoryRecorder
-from twin.run.activities import IDLE, STOPPED, WAITING, Activity, robot_activities
+from twin.run.activities import (
+    HOLDING,
+    IDLE,
+    STOPPED,
+    WAITING,
+    Activity,
+    part_names,
+    robot_activities,
+)
 from twin.run.events import Event
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.skill_durations import SkillDurations
 
 Stretch = tuple[str, int, int, int]
 
 
 def _stretch(item: Activity | Span) -> Stretch:
     """Return a stretch; lanes do not say what a robot waits or stands for that never goes on."""
-    standing = item.state in (WAITING, STOPPED)
-    return item.state, item.start_ns, item.end_ns, -1 if standing else item.task
+    standing = item.state in (WAITING, HOLDING, STOPPED)
+    # Who holds something waits, for those who look at times alone.
+    state = WAITING if item.state == HOLDING else item.state
+    return state, item.start_ns, item.end_ns, -1 if standing else item.task
 
 
 def merged(stretches: list[Stretch]) -> list[Stretch]:
@@ -85,3 +101,24 @@ def test_a_robot_that_has_done_nothing_yet_waits() -> None:
     told = robot_activities(tpg, events)
     assert told["robot_0"] == (Activity("transit", 0, 5, 0, 0, 0),)
     assert told["robot_1"] == (Activity(WAITING, 0, 5, 1, 0, 0),)
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_who_holds_something_until_others_are_done_does_not_wait(kept: bool) -> None:
+    """A support, and a robot that keeps hold of what it placed; one with no such task waits."""
+    tpg = two_robot_tpg([(0, 2, 1, 1)])
+    first, second = tpg.tasks
+    kinds = ("place-down", STRAIGHT) if kept else (HOLD, STRAIGHT)
+    own = [replace(second, index=k + 1, kind=kinds[k], object="ring") for k in (0, 1)]
+    chain = replace(tpg.chains[1], task=np.array([1, 2, 2]))
+    held = replace(tpg, tasks=(first, *own), chains=(tpg.chains[0], chain))
+    for graph, state in ((held, HOLDING), (tpg, WAITING)):
+        recorder = MemoryRecorder()
+        Simulator(graph, ExecutionModel(SkillDurations({}))).run(
+            seed=0, recorders=[recorder]
+        )
+        _, meanwhile, _ = robot_activities(graph, recorder.events)["robot_1"]
+        assert meanwhile.start_ns == NANOSECONDS
+        assert meanwhile.end_ns == 3 * NANOSECONDS
+        assert (meanwhile.state, meanwhile.task) == (state, 1)
+    assert part_names(held)[1:] == ["ring", "ring"]

@@ -17,10 +17,17 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.rerun_values import time_column
-from twin.run.activities import IDLE, RETRYING, STANDING, WAITING
+from twin.run.activities import (
+    HOLDING,
+    IDLE,
+    RETRYING,
+    STANDING,
+    WAITING,
+    part_names,
+)
 from twin.run.events import Event
 
-_VERBS = {RETRYING: "tries again"}
+_VERBS = {RETRYING: "tries again", HOLDING: "stays"}
 
 
 class PlanWords:
@@ -34,10 +41,7 @@ class PlanWords:
         """
         self._tpg = tpg
         self._steps = max((task.step for task in tpg.tasks), default=0)
-        self._part: dict[int, str] = {}
-        for task in tpg.tasks:
-            if task.object is not None:
-                self._part.setdefault(task.step, task.object)
+        self._part = part_names(tpg)
         self._sources: dict[tuple[int, int], list[tuple[int, int]]] = {}
         for before, source, after, target in tpg.edges.tolist():
             self._sources.setdefault((after, target), []).append((before, source))
@@ -108,8 +112,8 @@ class PlanWords:
 
     def _describe(self, task: Task) -> str:
         words = task.label.removesuffix(f" step {task.step}")
-        part = task.object or self._part.get(task.step)
-        if part is not None:
+        part = self._part[task.index]
+        if part != str(task.step):
             if task.kind == TRANSIT and task.object and words == f"to {part}":
                 words = f"{part} to its place"
             elif part not in words:

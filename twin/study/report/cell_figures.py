@@ -17,7 +17,8 @@ from planning.tasks.task import TRANSIT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import NANOSECONDS
-from twin.host.pictures import INK, new_picture, style_axes
+from twin.host.pictures import INK, fitted, new_picture, style_axes
+from twin.run.activities import part_names
 from twin.study.replications.block_results import TaskTally, task_groups
 from twin.study.report.layout import WIDTH_IN, bar_chart, legend_below
 from twin.study.sensitivity import SHARE, Influence, SobolIndex
@@ -26,6 +27,8 @@ _LESS, _MORE = "#1f5f9e", "#d97b29"
 _TASKS_A_ROW = 30
 _MOST_LANES = 160
 """Lanes of all rows together."""
+_PANEL_IN, _NAME_SIZE = 0.84 * WIDTH_IN, 5.5
+"""Width of a row of lanes [in], and size of the names of parts [points]."""
 _CRITICALITY = colormaps["YlOrRd"]
 
 
@@ -43,7 +46,7 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
     lane_of = {chain.robot: k for k, chain in enumerate(tpg.chains)}
     start = np.percentile(tally.start_ns, (10, 50, 90), axis=0) / NANOSECONDS
     end = np.percentile(tally.end_ns, (10, 50, 90), axis=0) / NANOSECONDS
-    share = tally.critical / max(tally.count, 1)
+    share, names = tally.critical / max(tally.count, 1), part_names(tpg)
     total = float(end[2].max())
     rows = max(1, -(-len(groups.task) // (_TASKS_A_ROW * len(lane_of))))
     if rows * len(lane_of) > _MOST_LANES:
@@ -66,10 +69,10 @@ def draw_bands(tpg: TemporalPlanGraph, tally: TaskTally) -> Figure:
             start[:, seen],
             end[:, seen],
             share[seen],
-            ["" if task.kind == TRANSIT else str(task.step) for task in tasks],
+            ["" if task.kind == TRANSIT else names[task.index] for task in tasks],
         )
     panels[-1].set_xlabel(
-        f"time [s]; bars from median start to median end, with the number of the step,\n"
+        f"time [s]; bars from median start to median end, with the part that it is about,\n"
         f"lines from P10 to P90 of {len(tally.start_ns)} replications"
     )
     figure.colorbar(
@@ -128,7 +131,7 @@ def _draw_tasks(
     share: Array,
     texts: Sequence[str],
 ) -> None:
-    """Draw tasks: bars, all at once, with their numbers and the bands of those that have one."""
+    """Draw tasks: bars, all at once, with their names and the bands of those that have one."""
     named = np.array([bool(text) for text in texts], dtype=bool)
     half = np.where(named, 0.31, 0.17)
     left, right, low, high = start[1], end[1], lanes - half, lanes + half
@@ -151,17 +154,19 @@ def _draw_tasks(
     axes.add_collection(LineCollection(bands, colors=INK, linewidths=1.1, alpha=0.7))
     begin, until = axes.get_xlim()
     for k in np.flatnonzero(named).tolist():
-        # A number stands where its bar is seen; a wider one would run into its neighbour's.
+        # A name stands where its bar is seen; a wider one would run into its neighbour's.
         seen = max(float(left[k]), begin), min(float(right[k]), until)
-        room = (0.003 + 0.008 * len(texts[k])) * (until - begin)
-        if seen[1] - seen[0] > room:
+        width = (seen[1] - seen[0]) / (until - begin) * _PANEL_IN * 72.0 - 1.5
+        label = fitted(texts[k], width, _NAME_SIZE, lines=3)
+        if label:
             axes.text(
                 0.5 * sum(seen),
                 lanes[k],
-                texts[k],
+                label,
                 ha="center",
                 va="center",
-                fontsize=7,
+                fontsize=_NAME_SIZE,
+                linespacing=1.0,
                 color="white" if share[k] > 0.6 else INK,
                 clip_on=True,
             )
