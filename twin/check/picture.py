@@ -6,8 +6,10 @@ and objects where they are at the start, and the places that objects go to as ou
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from textwrap import fill
 
@@ -25,8 +27,16 @@ from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import stop_pose
 from planning.transforms import Array, Transform
+from twin.check.close_ups import (
+    NAME_SIZE,
+    CloseUp,
+    Names,
+    close_ups,
+    panel_width,
+    widened,
+)
 from twin.check.finding import Subject
-from twin.host.pictures import FRAME, INK, new_picture, save_png, style_axes
+from twin.host.pictures import INK, new_picture, save_png, style_axes
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import PartsSection
 
@@ -79,9 +89,6 @@ _FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
 AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
 """Of the x, y and z axes of frames."""
 _FIXTURE_NAME = "#6b7480"
-_NAME_SIZE = 6
-"""Size of names in the picture [points]."""
-
 _MOST_ASIDE = 12
 """Things that are named in a view from the side: more stand behind each other."""
 
@@ -89,7 +96,7 @@ _SAMPLES = 1500
 """Random configurations from which the reach of a robot is drawn."""
 
 _CAPTION = (
-    "robots at HOME by their collision hulls; dashed circles: reach of their tools at any height;"
+    "robots at HOME by their collision hulls; dashed arcs: reach of their tools at any height;"
     " coloured axes: tool frames (x red, y green, z blue, out of the hand);"
     " dashed outlines: where things are put"
 )
@@ -124,6 +131,7 @@ class _DrawnShape:
     edge: object
     alpha: float
     counts: bool = True
+    of_robot: bool = False
 
 
 def draw_cell(subject: Subject, folder: Path) -> Path:
@@ -151,34 +159,59 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
 def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
     """Return the picture of ``draw_cell``.
 
+    It shows where things are and happen, not as far as robots reach; where things would be tiny they
+    are drawn again, larger, below.
+
     Args:
         subject: the scenario and its cell.
         width_in: of the picture [in]; the narrower it is, the fewer names have room.
     """
     shapes = list(_shapes(subject))
     reaches = {r.name: reach_radius(r, _frame(r)) for r in subject.cell.robots}
-    least, most = _extent(subject, shapes, reaches)
+    least, most = _extent(subject, shapes)
     size = np.maximum(most - least, 0.1)
-    total = float(2.0 * size[0])
-    drawn_in = (width_in - 1.4) / total * max(size[1], size[2])
-    height = float(np.clip(drawn_in + 1.3, 0.27 * width_in, 0.73 * width_in))
-    picture = new_picture(width_in, height, dpi=110)
-    axes = picture.subplots(1, 2)
-    for view, area in zip(_VIEWS, axes, strict=True):
-        style_axes(area)
-        area.set_title(view.title, color=INK, fontsize=10, loc="left")
-        area.set_aspect("equal")
-        area.set_xlabel("xyz"[view.right] + " [m]", color=INK)
-        area.set_ylabel("xyz"[view.up] + " [m]", color=INK)
-        for shape in sorted(
-            shapes, key=lambda s: float((view.towards * s.corners[:, view.eye]).max())
-        ):
-            _draw_shape(area, view, shape)
+    wide = 0.5 * (width_in - 1.4)
+    tall = float(
+        np.clip(wide / size[0] * max(size[1:]), 0.2 * width_in, 0.45 * width_in)
+    )
+    scale = max(float(size[0]) / wide, float(max(size[1:])) / tall) / 72.0
+    boxes = np.array([box[:, :2] for _, box, _ in _things(subject)]).reshape(-1, 2, 2)
+    below = min(4.0, 0.45 * width_in)
+    larger = close_ups(boxes, size[:2], scale, (width_in, below - 0.7))
+    below = below if larger else 0.0
+    picture = new_picture(width_in, tall + 1.3 + below, dpi=110)
+    grid = picture.add_gridspec(
+        2 if larger else 1,
+        2 * max(len(larger), 1),
+        height_ratios=[tall + 0.6, below] if larger else [1.0],
+    )
+    half = max(len(larger), 1)
+    for k, view in enumerate(_VIEWS):
+        area = picture.add_subplot(grid[0, k * half : (k + 1) * half])
+        low, high = least[[view.right, view.up]], most[[view.right, view.up]]
+        _style(area, view, view.title)
+        _draw_shapes(area, view, shapes)
         _draw_goals(area, view, subject)
-        _draw_robots(area, view, subject, reaches)
-        _draw_names(area, view, subject, total / (width_in * 72.0))
-        area.set_xlim(least[view.right], most[view.right])
-        area.set_ylim(least[view.up], most[view.up])
+        names = Names(area, scale, low, high, beside=view.eye == 2)
+        _draw_robots(area, view, subject, reaches, names)
+        for item in larger if view.eye == 2 else ():
+            _draw_frame(area, item, names)
+        if view.eye == 2 or len(list(_things(subject))) <= _MOST_ASIDE:
+            _draw_names(names, view, subject, again=larger if view.eye == 2 else ())
+        area.set_xlim(low[0], high[0])
+        area.set_ylim(low[1], high[1])
+    for k, item in enumerate(larger):
+        area = picture.add_subplot(grid[1, 2 * k : 2 * k + 2])
+        wide = panel_width(width_in, len(larger))
+        low, high = widened(item.low, item.high, wide / (below - 0.7))
+        _style(area, _VIEWS[0], f"{item.letter}, larger, without robots")
+        things = [shape for shape in shapes if not shape.of_robot]
+        _draw_shapes(area, _VIEWS[0], things)
+        _draw_goals(area, _VIEWS[0], subject)
+        names = Names(area, float(high[0] - low[0]) / (72.0 * wide), low, high)
+        _draw_names(names, _VIEWS[0], subject, goals=True)
+        area.set_xlim(low[0], high[0])
+        area.set_ylim(low[1], high[1])
     picture.suptitle(
         f"{subject.scenario.name}: the cell before the first motion",
         color=INK,
@@ -187,6 +220,29 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
     caption = fill(_CAPTION, width=int(14.0 * width_in))
     picture.supxlabel(caption, color=INK, fontsize=8)
     return picture
+
+
+def _style(area: Axes, view: _Viewpoint, title: str) -> None:
+    style_axes(area)
+    area.set_title(title, color=INK, fontsize=10, loc="left")
+    area.set_aspect("equal")
+    area.set_xlabel("xyz"[view.right] + " [m]", color=INK)
+    area.set_ylabel("xyz"[view.up] + " [m]", color=INK)
+
+
+def _things(subject: Subject) -> Iterator[tuple[str, Array, bool]]:
+    """Yield objects that are there and places that they go to: names, corners of boxes, whether it is a place."""
+    for thing in subject.cell.objects:
+        if not thing.later:
+            corners = placed_points(_corners(thing.shape), thing.start)
+            yield thing.name, _bounds(corners), False
+    for name, pieces in groupby(goal_boxes(subject), key=itemgetter(0)):
+        yield name, _bounds(np.vstack([corners for _, corners in pieces])), True
+
+
+def _bounds(corners: Array) -> Array:
+    """Return the lower and the upper corner of an upright box around points, shape (2, 3) [m]."""
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
 def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
@@ -227,7 +283,7 @@ def _shapes(subject: Subject) -> Iterator[_DrawnShape]:
         for part in robot.model.parts:
             corners = placed_points(part.body.vertices, poses[part.joint + 1])
             alpha = 0.9 if part.group == "tool" else 0.55
-            yield _DrawnShape(corners, colour, colour, alpha)
+            yield _DrawnShape(corners, colour, colour, alpha, of_robot=True)
 
 
 def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -240,20 +296,38 @@ def _corners(shape: Shape) -> Array:
     return np.vstack([piece.vertices for piece in shape.pieces])
 
 
-def _extent(
-    subject: Subject, shapes: list[_DrawnShape], reaches: Mapping[str, float | None]
-) -> tuple[Array, Array]:
+def _extent(subject: Subject, shapes: list[_DrawnShape]) -> tuple[Array, Array]:
     corners = [shape.corners for shape in shapes if shape.counts]
     corners += [box for _, box in goal_boxes(subject)]
-    for robot in subject.cell.robots:
-        radius = reaches[robot.name]
-        if radius is not None and radius < 20.0:
-            reach = np.array([radius, radius, 0.0])
-            corners.append(robot.base[:3, 3] + np.array([-reach, reach]))
     every = np.vstack(corners)
     least, most = every.min(axis=0), every.max(axis=0)
     margin = 0.05 * float((most - least).max())
     return least - margin, most + margin
+
+
+def _draw_shapes(area: Axes, view: _Viewpoint, shapes: list[_DrawnShape]) -> None:
+    """Draw shapes, those that are nearer to the eye over the others."""
+    ordered = sorted(
+        shapes, key=lambda s: float((view.towards * s.corners[:, view.eye]).max())
+    )
+    for shape in ordered:
+        _draw_shape(area, view, shape)
+
+
+def _draw_frame(area: Axes, item: CloseUp, names: Names) -> None:
+    """Draw the frame of what is drawn larger, with its letter in a corner."""
+    corners = [
+        item.low,
+        (item.high[0], item.low[1]),
+        item.high,
+        (item.low[0], item.high[1]),
+    ]
+    area.add_patch(
+        Polygon(
+            np.array(corners), closed=True, fill=False, edgecolor=INK, linewidth=0.8
+        )
+    )
+    names.mark(np.array([item.low[0], item.high[1]]), item.letter, INK, NAME_SIZE + 1)
 
 
 def _draw_shape(area: Axes, view: _Viewpoint, shape: _DrawnShape) -> None:
@@ -285,7 +359,11 @@ def _draw_goals(area: Axes, view: _Viewpoint, subject: Subject) -> None:
 
 
 def _draw_robots(
-    area: Axes, view: _Viewpoint, subject: Subject, reaches: Mapping[str, float | None]
+    area: Axes,
+    view: _Viewpoint,
+    subject: Subject,
+    reaches: Mapping[str, float | None],
+    names: Names,
 ) -> None:
     for number, robot in enumerate(subject.cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
@@ -314,72 +392,40 @@ def _draw_robots(
             )
         foot = joint_poses_of(robot, robot.home)[min(3, robot.model.dof)]
         at = foot[:3, 3] if robot.model.is_mobile else base
-        _label(area, (at[view.right], at[view.up]), robot.name, colour, 9, bold=True)
+        names.mark(at[[view.right, view.up]], robot.name, colour)
 
 
 def _draw_names(
-    area: Axes, view: _Viewpoint, subject: Subject, metres_per_point: float
+    names: Names,
+    view: _Viewpoint,
+    subject: Subject,
+    *,
+    goals: bool = False,
+    again: Sequence[CloseUp] = (),
 ) -> None:
-    """Write names of objects and fixtures where there is room for them, small things first."""
-    cell = subject.cell
-    named = [
-        (o.name, placed_points(_corners(o.shape), o.start), INK)
-        for o in cell.objects
-        if not o.later
-    ]
+    """Write names of objects and fixtures where there is room for them, small things first.
+
+    Args:
+        names: writes them.
+        view: from where.
+        subject: the scenario and its cell.
+        goals: whether to name places, too.
+        again: where things are drawn again, and named there.
+    """
+    flat = [view.right, view.up]
+    for name, box, goal in _things(subject):
+        there = any(item.holds(box[:, flat]) for item in again)
+        if goals or not (goal or there):
+            names.name(*box[:, flat], name, _GOAL if goal else INK)
     fixtures = [
-        (f.name, placed_points(_corners(f.shape), f.pose), _FIXTURE_NAME)
-        for f in cell.fixtures
+        (f.name, _bounds(placed_points(_corners(f.shape), f.pose)))
+        for f in subject.cell.fixtures
         if f.name in subject.own_fixtures
     ]
-    named += sorted(fixtures, key=lambda entry: float(np.ptp(entry[1], axis=0).max()))
-    if view.eye != 2 and len(named) > _MOST_ASIDE:
-        return  # they stand behind each other
-    taken: list[tuple[float, float, float]] = []
-    high = 1.4 * _NAME_SIZE * metres_per_point
-    for name, corners, colour in named:
-        flat = corners[:, [view.right, view.up]]
-        low, top = flat.min(axis=0), flat.max(axis=0)
-        half = 0.3 * _NAME_SIZE * len(name) * metres_per_point
-        if 0.5 * half > float((top - low).max()):  # it would hide what it names
-            continue
-        places = [0.5 * (low + top)]
-        if colour == _FIXTURE_NAME:
-            inset = np.array([1.2 * half, high])
-            places += [low + inset, top - inset]
-        for x, y in places:
-            if not any(
-                abs(x - u) < half + w and abs(y - v) < high for u, v, w in taken
-            ):
-                taken.append((float(x), float(y), half))
-                _label(area, (float(x), float(y)), name, colour, _NAME_SIZE)
-                break
-
-
-def _label(
-    area: Axes,
-    at: tuple[float, float],
-    text: str,
-    colour: str,
-    size: int,
-    *,
-    bold: bool = False,
-) -> None:
-    area.text(
-        float(at[0]),
-        float(at[1]),
-        text,
-        color=colour,
-        fontsize=size,
-        fontweight="bold" if bold else "normal",
-        ha="center",
-        va="center",
-        zorder=7 if bold else 6,
-        clip_on=True,
-        bbox={"facecolor": "white", "edgecolor": FRAME, "alpha": 0.75, "pad": 1.0}
-        if bold
-        else {"facecolor": "white", "edgecolor": "none", "alpha": 0.55, "pad": 0.5},
-    )
+    for name, box in sorted(
+        fixtures, key=lambda entry: float(np.ptp(entry[1], axis=0).max())
+    ):
+        names.name(*box[:, flat], name, _FIXTURE_NAME)
 
 
 def _frame(robot: PlacedRobot) -> str:

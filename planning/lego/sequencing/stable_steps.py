@@ -210,6 +210,7 @@ class ExplainedStep:
         bears: largest force that the structure bears, up to ``MOST`` [N].
         alone: the same without the support [N].
         report: the joints that are pulled by the force that it takes.
+        temporary: names of the bricks that only help, and do not stay.
     """
 
     number: int
@@ -220,6 +221,7 @@ class ExplainedStep:
     bears: float
     alone: float
     report: StabilityReport
+    temporary: frozenset[str]
 
 
 def explain_step(
@@ -258,6 +260,11 @@ def explain_step(
         max(0.0, strong.bears(step.press, step.support).bears),
         max(0.0, strong.bears(step.press).bears),
         real.weakness(step.press, step.support),
+        frozenset(
+            item.name
+            for item, own in zip(assembly.structure, assembly.steps, strict=True)
+            if own.temporary
+        ),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from planning.lego.insertion.tool_room import GRID
 from planning.lego.sequencing.stable_steps import explain_step, strain_of
 from planning.statics.equilibrium import Load
 from tests.planning.lego.whole_stability import stability
-from twin.planning.step_picture import draw_step
+from twin.planning.step_picture import draw_step, step_figure
 
 
 def _overhang(*supports: Support) -> LegoAssembly:
@@ -59,6 +60,26 @@ def test_a_support_is_what_makes_the_difference(tmp_path: Path):
     (tmp_path / "step.png").write_bytes(draw_step(found))
     with Image.open(tmp_path / "step.png") as picture:
         assert picture.size == (1000, 550)
+
+
+def test_the_picture_has_room_for_its_arrows_and_says_what_they_are():
+    plain = _overhang(Support(20, 18, 9, 0))
+    steps = tuple(replace(step, temporary=k == 2) for k, step in enumerate(plain.steps))
+    for assembly in (plain, replace(plain, steps=steps)):
+        found = explain_step(assembly, 11, SequencingRules())
+        figure = step_figure(found)
+        for axis, axes in enumerate(figure.axes):
+            low, high = axes.get_ylim()
+            for arrow in axes.texts:
+                x, z = arrow.xyann
+                assert low < z < high
+                assert axes.get_xlim()[0] < x < axes.get_xlim()[1], axis
+            hatched = [patch for patch in axes.patches if patch.get_hatch()]
+            assert len(hatched) == len(found.temporary) == (assembly is not plain)
+        (legend,) = figure.legends
+        words = {text.get_text() for text in legend.get_texts()}
+        assert {"press", "support", "pressed brick"} <= words
+        assert ("temporary" in words) == (assembly is not plain)
 
 
 def test_steps_that_are_not_there():
