@@ -270,8 +270,9 @@ class PartCollector(CandidateCollector):
 
     def _add_works(self, number: int, step: WorkStep, robot: PlacedRobot) -> None:
         process, name, tools = step.step.process, robot.name, mounted_tool(robot)
-        if process.frame not in {"flange", *robot.model.frames}:
-            reason = f"it has no frame {process.frame!r}"
+        frames = ("flange", *robot.model.frames)
+        if process.frame not in frames:
+            reason = f"it has no frame {process.frame!r} (valid: {', '.join(frames)})"
             self.reject(number, f"{name} does it", reason)
             return
         if process.tool not in (None, robot.tool):

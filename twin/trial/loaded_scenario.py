@@ -92,6 +92,14 @@ class LoadedScenario:
         """Return the content with every default filled in, as JSON would hold it."""
         return resolved(self.sections)
 
+    def __repr__(self) -> str:
+        """Return what it is in a line; ``resolved`` has all of it."""
+        from twin.planning.kind import assembly_kind
+
+        kind = assembly_kind(self.sections.assembly)
+        size = f"{len(self.robots)} robots, {kind.steps()} steps, {kind.supply()}"
+        return f"<scenario {self.name!r} of kind {self.sections.assembly.kind}: {size}>"
+
     def _repr_html_(self) -> str:
         from twin.check.finding import Subject
         from twin.check.picture import cell_figure

@@ -94,6 +94,12 @@ class PlanResult:
         save_plan(self.tpg, place)
         return place
 
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        nodes = sum(map(len, self.tpg.chains))
+        size = f"{len(self.tpg.tasks)} tasks, {nodes} nodes, {self.makespan_s:.2f} s"
+        return f"<plan of {self.scenario.name!r}, {self.name}: {size}>"
+
     def _repr_html_(self) -> str:
         from twin.drawing.markup import card
 

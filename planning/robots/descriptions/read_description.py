@@ -48,7 +48,8 @@ def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
         if name not in joints or joints[name].get("type") == "fixed":
             choices = free_joints(root)
             raise RobotModelError(
-                f"{path} has no joint {name!r} to hold (valid: {', '.join(choices) or 'none'})",
+                f"{path} has no joint {name!r} to hold"
+                + ("" if choices else ": it has none that moves"),
                 choices=choices,
             )
         _require_within(joints[name], value, f"{path}: joint {name!r}")

@@ -43,6 +43,8 @@ def test_a_scenario_tells_what_is_in_it() -> None:
     assert found.steps == 3
     assert twin.load(found) is found
     assert "rearrangement" in found._repr_html_()
+    words = "<scenario 'rearrangement' of kind assembly: 3 robots, 3 steps, 3 parts>"
+    assert str(found) == words
 
 
 def test_a_scenario_with_other_values_is_another_one() -> None:

@@ -184,7 +184,12 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     [
         ("process: seal", "process: seel", "unknown process 'seel'; did you mean"),
         ("frame: hole1}", "frame: hole}", "unknown frame 'hole'; did you mean"),
-        ("frame: corner}", "frame: edge}", "unknown frame 'edge' (valid: corner)"),
+        (
+            "frame: corner}",
+            "frame: edge}",
+            "table: unknown frame 'edge' (valid: corner)",
+        ),
+        ("{part: cover, frame: hole2}", "{part: pin, frame: tip}", "pin has no frames"),
         ("fixture: table, f", "fixture: tabel, f", "unknown fixture 'tabel'"),
         ("{part: cover, frame: hole2}", "{frame: hole2}", "of which part or fixture"),
         ("robots: [right]", "robots: [wright]", "unknown robot 'wright'"),

@@ -99,9 +99,10 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
             words = unknown_name("part", step.at.part, tuple(parts))
             yield (*at, "at", "part"), words
         elif step.at.frame is not None:
-            frames = parts[step.at.part].frames
+            owner, frames = step.at.part, tuple(parts[step.at.part].frames)
             if step.at.frame not in frames:
-                yield (*at, "at", "frame"), unknown_frame(step.at.frame, tuple(frames))
+                words = unknown_frame(owner, step.at.frame, frames)
+                yield (*at, "at", "frame"), words
     if step.hold is not None:
         if step.hold not in parts:
             yield (*at, "hold"), unknown_name("part", step.hold, tuple(parts))
@@ -150,9 +151,11 @@ def _check_machines(section: PartsSection) -> Found:
             yield ("assembly", "machines", name), f"no process is done by {name}"
 
 
-def unknown_frame(name: str, frames: tuple[str, ...]) -> str:
-    """Say that something has no frame of a name."""
-    return unknown_name("frame", name, frames) if frames else "it has no frames"
+def unknown_frame(owner: str, name: str, frames: tuple[str, ...]) -> str:
+    """Say that a part or fixture has no frame of a name."""
+    if not frames:
+        return f"{owner} has no frames, so none is called {name!r}: give it frames, or a pose here"
+    return f"{owner}: {unknown_name('frame', name, frames)}"
 
 
 def _check_placed_once(section: PartsSection) -> Found:
@@ -318,5 +321,6 @@ def check_work(section: PartsSection, cell: CellSection) -> Found:
             words = unknown_name("fixture", step.at.fixture, tuple(fixtures))
             yield (*at, "at", "fixture"), words
         elif step.at.frame is not None and step.at.frame not in fixture.frames:
-            words = unknown_frame(step.at.frame, tuple(fixture.frames))
+            frames = tuple(fixture.frames)
+            words = unknown_frame(fixture.name, step.at.frame, frames)
             yield (*at, "at", "frame"), words

@@ -119,7 +119,8 @@ def unknown_name(what: str, name: str, valid: Sequence[str]) -> str:
     """Say that a name is unknown, and which one was probably meant."""
     close = difflib.get_close_matches(name, valid, n=1, cutoff=0.6)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"unknown {what} {name!r}{hint} (valid: {', '.join(valid)})"
+    known = f" (valid: {', '.join(valid)})" if valid else ": there is none"
+    return f"unknown {what} {name!r}{hint}{known}"
 
 
 def _split_unit(key: str) -> tuple[str, str]:
