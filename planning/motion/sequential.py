@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import TransitError
-from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.motion.known_motions import (
     FoundWay,
     KnownMotions,
@@ -239,8 +241,50 @@ def _plan_transit(
         if path is not None:
             return path
     raise TransitError(
-        f"{_name(task)}: no collision-free path found with {settings.attempts} seeds"
+        f"{_name(task)}: no collision-free path found with {settings.attempts} seeds;"
+        f" {why_blocked(checker, start, goal)}"
     )
+
+
+class ContactChecker(Protocol):
+    """Tells what a robot touches where it stands."""
+
+    def contact(self, q: Array) -> Contact | None:
+        """Return the closest forbidden contact at ``q``, None where there is none."""
+        ...
+
+
+def why_blocked(checker: ContactChecker, start: Array, goal: Array) -> str:
+    """Return in words what is in the way between two free configurations, and how near.
+
+    That is what shuts the robot in at one of them, else what is in its way on the straight line.
+
+    Args:
+        checker: of the robot.
+        start, goal: shape (n,).
+    """
+    for end, q in (("start", start), ("goal", goal)):
+        steps = np.vstack([np.eye(len(q)), -np.eye(len(q))]) * _SMALL_STEP
+        met = [checker.contact(q + step) for step in steps]
+        contacts = [contact for contact in met if contact is not None]
+        if len(contacts) < len(steps):
+            continue
+        names = Counter((c.first, c.second) for c in contacts)
+        often, _ = names.most_common(1)[0]
+        nearest = min(
+            (c for c in contacts if (c.first, c.second) == often),
+            key=lambda c: c.distance,
+        )
+        return f"at its {end} no joint can turn by {_SMALL_STEP:g} rad or m: then {nearest}"
+    for share in np.linspace(0.0, 1.0, _LOOKED_AT):
+        contact = checker.contact(start + share * (goal - start))
+        if contact is not None:
+            return f"straight on, {contact} after {100 * share:.0f} % of the way"
+    return "straight on something is in the way between free configurations"
+
+
+_SMALL_STEP, _LOOKED_AT = 0.05, 201
+"""Step of a joint that is tried where no path is found [rad or m], and configurations looked at."""
 
 
 def _skill_way(

@@ -27,6 +27,7 @@ from planning.parts.tool_grips import tool_misfit
 from planning.steps.skill import (
     NOTHING,
     Obstruction,
+    Phase,
     SkillContacts,
     SkillPath,
     SkillTargets,
@@ -257,7 +258,8 @@ class PartSkills:
             self._frame, start @ grip, ways.approach, ways.leave, ways.extraction
         )
         changes = Attachment(None, start), self._in_hand(robot, grip)
-        return self._handle(robot, step, targets, changes, step.at_start, known)
+        found = self._handle(robot, step, targets, changes, step.at_start, known)
+        return _with_remedy(found, ways.approach, ways.leave)
 
     def place(
         self,
@@ -272,7 +274,8 @@ class PartSkills:
             self._frame, step.goal @ grip, ways.approach, ways.leave, ways.insertion
         )
         changes = self._in_hand(robot, grip), Attachment(None, step.goal)
-        return self._handle(robot, step, targets, changes, step.at_goal, known)
+        found = self._handle(robot, step, targets, changes, step.at_goal, known)
+        return _with_remedy(found, ways.approach, ways.leave)
 
     def carried_home(
         self, robot: PlacedRobot, step: PartStep, grip: Transform
@@ -318,7 +321,8 @@ class PartSkills:
         )
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._configurations, contacts)
-        return _free_path(robot, targets, scene, known)
+        found = _free_path(robot, targets, scene, known)
+        return _with_remedy(found, self.assembly.handling(part).approach)
 
     def work(
         self,
@@ -337,7 +341,8 @@ class PartSkills:
             SkillContacts(NOTHING, touches, NOTHING),
             tool=ToolContact(0.0, PRESSED),
         )
-        return _free_path(robot, targets, scene, known)
+        found = _free_path(robot, targets, scene, known)
+        return _with_remedy(found, step.step.process.approach)
 
     def _handle(
         self,
@@ -375,6 +380,30 @@ class PartSkills:
     def _configurations(self) -> dict[str, Array]:
         home = {robot.name: robot.home for robot in self.cell.robots}
         return {**home, **self.holding}
+
+
+def _with_remedy(
+    found: SkillPath | Obstruction, approach: float, leave: float | None = None
+) -> SkillPath | Obstruction:
+    """Return what was found; of what is in the way at an end of a straight way, what could help.
+
+    Args:
+        found: a path, or what is in its way.
+        approach, leave: lengths of the straight ways before and after [m].
+    """
+    if not isinstance(found, Obstruction):
+        return found
+    if found.phase is Phase.BEFORE:
+        key, end, length = "approach_m", "begins", approach
+    elif found.phase is Phase.AFTER and leave is not None:
+        key, end, length = "leave_m", "ends", leave
+    else:
+        return found
+    return replace(
+        found,
+        words=f"{found.words}, where the straight way {end}, {1e3 * length:g} mm away: if that is too"
+        f" short to be clear of what is around, {key} makes it longer",
+    )
 
 
 def _free_path(

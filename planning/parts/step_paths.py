@@ -243,7 +243,7 @@ def _can_keep(paths: StepPaths, p: int, found: CandidateCollector) -> bool:
             else:
                 good[other.robot] += 1
         if not good:
-            found.reject(item.step, *_nobody(paths, later, words, wrong))
+            found.reject(item.step, *_nobody(paths, found, item, later, wrong))
             return False
         if paths.steps[later - 1].held is None:
             continue
@@ -258,7 +258,7 @@ def _can_keep(paths: StepPaths, p: int, found: CandidateCollector) -> bool:
             else:
                 beside += 1
         if not beside:
-            found.reject(item.step, *_nobody(paths, later, words, wrong))
+            found.reject(item.step, *_nobody(paths, found, item, later, wrong))
             return False
     found.clashing |= clashing
     found.incompatible |= incompatible
@@ -266,12 +266,34 @@ def _can_keep(paths: StepPaths, p: int, found: CandidateCollector) -> bool:
 
 
 def _nobody(
-    paths: StepPaths, later: int, words: str, wrong: Obstruction | None
+    paths: StepPaths,
+    found: CandidateCollector,
+    item: PrimaryCandidate,
+    later: int,
+    wrong: Obstruction | None,
 ) -> tuple[str, Obstruction]:
-    """Return in words that a step cannot be done meanwhile: who keeps hold, and why not."""
+    """Return in words that a step cannot be done meanwhile: who keeps hold, and why not.
+
+    Where nothing of who keeps hold is in the way, nobody else can do the step at all: then that is why.
+    """
     step = f"step {later} ({paths.steps[later - 1].step.words})"
-    why = "" if wrong is None else f" ({wrong.words})"
-    return f"{words}{why}", Obstruction(f"nobody else could do {step} meanwhile")
+    words = (
+        f"{item.robot} that keeps hold of {item.object}, {paths.grip_of(item).words}"
+    )
+    if wrong is not None:
+        nobody = f"nobody else could do {step} meanwhile: {wrong.words}"
+        return words, Obstruction(nobody, wrong.by)
+    others = [
+        r
+        for r in found.rejections
+        if r.step == later and not r.what.startswith(item.robot)
+    ]
+    why = f"nobody else can do {step}"
+    if others:
+        reason, _ = Counter(r.reason for r in others).most_common(1)[0]
+        what = next(r.what for r in others if r.reason == reason)
+        why += f" at all: {what}: {reason}"
+    return words, Obstruction(why)
 
 
 def _of_step(

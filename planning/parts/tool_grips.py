@@ -204,7 +204,9 @@ def tool_misfit(
     if depth <= DEEPEST:
         return None
     return Obstruction(
-        f"the tool of {robot.name} would be {depth * 1e3:.1f} mm in {part.name}, open as it is held"
+        f"the tool of {robot.name} would be {depth * 1e3:.1f} mm in {part.name}, open as it is held, and"
+        f" may be {DEEPEST * 1e3:g} mm: hold its fingers farther apart (joints of the tool), or let it"
+        " grip where the part is thinner"
     )
 
 

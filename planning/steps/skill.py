@@ -183,10 +183,12 @@ class Obstruction:
     Attributes:
         words: the reason.
         by: name of the object, fixture or robot part in the way, None if that is not the cause.
+        phase: where that is so before the skill begins or after it is over, else None.
     """
 
     words: str
     by: str | None = None
+    phase: Phase | None = None
 
 
 def obstructions(
@@ -205,7 +207,7 @@ def obstructions(
     waypoints = path.waypoints
     change = len(waypoints) if path.change_at is None else path.change_at
     for q in path.lead:
-        while found := _at(checker_of(Phase.BEFORE), q, "before"):
+        while found := _at(checker_of, q, Phase.BEFORE):
             yield found
     phase = Phase.UNTIL_CHANGE
     for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
@@ -213,7 +215,7 @@ def obstructions(
             phase = Phase.SINCE_CHANGE
         while not checker_of(phase).motion_free(q_a, q_b):
             yield _on_the_way(checker_of(phase), q_a, q_b)
-    while found := _at(checker_of(Phase.AFTER), waypoints[-1], "after"):
+    while found := _at(checker_of, waypoints[-1], Phase.AFTER):
         yield found
 
 
@@ -268,11 +270,14 @@ def _follow(
     return np.array(chain)
 
 
-def _at(checker: SceneChecker, q: Array, when: str) -> Obstruction | None:
-    contact = checker.contact(q)
+def _at(
+    checker_of: Callable[[Phase], SceneChecker], q: Array, phase: Phase
+) -> Obstruction | None:
+    contact = checker_of(phase).contact(q)
     if contact is None:
         return None
-    return Obstruction(f"{contact} {when}", contact.second.split(":")[0])
+    words = f"{contact} {phase.value}"
+    return Obstruction(words, contact.second.split(":")[0], phase)
 
 
 def _on_the_way(checker: SceneChecker, q_a: Array, q_b: Array) -> Obstruction:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,13 @@ import pytest
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_state
 from planning.errors import TransitError
-from planning.geometry.scene_checker import SceneChecker
+from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
-from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.motion.sequential import (
+    MotionSettings,
+    plan_sequential,
+    why_blocked,
+)
 from planning.motion.speed import L1Speed
 from planning.motion.transit import RrtConnect
 from planning.robots.registry import robot_model
@@ -138,3 +143,46 @@ def test_the_same_seed_gives_the_same_plan(cell: Workcell) -> None:
     for a, b in zip(one.motions, two.motions, strict=True):
         assert np.array_equal(a.path, b.path)
         assert np.array_equal(a.time, b.time)
+
+
+class _Wall:
+    """A point that must not come nearer than 0.1 to a wall where its first joint is 0.5."""
+
+    def contact(self, q: Array) -> Contact | None:
+        gap = abs(float(q[0]) - 0.5)
+        return None if gap >= 0.1 else Contact("arm/tool:tip", "wall", gap, 0.1)
+
+
+class _Cage:
+    """A point that is free at zero and nowhere else."""
+
+    def contact(self, q: Array) -> Contact | None:
+        far = float(np.abs(q).max())
+        return None if far == 0.0 else Contact("arm/tool:tip", "cage", -0.1 * far, 0.0)
+
+
+def test_what_is_in_the_way_of_a_transit_is_said_with_how_near_it_is() -> None:
+    start, goal = np.zeros(3), np.array([1.0, 0.2, 0.0])
+    words = why_blocked(_Wall(), start, goal)
+    assert words == (
+        "straight on, arm/tool:tip and wall come within 95.0 mm after 40 % of the way"
+    )
+    words = why_blocked(_Cage(), start, goal)
+    assert words == (
+        "at its start no joint can turn by 0.05 rad or m: then arm/tool:tip and cage"
+        " overlap by 5.0 mm"
+    )
+
+
+class _NoPlanner:
+    def plan(self, *_: object) -> None:
+        return None
+
+
+def test_a_transit_without_a_path_says_what_is_in_its_way(cell: Workcell) -> None:
+    settings = replace(
+        _settings(cell), planners=dict.fromkeys(("left", "right"), _NoPlanner())
+    )
+    steps = [lambda first: iter([_fetch(cell, first)])]
+    with pytest.raises(TransitError, match="found with 2 seeds; straight on"):
+        plan_sequential(cell, steps, _no_links, settings)

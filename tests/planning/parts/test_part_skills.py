@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,11 +15,15 @@ from planning.parts.assembly import Process
 from planning.parts.part_skills import (
     SMALL_STRIDE,
     SMALL_TURN,
+    _with_remedy,
     pick_targets,
     place_targets,
     process_targets,
 )
-from planning.steps.skill import STRIDE, SkillTargets
+from planning.parts.step_paths import _nobody
+from planning.steps.handovers import CandidateCollector
+from planning.steps.skill import STRIDE, Obstruction, Phase, SkillTargets
+from planning.tasks.assignment import PrimaryCandidate
 from planning.transforms import Array, Transform, from_rpy
 
 GRIP = from_rpy((0.4, 0.1, 0.2), (np.pi, 0.5, 0.3))
@@ -126,3 +131,36 @@ def test_a_turn_is_about_the_axis_of_the_place(
     between = np.linalg.inv(place) @ second @ np.linalg.inv(first) @ place
     expected = from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, other - one))
     np.testing.assert_allclose(between[:3, :3], expected[:3, :3], atol=1e-9)
+
+
+def test_what_is_in_the_way_where_a_straight_way_begins_says_which_key_is_its_length() -> (
+    None
+):
+    at_ends = [
+        _with_remedy(Obstruction("a and slot touch", "slot", phase), 0.06, 0.05)
+        for phase in (None, Phase.BEFORE, Phase.AFTER)
+    ]
+    words = [found.words for found in at_ends if isinstance(found, Obstruction)]
+    assert words[0] == "a and slot touch"
+    assert "begins, 60 mm away" in words[1]
+    assert "approach_m makes it longer" in words[1]
+    assert "ends, 50 mm away" in words[2]
+    assert "leave_m makes it longer" in words[2]
+
+
+def test_nobody_else_is_told_with_why() -> None:
+    item = PrimaryCandidate(1, "left", "web", 0, 0.0)
+    grip = SimpleNamespace(words="grip 10 mm wide")
+    steps = [SimpleNamespace(step=SimpleNamespace(words=w)) for w in ("web", "screw")]
+    paths = SimpleNamespace(steps=steps, grip_of=lambda _: grip)
+    found = CandidateCollector(())
+    found.reject(2, "left does it", "it is for right only")
+    found.reject(2, "right grips, 8 mm wide", "the tool would be 4.0 mm in screw")
+    _, why = _nobody(paths, found, item, 2, None)  # type: ignore[arg-type]
+    assert why.words == (
+        "nobody else can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
+        " in screw"
+    )
+    hit = Obstruction("right/arm and left/arm overlap by 3.0 mm", "left/arm")
+    _, why = _nobody(paths, found, item, 2, hit)  # type: ignore[arg-type]
+    assert why.words.endswith("meanwhile: right/arm and left/arm overlap by 3.0 mm")
