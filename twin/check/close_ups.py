@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from planning.transforms import Array
@@ -22,6 +23,9 @@ _LETTER, _LINE = 0.3, 0.75
 
 _TINY = 18.0
 """Things that are drawn smaller are drawn again [points]."""
+
+_NEAR = 0.06
+"""Things nearer to each other than this share of the view are drawn together."""
 
 _ROOM, _LARGER = 0.1, 1.5
 """Room around what is drawn again, of its size, and how much larger it must become for it to be."""
@@ -64,20 +68,19 @@ def close_ups(
     sizes = np.max(boxes[:, 1] - boxes[:, 0], axis=1) if len(boxes) else np.empty(0)
     if not np.any(sizes < _TINY * metres_per_point):
         return []
-    reach = 0.05 * float(extent.max())
-    groups = _groups(boxes, reach)
+    tiny = sizes < _TINY * metres_per_point
+    reach = _NEAR * float(extent.max())
+    groups = _groups(boxes, tiny, reach)
     while len(groups) > MOST:
         reach *= 1.3
-        groups = _groups(boxes, reach)
+        groups = _groups(boxes, tiny, reach)
     found = []
+    panel = np.array([panel_width(row[0], max(len(groups), 1)), row[1]])
     for group in groups:
         low, high = boxes[group, 0].min(axis=0), boxes[group, 1].max(axis=0)
         margin = _ROOM * float((high - low).max()) + 12.0 * metres_per_point / _LARGER
         low, high = low - margin, high + margin
-        tiny = np.any(sizes[group] < _TINY * metres_per_point)
-        panel = np.array([panel_width(row[0], len(groups)), row[1]])
-        scale = float(np.max((high - low) / panel)) / 72.0
-        if tiny and len(group) > 1 and _LARGER * scale < metres_per_point:
+        if _LARGER * float(np.max((high - low) / panel)) / 72.0 < metres_per_point:
             found.append((low, high))
     found.sort(key=lambda corners: (float(corners[0][0]), float(corners[0][1])))
     return [CloseUp(chr(65 + k), *corners) for k, corners in enumerate(found)]
@@ -88,8 +91,11 @@ def panel_width(width: float, count: int) -> float:
     return width / count - 0.8
 
 
-def _groups(boxes: Array, reach: float) -> list[list[int]]:
-    """Return which boxes are together, each within reach of another one of its group."""
+def _groups(boxes: Array, tiny: npt.NDArray[np.bool_], reach: float) -> list[list[int]]:
+    """Return which boxes are together, each within reach of another one of its group.
+
+    Only groups of several with something tiny among them.
+    """
     apart = np.maximum(
         boxes[:, None, 0] - boxes[None, :, 1], boxes[None, :, 0] - boxes[:, None, 1]
     ).max(axis=2)
@@ -102,7 +108,8 @@ def _groups(boxes: Array, reach: float) -> list[list[int]]:
             near = {j for j in left if apart[k, j] <= reach}
             left -= near
             todo += near
-        groups.append(sorted(group))
+        if len(group) > 1 and np.any(tiny[group]):
+            groups.append(sorted(group))
     return groups
 
 
