@@ -136,15 +136,15 @@ class Names:
         self._take(at, text, size)
         self._write(at, text, colour, size, bold=True)
 
-    def name(self, low: Array, high: Array, text: str, colour: str) -> None:
+    def name(self, box: Array, text: str, colour: str) -> None:
         """Write the name of a thing on it, else beside it; not at all where there is no room.
 
         Args:
-            low, high: corners of the thing, shape (2,) [m].
+            box: lower and upper corner of the thing, shape (2, 2) [m].
             text: its name.
             colour: of the name.
         """
-        low, high = np.maximum(low, self.low), np.minimum(high, self.high)
+        low, high = np.maximum(box[0], self.low), np.minimum(box[1], self.high)
         if np.any(high <= low):
             return
         for at in self._places(low, high, text):

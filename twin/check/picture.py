@@ -416,7 +416,7 @@ def _draw_names(
     for name, box, goal in _things(subject):
         there = any(item.holds(box[:, flat]) for item in again)
         if goals or not (goal or there):
-            names.name(*box[:, flat], name, _GOAL if goal else INK)
+            names.name(box[:, flat], name, _GOAL if goal else INK)
     fixtures = [
         (f.name, _bounds(placed_points(_corners(f.shape), f.pose)))
         for f in subject.cell.fixtures
@@ -425,7 +425,7 @@ def _draw_names(
     for name, box in sorted(
         fixtures, key=lambda entry: float(np.ptp(entry[1], axis=0).max())
     ):
-        names.name(*box[:, flat], name, _FIXTURE_NAME)
+        names.name(box[:, flat], name, _FIXTURE_NAME)
 
 
 def _frame(robot: PlacedRobot) -> str:
