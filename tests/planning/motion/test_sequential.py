@@ -146,11 +146,11 @@ def test_the_same_seed_gives_the_same_plan(cell: Workcell) -> None:
 
 
 class _Wall:
-    """A point that must not come nearer than 0.1 to a wall where its first joint is 0.5."""
+    """A point that must not come nearer than 0.098 to a wall where its first joint is 0.5."""
 
     def contact(self, q: Array) -> Contact | None:
         gap = abs(float(q[0]) - 0.5)
-        return None if gap >= 0.1 else Contact("arm/tool:tip", "wall", gap, 0.1)
+        return None if gap >= 0.098 else Contact("arm/tool:tip", "wall", gap, 0.098)
 
 
 class _Cage:

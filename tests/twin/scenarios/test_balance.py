@@ -95,7 +95,8 @@ def test_what_hangs_on_a_joint_hangs_for_the_audit_without_it(tmp_path: Path) ->
     """The beam stops 5 mm above the post: held by the joint alone."""
     higher = "goal: {xyz_m: [0.04, 0, 0.081]}"
     file = tmp_path / "cantilever.yaml"
-    joined = "joined: [[table, post], [post, beam]]\n  steps: [post, beam]\n#"
+    joints = "[[table, post], {parts: [post, beam], gap_m: 0.006}]"
+    joined = f"joined: {joints}\n  steps: [post, beam]\n#"
     text = SCENARIO.replace("goal: {xyz_m: [0.04, 0, 0.076]}", higher)
     file.write_text(text.replace("steps:", joined))
     given = load_scenario(file)
@@ -108,7 +109,7 @@ def test_what_hangs_on_a_joint_hangs_for_the_audit_without_it(tmp_path: Path) ->
 
 def _without_joint(file: Path) -> Path:
     other = file.with_name("bare.yaml")
-    other.write_text(file.read_text().replace(", [post, beam]]", "]"))
+    other.write_text(file.read_text().replace(", {parts: [post, beam], gap_m: 0.006}]", "]"))
     return other
 
 
