@@ -109,7 +109,9 @@ def test_what_hangs_on_a_joint_hangs_for_the_audit_without_it(tmp_path: Path) ->
 
 def _without_joint(file: Path) -> Path:
     other = file.with_name("bare.yaml")
-    other.write_text(file.read_text().replace(", {parts: [post, beam], gap_m: 0.006}]", "]"))
+    other.write_text(
+        file.read_text().replace(", {parts: [post, beam], gap_m: 0.006}]", "]")
+    )
     return other
 
 
