@@ -1,98 +1,156 @@
-"""A temporal plan graph as a document of plain values, and named arrays of numbers."""
+"""What plan.json and plan.npz say of a temporal plan graph, and the graph that they make."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
+from pydantic import Field, PlainSerializer
 
-from planning.cell.robot_model import MotionLimits, RobotModel
-from planning.cell.shape import box_shape
-from planning.cell.workcell import (
-    CONTACT_DEPTH,
-    CellObject,
-    Clearances,
-    Fixture,
-    PlacedRobot,
-    Workcell,
-    machine,
+from planning.cell.robot_model import RobotModel
+from planning.errors import OutputError, listed
+from planning.tasks.task import GONE, AllowedContact, Handling, Task
+from scheduling.graph.columns import (
+    POSES,
+    Arrays,
+    Column,
+    read_columns,
+    require,
+    write_columns,
 )
-from planning.errors import RobotModelError
-from planning.robots.descriptions.xml_files import description_sha256
-from planning.robots.registry import ROBOTS, robot_model
-from planning.tasks.task import AllowedContact, Handling, Task
-from planning.transforms import Array
 from scheduling.graph.drive import Drive, RoundedCorners
-from scheduling.graph.schema import shape_document, stored_shape
+from scheduling.graph.stored_cell import (
+    CellEntry,
+    Entry,
+    Index,
+    made,
+    read_cell,
+    stack,
+    told,
+    write_cell,
+)
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
 )
 
-Document = dict[str, Any]
-Arrays = dict[str, npt.NDArray[Any]]
+_NUMBERS = Column(("rows",), np.int64, least=0)
+_SHAPES = Column(("rows", 2), np.int64, least=0, most=10**6)
 
 
-def _keys(kind: type, *arrays: str, **renamed: str) -> dict[str, str]:
-    """Return the fields of a data class by their keys in the document, without its arrays."""
-    names = [f.name for f in fields(kind) if f.name not in arrays]
-    return {renamed.get(name, name): name for name in names}
+class _Handling(Entry):
+    object: str
+    waypoint: Index
+    holder: str | None
 
 
-_FIXTURE = _keys(Fixture, "shape", "pose", "frames", "colour")
-_OBJECT = _keys(CellObject, "shape", "start", mass="mass_kg")
-_CLEARANCE = _keys(
-    Clearances,
-    robot_robot="robot_robot_m",
-    robot_object="robot_object_m",
-    contact_tolerance="contact_tolerance_m",
-    contact_depth="contact_depth_m",
-)
-_USUAL_CLEARANCE = {"contact_tolerance_m": 0.0, "contact_depth_m": CONTACT_DEPTH}
-"""What plans mean that do not say so: those of earlier versions grazed nothing."""
-_TASK = _keys(Task, "path", "handlings")
-_HANDLING = _keys(Handling, "pose")
-_NODE_HANDLING = _keys(NodeHandling, "pose", robot="chain")
-_CHAIN_ARRAYS = _keys(NodeChain, "robot", "least", "drive", "corners")
-_GRAPH_ARRAYS = ("edges", "cause", "dependencies", "slots")
+class _Task(Entry):
+    index: Index
+    robot: str
+    kind: Annotated[str, Field(min_length=1, max_length=64)]
+    step: Index
+    label: str
+    object: str | None
+    goal: bool
+    handlings: tuple[_Handling, ...]
 
 
-def graph_document(tpg: TemporalPlanGraph) -> tuple[Document, Arrays]:
-    """Return a graph as a document and arrays of numbers, as the head of plan_files says."""
-    arrays: Arrays = {name: getattr(tpg, name) for name in _GRAPH_ARRAYS}
+class _NodeHandling(_Handling):
+    robot: Annotated[Index, Field(alias="chain")]
+    node: Index
+
+
+class _Allowed(Entry):
+    first: str
+    second: str
+    tasks: Annotated[frozenset[Index], PlainSerializer(sorted)]
+    grazing: bool
+
+
+class PlanDocument(Entry):
+    """What plan.json says, but for format, version and the sum of the arrays."""
+
+    cell: CellEntry
+    tasks: tuple[_Task, ...]
+    chains: tuple[str, ...]
+    handlings: tuple[_NodeHandling, ...]
+    allowed: tuple[_Allowed, ...]
+
+    def check_names(self) -> None:
+        """Check that every name is known, and given once.
+
+        Raises:
+            OutputError: one is not; the message names the place.
+        """
+        names = [robot.name for robot in self.cell.robots]
+        robots = _unique("cell.robots", names)
+        movers = _unique("cell.machines", [*names, *self.cell.machines])
+        items = [*self.cell.fixtures, *self.cell.objects]
+        _unique("cell.fixtures and cell.objects", [item.name for item in items])
+        objects = {item.name for item in self.cell.objects}
+        chains = _unique("chains", self.chains)
+        for k, name in enumerate(self.chains):
+            _check_name(f"chains.{k}", name, movers)
+        handlings: list[tuple[str, _Handling]] = []
+        handlings += [(f"handlings.{k}", h) for k, h in enumerate(self.handlings)]
+        for k, task in enumerate(self.tasks):
+            if task.index != k:
+                raise OutputError(f"tasks.{k}.index: is {task.index}")
+            _check_name(f"tasks.{k}.robot", task.robot, chains)
+            if task.object is not None:
+                _check_name(f"tasks.{k}.object", task.object, objects)
+            handlings += [(f"tasks.{k}.handlings", h) for h in task.handlings]
+        for place, handling in handlings:
+            _check_name(f"{place}.object", handling.object, objects)
+            if handling.holder not in (None, GONE):
+                _check_name(f"{place}.holder", str(handling.holder), robots & chains)
+
+
+def _unique(place: str, names: Sequence[str]) -> set[str]:
+    if len(set(names)) < len(names):
+        raise OutputError(f"{place}: a name is given twice")
+    return set(names)
+
+
+def _check_name(place: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        valid = listed(sorted(known)) or "none"
+        raise OutputError(f"{place}: there is no {name!r} (valid: {valid})")
+
+
+def write_graph(tpg: TemporalPlanGraph) -> tuple[PlanDocument, Arrays]:
+    """Return a graph as what plan.json and plan.npz have, see the head of plan_files."""
+    tasks, arrays = tpg.tasks, write_columns(tpg, "")
     if len(tpg.products):
         arrays["products"] = tpg.products
-    document = {
-        "cell": _cell_document(tpg.cell, arrays),
-        "tasks": _task_documents(tpg.tasks, arrays),
-        "chains": [chain.robot for chain in tpg.chains],
-        "handlings": [_entry(h, _NODE_HANDLING) for h in tpg.handlings],
-        "allowed": [
-            {"first": a.first, "second": a.second, "tasks": sorted(a.tasks)}
-            | ({"grazing": True} if a.grazing else {})
-            for a in tpg.allowed
-        ],
+    handed = [h for task in tasks for h in task.handlings]
+    arrays |= {
+        "handling_pose": stack([h.pose for h in tpg.handlings], 4, 4),
+        "task_handling_pose": stack([h.pose for h in handed], 4, 4),
+        "task_path": np.concatenate([*(t.path.ravel() for t in tasks), np.empty(0)]),
+        "task_shape": np.array([t.path.shape for t in tasks], int).reshape(-1, 2),
     }
-    arrays["handling_pose"] = _poses(h.pose for h in tpg.handlings)
     for i, chain in enumerate(tpg.chains):
-        arrays |= {f"chain_{i}_{name}": getattr(chain, name) for name in _CHAIN_ARRAYS}
+        arrays |= write_columns(chain, f"chain_{i}_")
         if chain.drive is not None:
-            arrays |= {f"chain_{i}_{k}": v for k, v in vars(chain.drive).items()}
+            arrays |= write_columns(chain.drive, f"chain_{i}_")
         if chain.corners is not None:
-            corners = vars(chain.corners).items()
-            arrays |= {f"chain_{i}_rounded_{k}": v for k, v in corners}
-    return document, arrays
+            arrays |= write_columns(chain.corners, f"chain_{i}_rounded_")
+    names = tuple(chain.robot for chain in tpg.chains)
+    cell = write_cell(tpg.cell, arrays)
+    return told(PlanDocument, tpg, cell=cell, chains=names), arrays
 
 
-def graph_of(
-    document: Document, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
+def read_graph(
+    document: PlanDocument,
+    arrays: Arrays,
+    models: Mapping[str, RobotModel],
+    folder: Path,
 ) -> TemporalPlanGraph:
-    """Return the graph that a document and arrays describe.
+    """Return the graph that plan.json and plan.npz describe.
 
     Args:
         document: what there is.
@@ -101,227 +159,66 @@ def graph_of(
         folder: where URDF files are looked for.
 
     Raises:
-        KeyError: something is missing.
-        TypeError, ValueError, IndexError: something does not fit.
-        OutputError: a robot has other joints than those of the plan.
-        RobotModelError: a robot description is not there any more.
+        KeyError: an array is missing.
+        OutputError: one has another type, shape or range than it should.
+        RobotModelError: a robot description is not there any more, or another one.
     """
+    cell = read_cell(document.cell, arrays, models, folder)
+    joints = {r.name: len(r.home) for r in (*cell.robots, *cell.machines)}
+    tasks = _read_tasks(document.tasks, joints, arrays)
     chains = tuple(
-        NodeChain(
-            robot,
-            **{name: arrays[f"chain_{i}_{name}"] for name in _CHAIN_ARRAYS},
-            drive=_drive(f"chain_{i}_", arrays),
-            corners=_corners(f"chain_{i}_rounded_", arrays),
-        )
-        for i, robot in enumerate(document["chains"])
+        _read_chain(robot, f"chain_{i}_", joints[robot], arrays)
+        for i, robot in enumerate(document.chains)
     )
-    handlings = tuple(
-        NodeHandling(**_values(entry, _NODE_HANDLING), pose=pose)
-        for entry, pose in zip(
-            document["handlings"], arrays["handling_pose"], strict=True
-        )
-    )
-    allowed = tuple(
-        AllowedContact(
-            a["first"], a["second"], frozenset(a["tasks"]), a.get("grazing", False)
-        )
-        for a in document["allowed"]
-    )
+    poses = POSES.read("handling_pose", arrays, {"rows": len(document.handlings)})
+    pairs = zip(document.handlings, poses, strict=True)
+    slots = len(tasks) if arrays["slots"].size else 0
+    own = read_columns(TemporalPlanGraph, "", arrays, {"slots": slots})
+    if "products" in arrays:
+        own["products"] = _NUMBERS.read("products", arrays, {"rows": len(tasks)})
     return TemporalPlanGraph(
-        _cell(document["cell"], arrays, models, folder),
-        _tasks(document["tasks"], arrays),
-        chains,
-        handlings=handlings,
-        allowed=allowed,
-        products=arrays.get("products", np.empty(0, dtype=np.int64)),
-        **{name: arrays[name] for name in _GRAPH_ARRAYS},
+        cell=cell,
+        tasks=tasks,
+        chains=chains,
+        handlings=tuple(made(NodeHandling, h, pose=pose) for h, pose in pairs),
+        allowed=tuple(made(AllowedContact, contact) for contact in document.allowed),
+        **own,
     )
 
 
-def _drive(prefix: str, arrays: Arrays) -> Drive | None:
-    """Return how the nodes of a chain are passed, None where plan.npz says nothing of it."""
-    if f"{prefix}cruise" not in arrays:
-        return None
-    return Drive(*(arrays[f"{prefix}{field.name}"] for field in fields(Drive)))
-
-
-def _corners(prefix: str, arrays: Arrays) -> RoundedCorners | None:
-    """Return the corners of a chain that are rounded, None where there are none."""
-    if f"{prefix}begin" not in arrays:
-        return None
-    names = [field.name for field in fields(RoundedCorners)]
-    return RoundedCorners(*(arrays[f"{prefix}{name}"] for name in names))
-
-
-def _entry(item: object, keys: Mapping[str, str]) -> Document:
-    return {key: getattr(item, name) for key, name in keys.items()}
-
-
-def _values(entry: Document, keys: Mapping[str, str]) -> dict[str, Any]:
-    return {name: entry[key] for key, name in keys.items()}
-
-
-def _shaped(
-    item: Fixture | CellObject, keys: Mapping[str, str], arrays: Arrays
-) -> Document:
-    """Return what is written of a thing; a box is described by its size alone."""
-    entry = _entry(item, keys) | {"body": item.shape.pieces[0].name}
-    if not item.shape.is_box:
-        entry["body"] = item.name
-        entry["shape"] = shape_document(item.name, item.shape, arrays)
-    return entry
-
-
-def _fixture(item: Fixture, arrays: Arrays) -> Document:
-    """Return what is written of a fixture: its colour only where it was given one."""
-    colour = {} if item.colour is None else {"colour": list(item.colour)}
-    return _shaped(item, _FIXTURE, arrays) | colour
-
-
-def _shaped_values(
-    entry: Document, keys: Mapping[str, str], size: Array, arrays: Arrays
-) -> Document:
-    if entry.get("shape") is None:
-        shape = box_shape(entry["body"], size)
-    else:
-        shape = stored_shape(entry["name"], entry["shape"], arrays)
-    return _values(entry, keys) | {"shape": shape}
-
-
-def _cell_document(cell: Workcell, arrays: Arrays) -> Document:
-    robots = []
-    for i, robot in enumerate(cell.robots):
-        model = robot.model
-        arrays[f"robot_{i}_base"] = robot.base
-        arrays[f"robot_{i}_home"] = robot.home
-        arrays[f"robot_{i}_frames"] = _poses(model.frames.values())
-        if robot.limits is not None:
-            joints, caps = _limit_arrays(robot.limits)
-            arrays |= {f"robot_{i}_limits": joints, f"robot_{i}_caps": caps}
-        robots.append(
-            {
-                "name": robot.name,
-                "model": model.name if model.name in ROBOTS else None,
-                # Packaged robots are found by name; a plan is the same wherever it was made.
-                "urdf": model.urdf.name if model.name in ROBOTS else str(model.urdf),
-                "sha256": description_sha256(model),
-                "joints": list(model.joint_names),
-                "frames": list(model.frames),
-            }
+def _read_tasks(
+    entries: Sequence[_Task], joints: Mapping[str, int], arrays: Arrays
+) -> tuple[Task, ...]:
+    shape = _SHAPES.read("task_shape", arrays, {"rows": len(entries)})
+    dof = np.array([joints[entry.robot] for entry in entries], dtype=np.int64)
+    of_path = shape[:, 1]
+    require(of_path == dof, "task_shape", of_path, "is not the number of joints")
+    ends = np.cumsum(shape.prod(axis=1))
+    values = Column(("values",)).read(
+        "task_path", arrays, {"values": int(ends[-1]) if len(ends) else 0}
+    )
+    paths = map(np.reshape, np.split(values, ends[:-1]), shape)
+    handed = sum(len(entry.handlings) for entry in entries)
+    poses = iter(POSES.read("task_handling_pose", arrays, {"rows": handed}))
+    return tuple(
+        made(
+            Task,
+            entry,
+            path=path,
+            handlings=tuple(
+                made(Handling, h, pose=next(poses)) for h in entry.handlings
+            ),
         )
-    arrays["fixture_size"] = _stack((f.size for f in cell.fixtures), (3,))
-    arrays["fixture_pose"] = _poses(f.pose for f in cell.fixtures)
-    arrays["object_size"] = _stack((o.size for o in cell.objects), (3,))
-    arrays["object_start"] = _poses(o.start for o in cell.objects)
-    clearance = _entry(cell.clearances, _CLEARANCE)
-    if cell.clearances.contact_depth == CONTACT_DEPTH:
-        del clearance["contact_depth_m"]
-    # Plans without machines are written as they were before there were any.
-    machines = [item.name for item in cell.machines]
-    return {
-        "robots": robots,
-        "fixtures": [_fixture(item, arrays) for item in cell.fixtures],
-        "objects": [_shaped(item, _OBJECT, arrays) for item in cell.objects],
-        "clearance": clearance,
-    } | ({"machines": machines} if machines else {})
-
-
-def _task_documents(tasks: Sequence[Task], arrays: Arrays) -> list[Document]:
-    arrays["task_path"] = np.concatenate(
-        [*(t.path.ravel() for t in tasks), np.empty(0)]
-    )
-    arrays["task_shape"] = np.array(
-        [t.path.shape for t in tasks], dtype=np.int64
-    ).reshape(-1, 2)
-    arrays["task_handling_pose"] = _poses(h.pose for t in tasks for h in t.handlings)
-    return [
-        _entry(t, _TASK) | {"handlings": [_entry(h, _HANDLING) for h in t.handlings]}
-        for t in tasks
-    ]
-
-
-def _cell(
-    document: Document, arrays: Arrays, models: Mapping[str, RobotModel], folder: Path
-) -> Workcell:
-    robots = []
-    for i, entry in enumerate(document["robots"]):
-        name = entry["model"] or Path(entry["urdf"]).stem
-        model = models.get(name) or robot_model(entry["model"] or entry["urdf"], folder)
-        found = description_sha256(model)
-        if entry.get("sha256") not in (None, found):
-            raise RobotModelError(
-                f"robot {entry['name']!r}: {model.urdf} or a mesh of it is not as it was when"
-                f" the plan in {folder} was made"
-            )
-        if list(model.joint_names) != entry["joints"]:
-            raise RobotModelError(
-                f"robot {entry['name']!r}: {model.urdf} has the joints"
-                f" {', '.join(model.joint_names)}; the plan in {folder} was made for"
-                f" {', '.join(entry['joints'])}"
-            )
-        frames = dict(zip(entry["frames"], arrays[f"robot_{i}_frames"], strict=True))
-        model = replace(model, frames=frames)
-        base, home = arrays[f"robot_{i}_base"], arrays[f"robot_{i}_home"]
-        limits = None
-        if f"robot_{i}_limits" in arrays:
-            joints = arrays[f"robot_{i}_limits"], arrays[f"robot_{i}_caps"]
-            limits = _limits_of(*joints)
-        robots.append(PlacedRobot(entry["name"], model, base, home, limits=limits))
-    sizes, poses = arrays["fixture_size"], arrays["fixture_pose"]
-    fixtures = []
-    for entry, size, pose in zip(document["fixtures"], sizes, poses, strict=True):
-        values = _shaped_values(entry, _FIXTURE, size, arrays)
-        colour = tuple(entry["colour"]) if entry.get("colour") else None
-        fixtures.append(Fixture(**values, pose=pose, colour=colour))
-    sizes, starts = arrays["object_size"], arrays["object_start"]
-    objects = []
-    for entry, size, start in zip(document["objects"], sizes, starts, strict=True):
-        values = _shaped_values({"later": False, **entry}, _OBJECT, size, arrays)
-        values["colour"] = tuple(values["colour"])
-        objects.append(CellObject(**values, start=start))
-    given = {**_USUAL_CLEARANCE, **document["clearance"]}
-    clearances = Clearances(**_values(given, _CLEARANCE))
-    machines = tuple(map(machine, document.get("machines", ())))
-    return Workcell(
-        tuple(robots), tuple(fixtures), tuple(objects), clearances, machines
+        for entry, path in zip(entries, paths, strict=False)
     )
 
 
-def _tasks(document: list[Document], arrays: Arrays) -> tuple[Task, ...]:
-    shape = arrays["task_shape"]
-    bounds = np.cumsum([0, *np.prod(shape, axis=1)])
-    poses = iter(arrays["task_handling_pose"])
-    out = []
-    for k, entry in enumerate(document):
-        path = arrays["task_path"][bounds[k] : bounds[k + 1]].reshape(shape[k])
-        handlings = tuple(
-            Handling(**_values(h, _HANDLING), pose=next(poses))
-            for h in entry["handlings"]
-        )
-        values = _values({"goal": False, **entry}, _TASK)
-        out.append(Task(**values, path=path, handlings=handlings))
-    return tuple(out)
-
-
-def _limit_arrays(limits: MotionLimits) -> tuple[Array, Array]:
-    """Return limits of joints and of the whole robot as arrays in which 0 stands for none."""
-    joints = np.array([limits.velocity, limits.acceleration, limits.jerk])
-    caps = limits.sum_of_speeds, limits.tool_speed, limits.loaded_tool_speed
-    return np.where(np.isfinite(joints), joints, 0.0), np.where(
-        np.isfinite(caps), caps, 0.0
-    )
-
-
-def _limits_of(joints: Array, caps: Array) -> MotionLimits:
-    velocity, acceleration, jerk = np.where(joints > 0.0, joints, np.inf)
-    return MotionLimits(
-        velocity, acceleration, jerk, *np.where(caps > 0.0, caps, np.inf).tolist()
-    )
-
-
-def _stack(values: Iterable[Array], shape: tuple[int, ...]) -> Array:
-    return np.array(list(values), dtype=np.float64).reshape(-1, *shape)
-
-
-def _poses(values: Iterable[Array]) -> Array:
-    return _stack(values, (4, 4))
+def _read_chain(robot: str, prefix: str, joints: int, arrays: Arrays) -> NodeChain:
+    sizes = {"joints": joints}
+    own: dict[str, Any] = dict(read_columns(NodeChain, prefix, arrays, sizes))
+    if f"{prefix}cruise" in arrays:
+        own["drive"] = Drive(**read_columns(Drive, prefix, arrays, sizes))
+    if f"{prefix}rounded_begin" in arrays:
+        corners = read_columns(RoundedCorners, f"{prefix}rounded_", arrays, sizes)
+        own["corners"] = RoundedCorners(**corners)
+    return NodeChain(robot, **own)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices
+from scheduling.graph.columns import SECONDS, Column
 
 BY_JOINTS, BY_TOOL_SPEED, BY_EFFORT = 0, 1, 2
 """What sets the times of a node: speed, acceleration and jerk of joints; the speed of the tool; or,
@@ -37,13 +39,13 @@ class Drive:
             corners.
     """
 
-    cruise: Array
-    ramp: Array
-    lag: Array
-    rests: npt.NDArray[np.bool_]
-    slowed: Array
-    slowed_by: Indices
-    cap: Array
+    cruise: Annotated[Array, SECONDS]
+    ramp: Annotated[Array, SECONDS]
+    lag: Annotated[Array, SECONDS]
+    rests: Annotated[npt.NDArray[np.bool_], Column(("nodes",), np.bool_)]
+    slowed: Annotated[Array, SECONDS]
+    slowed_by: Annotated[Indices, Column(("nodes",), np.int64)]
+    cap: Annotated[Array, Column(("nodes",), least=0.0, most=1.0)]
 
     @property
     def least(self) -> Array:
@@ -82,13 +84,13 @@ class RoundedCorners:
         corner: where straight ways would meet, shape (k, n).
     """
 
-    begin: Indices
-    stop: Indices
-    length: Array
-    bend: Indices
-    at: Array
-    window: Array
-    corner: Array
+    begin: Annotated[Indices, Column(("bends",), np.int64)]
+    stop: Annotated[Indices, Column(("bends",), np.int64)]
+    length: Annotated[Array, Column(("bends",))]
+    bend: Annotated[Indices, Column(("corners",), np.int64)]
+    at: Annotated[Array, Column(("corners",))]
+    window: Annotated[Array, Column(("corners",))]
+    corner: Annotated[Array, Column(("corners", "joints"))]
 
     def inside(self, first: int, stop: int) -> RoundedCorners | None:
         """Return those among nodes ``range(first, stop)``, numbered from ``first``; None for none."""

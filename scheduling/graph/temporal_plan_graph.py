@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from planning.cell.workcell import Workcell
 from planning.tasks.task import AllowedContact, Task
 from planning.transforms import Array, Indices, Transform
+from scheduling.graph.columns import SECONDS, Column
 from scheduling.graph.drive import Drive, RoundedCorners
 
 TASK_DEPENDENCY = 0
@@ -48,14 +50,14 @@ class NodeChain:
     """
 
     robot: str
-    start: Array
-    waypoints: Array
-    fraction: Array
-    first: Indices
-    task: Indices
-    skill: npt.NDArray[np.bool_]
-    duration: Array
-    planned_start: Array
+    start: Annotated[Array, Column(("joints",))]
+    waypoints: Annotated[Array, Column(("points", "joints"))]
+    fraction: Annotated[Array, Column(("points",), least=0.0, most=1.0)]
+    first: Annotated[Indices, Column(("borders",), np.int64)]
+    task: Annotated[Indices, Column(("nodes",), np.int64)]
+    skill: Annotated[npt.NDArray[np.bool_], Column(("nodes",), np.bool_)]
+    duration: Annotated[Array, SECONDS]
+    planned_start: Annotated[Array, SECONDS]
     least: Array = field(default_factory=lambda: np.empty(0))
     drive: Drive | None = None
     corners: RoundedCorners | None = None
@@ -143,14 +145,16 @@ class TemporalPlanGraph:
     cell: Workcell
     tasks: tuple[Task, ...]
     chains: tuple[NodeChain, ...]
-    edges: Indices
-    cause: Causes
+    edges: Annotated[Indices, Column(("edges", 4), np.int64)]
+    cause: Annotated[Causes, Column(("edges",), np.uint8)]
     handlings: tuple[NodeHandling, ...]
     allowed: tuple[AllowedContact, ...]
-    dependencies: Indices = field(
+    dependencies: Annotated[Indices, Column(("pairs", 2), np.int64)] = field(
         default_factory=lambda: np.empty((0, 2), dtype=np.int64)
     )
-    slots: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    slots: Annotated[Indices, Column(("slots",), np.int64, least=0)] = field(
+        default_factory=lambda: np.empty(0, dtype=np.int64)
+    )
     products: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
