@@ -15,6 +15,7 @@ from planning.parallel import side_by_side
 from planning.progress import Progress, no_progress
 from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array, Indices, readonly
+from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import dependency_edges
@@ -248,7 +249,8 @@ def find_motion_edges(
         i, k = pair
         floor = implied.last_before(i, k).copy()
         limit = nodes_before(nodes.ranks, i, k)
-        found = nodes.conflicts(occupancies[i], occupancies[k], floor, limit)
+        own, other = occupancies[i], occupancies[k]
+        found = search_conflicts(own, other, floor, limit, nodes.table)
         edges = [(k, u, i, v) for v, u in found]
         progress(next(done), len(todo))
         return edges

@@ -17,9 +17,15 @@ from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.parallel import side_by_side
 from planning.transforms import Indices
+from scheduling.conflicts.conflict_search import first_conflict
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Node, Rest, while_at_rest
 from scheduling.conflicts.occupancy import Occupancy
+from scheduling.conflicts.stretches import (
+    holds_stretch,
+    rest_stretch,
+    standing_stretch,
+)
 
 
 def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:
@@ -74,7 +80,7 @@ def _check_holds(graph: DerivedTpg) -> None:
             holds = np.flatnonzero(first < stop)
             if len(holds) == 0:
                 continue
-            standing = graph.holds(k, holds)
+            standing = holds_stretch(graph, k, holds).occupancy
             found = _conflict(graph, standing, i, first[holds] - 1, stop[holds])
             if found is not None:
                 h, v = found
@@ -90,7 +96,7 @@ def _check_robots_without_nodes(graph: DerivedTpg) -> None:
     for robot in tpg.cell.robots:
         if robot.name in tpg.chain_index:
             continue
-        standing = graph.standing(robot)
+        standing = standing_stretch(graph, robot).occupancy
         for i, chain in enumerate(tpg.chains):
             window = np.full(1, -1), np.full(1, len(chain))
             found = _conflict(graph, standing, i, *window)
@@ -118,7 +124,7 @@ def _check_rests(graph: DerivedTpg) -> None:
     """Check (c)."""
 
     def node_into(rest: Rest) -> Node | None:
-        occupancy = graph.rest(rest)
+        occupancy = rest_stretch(graph, rest).occupancy
         for i, chain in enumerate(graph.tpg.chains):
             floor, limit = while_at_rest(graph.order, rest, i, len(chain))
             if floor + 1 < limit:
@@ -141,7 +147,7 @@ def _conflict(
     graph: DerivedTpg, a: Occupancy, chain: int, floor: Indices, limit: Indices
 ) -> tuple[int, int] | None:
     b = graph.occupancies[chain]
-    return graph.first_conflict(a, b, floor, limit, slack=TOLERANCE)
+    return first_conflict(a, b, floor, limit, graph.table, TOLERANCE)
 
 
 def _hold_name(graph: DerivedTpg, chain: int, hold: int) -> str:

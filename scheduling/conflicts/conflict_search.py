@@ -105,6 +105,22 @@ def search_conflicts(
             yield v, u
 
 
+def first_conflict(
+    a: Occupancy,
+    b: Occupancy,
+    floor: Indices,
+    limit: Indices,
+    table: ContactTable,
+    slack: float = 0.0,
+) -> tuple[int, int] | None:
+    """Return a conflict of two occupancies, None if there is none; see ``search_conflicts``.
+
+    Neither ``floor`` nor ``limit`` is changed.
+    """
+    floor, limit = np.array(floor, np.int64), np.array(limit, np.int64)
+    return next(search_conflicts(a, b, floor, limit, table, slack), None)
+
+
 @kernel
 def next_proposal(
     descent: Descent, depth: int, hits: Indices

@@ -6,33 +6,23 @@ everything occupies are asked of one ``DerivedTpg`` while edges are drawn, prove
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
 from planning.geometry.robot_bodies import entity_numbers
 from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.close_bodies import ContactTable, contact_table
-from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.object_spans import (
     Moment,
     ObjectHistory,
     ObjectSpan,
-    Rest,
     trace_objects,
 )
-from scheduling.conflicts.occupancy import (
-    Occupancy,
-    chain_occupancy,
-    hold_occupancy,
-    rest_occupancy,
-    standing_occupancy,
-)
+from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.graph.dispatcher import Rollout, earliest_times
 from scheduling.graph.reduction import NodeOrder, order_and_reduce
 from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlanGraph
@@ -129,47 +119,6 @@ class DerivedTpg:
             if span.start[0] < stop and span.end >= (first, 0)
         ]
         return chain_occupancy(self.tpg.cell, nodes, own, self.entities)
-
-    def holds(self, chain: int, holds: Indices) -> Occupancy:
-        """Return the occupancy of some holds of a robot, see ``hold_occupancy``."""
-        nodes = self.tpg.chains[chain]
-        return hold_occupancy(
-            self.tpg.cell, nodes, holds, self.spans[chain], self.entities
-        )
-
-    def standing(self, robot: PlacedRobot) -> Occupancy:
-        """Return the occupancy of a robot without nodes."""
-        return standing_occupancy(self.tpg.cell, robot, self.entities)
-
-    def rest(self, rest: Rest) -> Occupancy:
-        """Return the occupancy of an object at rest."""
-        return rest_occupancy(self.tpg.cell, rest, self.entities)
-
-    def conflicts(
-        self, a: Occupancy, b: Occupancy, floor: Indices, limit: Indices
-    ) -> Iterator[tuple[int, int]]:
-        """Yield conflicts (v, u) until those yielded imply all others, see ``search_conflicts``."""
-        return search_conflicts(a, b, floor, limit, self.table)
-
-    def first_conflict(
-        self,
-        a: Occupancy,
-        b: Occupancy,
-        floor: Indices,
-        limit: Indices,
-        *,
-        slack: float = 0.0,
-    ) -> tuple[int, int] | None:
-        """Return a conflict of two occupancies, None if there is none.
-
-        Args:
-            a, b: the occupancies.
-            floor, limit: which nodes of b are asked for, for each of a; see
-                ``search_conflicts``. Neither is changed.
-            slack: taken off the clearances [m].
-        """
-        floor, limit = np.array(floor, np.int64), np.array(limit, np.int64)
-        return next(search_conflicts(a, b, floor, limit, self.table, slack), None)
 
     def with_edges(self, edges: Indices, cause: Causes) -> DerivedTpg:
         """Return the graph with other edges, reduced and sorted.

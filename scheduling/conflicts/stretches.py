@@ -14,16 +14,26 @@ from functools import cached_property
 
 import numpy as np
 
+from planning.cell.workcell import PlacedRobot
 from planning.files import KeptAnswers
 from planning.tasks.task import AllowedContact
 from planning.transforms import Indices
+from scheduling.conflicts.conflict_search import first_conflict, search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.object_spans import Moment, Rest
-from scheduling.conflicts.occupancy import Occupancy
+from scheduling.conflicts.occupancy import (
+    Occupancy,
+    hold_occupancy,
+    rest_occupancy,
+    standing_occupancy,
+)
 from scheduling.graph.temporal_plan_graph import NodeChain
 
 _KEPT_ANSWERS = 100_000
 """Answers that are kept."""
+
+Window = tuple[Indices, Indices]
+"""Nodes that are asked for: above the floor and below the limit, see ``search_conflicts``."""
 
 
 @dataclass
@@ -114,7 +124,11 @@ def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch
                     yield span.object.encode()
                     yield inside.tobytes() + span.pose.tobytes()
 
-    return GraphStretch(len(holds), tasks, parts, lambda: graph.holds(chain, holds))
+    def make() -> Occupancy:
+        cell, spans = graph.tpg.cell, graph.spans[chain]
+        return hold_occupancy(cell, nodes, holds, spans, graph.entities)
+
+    return GraphStretch(len(holds), tasks, parts, make)
 
 
 def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
@@ -123,92 +137,69 @@ def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
         1,
         None,
         lambda: [b"rest", rest.object.encode(), rest.pose.tobytes()],
-        lambda: graph.rest(rest),
+        lambda: rest_occupancy(graph.tpg.cell, rest, graph.entities),
+    )
+
+
+def standing_stretch(graph: DerivedTpg, robot: PlacedRobot) -> GraphStretch:
+    """Return a robot without nodes, which stands at HOME, as a stretch."""
+    return GraphStretch(
+        1,
+        None,
+        lambda: [b"stand", robot.name.encode()],
+        lambda: standing_occupancy(graph.tpg.cell, robot, graph.entities),
     )
 
 
 class StretchConflicts:
-    """Conflicts of stretches, searched when they are asked for."""
+    """Conflicts of stretches, searched when they are asked for.
 
-    def search(
-        self,
-        graph: DerivedTpg,
-        a: GraphStretch,
-        b: GraphStretch,
-        floor: Indices,
-        limit: Indices,
-    ) -> Sequence[tuple[int, int]]:
-        """Return conflicts (v, u) that imply all others, see ``search_conflicts``."""
-        return list(graph.conflicts(a.occupancy, b.occupancy, floor, limit))
+    Args:
+        kept: whether they are remembered, from one graph of a cell to the next.
+    """
 
-    def are_clear(
-        self,
-        graph: DerivedTpg,
-        a: GraphStretch,
-        b: GraphStretch,
-        floor: Indices,
-        limit: Indices,
-    ) -> bool:
-        """Tell whether none of the nodes asked for conflict, see ``search_conflicts``."""
-        found = graph.first_conflict(a.occupancy, b.occupancy, floor, limit)
-        return found is None
-
-
-class KnownStretchConflicts(StretchConflicts):
-    """Conflicts of stretches that are remembered, from one graph of a cell to the next."""
-
-    def __init__(self) -> None:
+    def __init__(self, *, kept: bool = False) -> None:
+        self._kept = kept
         self._found: KeptAnswers[Sequence[tuple[int, int]]] = KeptAnswers(_KEPT_ANSWERS)
         self._clear: KeptAnswers[bool] = KeptAnswers(_KEPT_ANSWERS)
         self._allowed: tuple[AllowedContact, ...] = ()
         self._of_task: dict[int, set[int]] = {}
 
     def search(
-        self,
-        graph: DerivedTpg,
-        a: GraphStretch,
-        b: GraphStretch,
-        floor: Indices,
-        limit: Indices,
+        self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
     ) -> Sequence[tuple[int, int]]:
         """Return conflicts (v, u) that imply all others, see ``search_conflicts``."""
-        floor, limit = np.maximum(floor, -1), np.minimum(limit, b.nodes)
-        if np.all(floor + 1 >= limit):
-            return ()
-        return self._found.get(
-            self._question(graph, a, b, floor, limit),
-            lambda: super(KnownStretchConflicts, self).search(
-                graph, a, b, floor, limit
-            ),
-        )
+
+        def find() -> Sequence[tuple[int, int]]:
+            both = a.occupancy, b.occupancy
+            return list(search_conflicts(*both, *window, graph.table))
+
+        if not self._kept:
+            return find()
+        question = self._question(graph, a, b, window)
+        return () if question is None else self._found.get(question, find)
 
     def are_clear(
-        self,
-        graph: DerivedTpg,
-        a: GraphStretch,
-        b: GraphStretch,
-        floor: Indices,
-        limit: Indices,
+        self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
     ) -> bool:
         """Tell whether none of the nodes asked for conflict, see ``search_conflicts``."""
-        floor, limit = np.maximum(floor, -1), np.minimum(limit, b.nodes)
-        if np.all(floor + 1 >= limit):
-            return True
-        return self._clear.get(
-            self._question(graph, a, b, floor, limit),
-            lambda: super(KnownStretchConflicts, self).are_clear(
-                graph, a, b, floor, limit
-            ),
-        )
+
+        def find() -> bool:
+            both = a.occupancy, b.occupancy
+            return first_conflict(*both, *window, graph.table) is None
+
+        if not self._kept:
+            return find()
+        question = self._question(graph, a, b, window)
+        return question is None or self._clear.get(question, find)
 
     def _question(
-        self,
-        graph: DerivedTpg,
-        a: GraphStretch,
-        b: GraphStretch,
-        floor: Indices,
-        limit: Indices,
-    ) -> bytes:
+        self, graph: DerivedTpg, a: GraphStretch, b: GraphStretch, window: Window
+    ) -> bytes | None:
+        """Return all that an answer depends on, None where no node is asked for."""
+        floor, limit = np.maximum(window[0], -1), np.minimum(window[1], b.nodes)
+        if np.all(floor + 1 >= limit):
+            return None
         digest = hashlib.blake2b(a.content, digest_size=16)
         digest.update(b.content)
         digest.update(floor.tobytes())

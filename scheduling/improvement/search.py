@@ -18,23 +18,20 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError, TransitError
-from planning.motion.known_motions import KnownMotions, KnownScenes, MotionPlan
+from planning.motion.known_motions import KnownMotions, MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.progress import Progress, no_progress
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.work import AssemblyWork, StepExpansions
 from scheduling.build_tpg import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.conflicts.stretches import StretchConflicts
 from scheduling.graph.dispatcher import latest_ends
 from scheduling.improvement.neighbours import draw_neighbour
 from scheduling.ordering.beam_search import TaskOrderSearch, find_blocks, put_in_order
-from scheduling.ordering.relations import (
-    KnownConflicts,
-    TaskRelations,
-    connect_in_order,
-)
-from scheduling.shortcuts.scenery import KnownShortcuts
-from scheduling.shortcuts.shortcutting import KnownBoards, smooth_runs
+from scheduling.ordering.relations import TaskRelations, connect_in_order
+from scheduling.shortcuts.scenery import KnownWays
+from scheduling.shortcuts.shortcutting import smooth_runs
 
 _WIDTH = 8
 """Orders followed at once; the plan that is found is ordered again with care."""
@@ -84,9 +81,9 @@ class PlanRater:
     ) -> None:
         self._cell, self._settings = cell, settings
         self._shortcuts = shortcuts
-        self._known = KnownConflicts()
+        self._conflicts = StretchConflicts(kept=True)
         self._motions = KnownMotions()
-        self._boards = KnownBoards(KnownShortcuts(KnownScenes(), settings.seed))
+        self._ways = KnownWays(settings.seed)
 
     def rate(
         self, work: AssemblyWork, plan: TaskPlan, worst_s: float = np.inf
@@ -123,9 +120,8 @@ class PlanRater:
         Raises:
             PlanInvariantError: the order that was found breaks a guarantee.
         """
-        self._known.make_room()
         nodes = build_nodes(motions)
-        relations = TaskRelations(DerivedTpg(nodes), self._known)
+        relations = TaskRelations(DerivedTpg(nodes), self._conflicts)
         blocks = find_blocks(nodes.chains, relations)
         way = TaskOrderSearch(relations, blocks).best_way(_WIDTH)
         by_home = max(way.clocks, default=0.0)
@@ -135,10 +131,13 @@ class PlanRater:
         chains = put_in_order(nodes.chains, relations, order)
         graph = DerivedTpg(connect_in_order(chains, relations, order))
         if self._shortcuts:
-            speeds, step = self._settings.speeds, self._settings.step
-            seed = self._settings.seed
             graph = smooth_runs(
-                graph.tpg, speeds, step=step, seed=seed, known=self._boards
+                graph.tpg,
+                self._settings.speeds,
+                step=self._settings.step,
+                seed=self._settings.seed,
+                known=self._ways,
+                conflicts=self._conflicts,
             )
         makespan = float(graph.rollout.makespan)
         critical = _critical_steps(graph)

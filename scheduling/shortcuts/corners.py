@@ -24,7 +24,7 @@ from planning.progress import Progress, no_progress
 from planning.timing.blend import longest_window
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.stretches import StretchConflicts, nodes_stretch
+from scheduling.conflicts.stretches import nodes_stretch
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import (
@@ -111,18 +111,13 @@ class _Rounder:
         self.graph = DerivedTpg(tpg)
         self._paces = list(paces(tpg))
         self._scenery = Scenery()
-        self.runs: list[Run] = []
-        cuts: list[list[int]] = [[] for _ in tpg.chains]
         spans = find_spans(self.graph)
+        self._pieces = GraphPieces(tpg, spans)
+        self.runs: list[Run] = []
         for k, (chain, own) in enumerate(zip(tpg.chains, self._paces, strict=True)):
             mine = [span for span in spans if span.chain == k]
-            if own is None or not mine:
-                continue
-            number = stretch_numbers(tpg, k)
-            self.runs += find_runs(chain, mine, number, own)
-            cuts[k] = [node for s in mine for node in (s.first, s.last + 1)]
-        lengths = [len(chain) for chain in tpg.chains]
-        self._pieces = GraphPieces(lengths, cuts, StretchConflicts())
+            if own is not None and mine:
+                self.runs += find_runs(chain, mine, stretch_numbers(tpg, k), own)
 
     def round_run(self, run: Run) -> None:
         """Round the corners of a run where it pays; the plan does not end later."""
@@ -292,8 +287,7 @@ def _least_seconds(
 
 
 def _swap(run: Run, found: BentNodes) -> Swap:
-    count = len(found.nodes)
-    return Swap(run.chain, found.first, found.first + count - 1, count)
+    return Swap(run.chain, found.first, found.first + len(found.nodes) - 1)
 
 
 def _shorten(

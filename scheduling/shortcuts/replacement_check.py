@@ -32,8 +32,14 @@ from scheduling.conflicts.stretches import (
 )
 from scheduling.graph.drive import joined_corners
 from scheduling.graph.reduction import reduce_again
-from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, Causes, NodeChain
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    Causes,
+    NodeChain,
+    TemporalPlanGraph,
+)
 from scheduling.graph.total_order import with_edges
+from scheduling.shortcuts.candidates import Span
 
 Edge = tuple[int, int, int, int]
 """Robot and node that must be complete, robot and node that may then start."""
@@ -41,7 +47,7 @@ Edge = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Swap:
-    """Nodes ``first`` to ``last`` of a chain become ``count`` others, at least one.
+    """Nodes ``first`` to ``last`` of a chain become as many others.
 
     There is a node before ``first``. The last new node stands for the last replaced one: it
     ends where that ended. The replaced nodes handle nothing.
@@ -50,16 +56,11 @@ class Swap:
     chain: int
     first: int
     last: int
-    count: int
 
     @property
-    def shift(self) -> int:
-        """By how much the nodes behind the replaced ones are moved on."""
-        return self.count - (self.last - self.first + 1)
-
-    def moved(self, node: int) -> int:
-        """Return the new index of a node of the chain that is not replaced, or of the last one."""
-        return node if node < self.last else node + self.shift
+    def count(self) -> int:
+        """Number of the nodes."""
+        return self.last - self.first + 1
 
 
 def rewire(
@@ -176,18 +177,14 @@ def splice_edges(edges: Indices, cause: Causes, swap: Swap) -> tuple[Indices, Ca
     """
     first, last = swap.first, swap.last
     out = edges.copy()
-    into = (edges[:, 2] == swap.chain) & (edges[:, 3] >= first)
-    inner_in = into & (edges[:, 3] <= last)
-    out[inner_in, 3] = first + swap.count - 1
-    out[into & ~inner_in, 3] += swap.shift
-    outof = (edges[:, 0] == swap.chain) & (edges[:, 1] >= first)
-    inner_out = outof & (edges[:, 1] < last)
-    out[inner_out, 1] = first - 1
-    out[outof & ~inner_out, 1] += swap.shift
+    into = (edges[:, 2] == swap.chain) & (first <= edges[:, 3]) & (edges[:, 3] <= last)
+    out[into, 3] = last
+    outof = (edges[:, 0] == swap.chain) & (first <= edges[:, 1]) & (edges[:, 1] < last)
+    out[outof, 1] = first - 1
     added = [
         (*edges[i, :2].tolist(), *edges[o, 2:].tolist())
-        for i in np.flatnonzero(inner_in).tolist()
-        for o in np.flatnonzero(inner_out).tolist()
+        for i in np.flatnonzero(into).tolist()
+        for o in np.flatnonzero(outof).tolist()
         if edges[i, 3] <= edges[o, 1] and edges[i, 0] != edges[o, 2]
     ]
     if not added:
@@ -262,7 +259,7 @@ class Rivals:
         for at, piece in between:
             floor = np.full(self._swap.count, first - 1 - at)
             limit = np.minimum(turn - at, piece.nodes)
-            for v, u in search(self._graph, self._new, piece, floor, limit):
+            for v, u in search(self._graph, self._new, piece, (floor, limit)):
                 edges.append((other, at + u, chain, at_least + v))
         return edges
 
@@ -275,7 +272,7 @@ class Rivals:
             asked = np.searchsorted(turn, nodes, side="right")
             floor = np.where(inside, -1, swap.count)
             limit = np.where(inside, asked, swap.count)
-            for w, x in search(self._graph, piece, self._new, floor, limit):
+            for w, x in search(self._graph, piece, self._new, (floor, limit)):
                 edges.append((swap.chain, swap.first + x, other, at + w))
         return edges
 
@@ -316,7 +313,7 @@ def _clear_of_stands(
         limit = (np.arange(swap.count) >= from_here).astype(np.int64)
         floor = np.full(swap.count, -1)
         standing = holds_stretch(graph, other, np.array([hold]))
-        if not pieces.conflicts.are_clear(graph, new, standing, floor, limit):
+        if not pieces.conflicts.are_clear(graph, new, standing, (floor, limit)):
             return False
     return True
 
@@ -339,9 +336,7 @@ def _stand_clear(
     first, stop = first[met], stop[met]
     standing = holds_stretch(graph, chain, holds[met])
     return all(
-        pieces.conflicts.are_clear(
-            graph, standing, piece, first - 1 - at, np.minimum(stop - at, piece.nodes)
-        )
+        pieces.conflicts.are_clear(graph, standing, piece, (first - 1 - at, stop - at))
         for at, piece in pieces.between(graph, other, int(first[0]), int(stop[-1]))
     )
 
@@ -362,9 +357,8 @@ def _gifts_stay_clear(
         if floor + 1 >= limit:
             continue
         window = np.full(1, floor), np.full(1, limit)
-        if not pieces.conflicts.are_clear(
-            graph, rest_stretch(graph, rest), new, *window
-        ):
+        lying = rest_stretch(graph, rest)
+        if not pieces.conflicts.are_clear(graph, lying, new, window):
             return False
     return True
 
@@ -377,28 +371,31 @@ class GraphPieces:
     """All chains of a graph, cut so that every run that may be shortened is pieces of its own.
 
     Args:
-        lengths: number of nodes of each chain.
-        cuts: per chain, nodes at which a piece has to start.
+        tpg: the graph.
+        spans: the runs.
         conflicts: searches conflicts between pieces and others, or knows them already.
     """
 
     def __init__(
         self,
-        lengths: Sequence[int],
-        cuts: Sequence[Sequence[int]],
-        conflicts: StretchConflicts,
+        tpg: TemporalPlanGraph,
+        spans: Sequence[Span],
+        conflicts: StretchConflicts | None = None,
     ) -> None:
-        self.conflicts = conflicts
-        self._sizes: list[list[int]] = []
+        self.conflicts = conflicts or StretchConflicts()
+        self._starts: list[Indices] = []
         self._built: list[list[GraphStretch | None]] = []
-        for length, wanted in zip(lengths, cuts, strict=True):
-            sizes = []
-            for lo, hi in pairwise(sorted({0, *wanted, length})):
-                parts = -(-(hi - lo) // _LONGEST)
-                marks = np.linspace(lo, hi, parts + 1).astype(int)
-                sizes += np.diff(marks).tolist()
-            self._sizes.append(sizes)
-            self._built.append([None] * len(sizes))
+        for k, chain in enumerate(tpg.chains):
+            cuts = {0, len(chain)}
+            for span in spans:
+                if span.chain == k:
+                    cuts |= {span.first, span.last + 1}
+            starts = [0]
+            for low, high in pairwise(sorted(cuts)):
+                parts = -(-(high - low) // _LONGEST)
+                starts += np.linspace(low, high, parts + 1).astype(int)[1:].tolist()
+            self._starts.append(np.array(starts, dtype=np.int64))
+            self._built.append([None] * (len(starts) - 1))
 
     def between(
         self, graph: DerivedTpg, chain: int, first: int, stop: int
@@ -410,7 +407,7 @@ class GraphPieces:
             chain: the chain.
             first, stop: its nodes ``range(first, stop)``.
         """
-        starts = self._starts(chain)
+        starts = self._starts[chain]
         lo = int(np.searchsorted(starts, first, side="right")) - 1
         for piece, (at, end) in enumerate(pairwise(starts[lo:].tolist()), lo):
             if at >= stop:
@@ -423,10 +420,7 @@ class GraphPieces:
 
     def splice(self, swap: Swap) -> None:
         """Forget the pieces around nodes that were replaced."""
-        starts = self._starts(swap.chain)
+        starts = self._starts[swap.chain]
         lo = int(np.searchsorted(starts, swap.first, side="right")) - 1
         hi = int(np.searchsorted(starts, swap.last, side="right"))
         self._built[swap.chain][lo:hi] = [None] * (hi - lo)
-
-    def _starts(self, chain: int) -> Indices:
-        return np.cumsum([0, *self._sizes[chain]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -30,6 +30,24 @@ _KEPT_WAYS = 20_000
 """Ways that are kept."""
 
 
+class KnownWays:
+    """Paths smoothed for plans of one cell with the same speeds, and which of them were free.
+
+    Args:
+        seed: of the smoothing. A path is smoothed the same way in the same scene.
+
+    Attributes:
+        scenes: that robots moved in.
+        smoothed: paths by scene and by what they were before.
+        free: whether paths are free, by scene and waypoints.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.scenes, self.seed = KnownScenes(), seed
+        self.smoothed: KeptAnswers[Array] = KeptAnswers(_KEPT_WAYS)
+        self.free: KeptAnswers[bool] = KeptAnswers(_KEPT_WAYS)
+
+
 @dataclass(frozen=True)
 class Amid:
     """A robot that moves while nothing else does.
@@ -39,12 +57,14 @@ class Amid:
         robot: its name.
         state: what is where.
         allowed: who may touch whom.
+        known: what was found in the same scenes before; None to find all anew.
     """
 
     cell: Workcell
     robot: str
     state: WorldState
     allowed: Pairs
+    known: KnownWays | None = None
 
     @cached_property
     def checker(self) -> SceneChecker:
@@ -56,46 +76,37 @@ class Amid:
     def smoothed(
         self, path: Array, speed: SpeedModel, rng: np.random.Generator
     ) -> Array:
-        """Return a path as short as it is made in a few tries."""
-        return smooth_path(self.checker, path, speed, rng, _SMOOTHING)
+        """Return a path as short as a few tries make it where nothing but what stands counts.
+
+        Args:
+            path: polyline, shape (w, n).
+            speed: what decides which path is faster.
+            rng: of the tries; where paths are known each has its own.
+        """
+        if self.known is None:
+            return smooth_path(self.checker, path, speed, rng, _SMOOTHING)
+        text = path.tobytes()
+        own = np.random.default_rng([self.known.seed, crc32(text)])
+        return self.known.smoothed.get(
+            (self._scene, text),
+            lambda: smooth_path(self.checker, path, speed, own, _SMOOTHING),
+        )
 
     def free(self, path: Array) -> bool:
         """Tell whether a polyline, shape (w, n), is free."""
-        return all(self.checker.motion_free(a, b) for a, b in pairwise(path))
 
+        def find() -> bool:
+            return all(self.checker.motion_free(a, b) for a, b in pairwise(path))
 
-@dataclass(frozen=True)
-class KnownShortcuts:
-    """Paths smoothed for plans of one cell with the same speeds, and which of them were free.
+        if self.known is None:
+            return find()
+        return self.known.free.get((self._scene, path.tobytes()), find)
 
-    Attributes:
-        scenes: that robots moved in.
-        seed: of the smoothing. A path is smoothed the same way in the same scene.
-    """
-
-    scenes: KnownScenes
-    seed: int
-    _smoothed: KeptAnswers[Array] = field(
-        default_factory=lambda: KeptAnswers(_KEPT_WAYS)
-    )
-    _free: KeptAnswers[bool] = field(default_factory=lambda: KeptAnswers(_KEPT_WAYS))
-
-    def smoothed(self, amid: Amid, path: Array, speed: SpeedModel) -> Array:
-        """Return a path as short as it is made in a few tries."""
-        text = path.tobytes()
-        rng = np.random.default_rng([self.seed, crc32(text)])
-        return self._smoothed.get(
-            (self._scene(amid), text), lambda: amid.smoothed(path, speed, rng)
-        )
-
-    def free(self, amid: Amid, path: Array) -> bool:
-        """Tell whether a polyline, shape (w, n), is free."""
-        key = self._scene(amid), path.tobytes()
-        return self._free.get(key, lambda: amid.free(path))
-
-    def _scene(self, amid: Amid) -> Hashable:
-        scene = self.scenes.scene(amid.cell, amid.state, [amid.allowed])
-        return amid.robot, scene
+    @cached_property
+    def _scene(self) -> Hashable:
+        assert self.known is not None
+        scene = self.known.scenes.scene(self.cell, self.state, [self.allowed])
+        return self.robot, scene
 
 
 class Scenery:
@@ -105,39 +116,10 @@ class Scenery:
         known: what was found in the same scenes before, None to find it anew.
     """
 
-    def __init__(self, known: KnownShortcuts | None = None) -> None:
+    def __init__(self, known: KnownWays | None = None) -> None:
         self._known = known
         self._amid: dict[object, Amid] = {}
         self._rests: _Rests | None = None
-
-    def free(
-        self, graph: DerivedTpg, index: int, first: int, last: int, path: Array
-    ) -> bool:
-        """Tell whether a path is free in place of some nodes.
-
-        Args:
-            graph: as it is.
-            index: chain of the nodes.
-            first, last: the nodes.
-            path: polyline, shape (w, n).
-        """
-        amid = self.amid(graph, index, first, last)
-        return amid.free(path) if self._known is None else self._known.free(amid, path)
-
-    def smoothed(
-        self, amid: Amid, path: Array, speed: SpeedModel, rng: np.random.Generator
-    ) -> Array:
-        """Return a path as short as it can be made where nothing but what stands counts.
-
-        Args:
-            amid: what stands.
-            path: polyline, shape (w, n).
-            speed: what decides which path is faster.
-            rng: of the tries; where paths are known each has its own.
-        """
-        if self._known is None:
-            return amid.smoothed(path, speed, rng)
-        return self._known.smoothed(amid, path, speed)
 
     def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> Amid:
         """Return all that never moves while some nodes are under way.
@@ -156,7 +138,8 @@ class Scenery:
         if amid is None:
             rests = graph.history.rests
             there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
-            amid = self._amid[key] = _amid(graph, index, first, tasks, there)
+            amid = _amid(graph, index, first, tasks, there)
+            amid = self._amid[key] = replace(amid, known=self._known)
         return amid
 
     def _present(

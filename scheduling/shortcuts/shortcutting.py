@@ -12,7 +12,6 @@ after a number of them, never by the clock: the same seed gives the same plan.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,11 +19,7 @@ from planning.motion.speed import SpeedModel, path_duration
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.stretches import (
-    KnownStretchConflicts,
-    StretchConflicts,
-    nodes_stretch,
-)
+from scheduling.conflicts.stretches import StretchConflicts, nodes_stretch
 from scheduling.graph.dispatcher import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -49,7 +44,7 @@ from scheduling.shortcuts.replacement_check import (
     rewire,
     stands_stay_clear,
 )
-from scheduling.shortcuts.scenery import KnownShortcuts, Scenery
+from scheduling.shortcuts.scenery import KnownWays, Scenery
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
@@ -128,34 +123,22 @@ def smooth_runs(
     *,
     step: float,
     seed: int = 0,
-    known: KnownBoards | None = None,
+    known: KnownWays | None = None,
+    conflicts: StretchConflicts | None = None,
 ) -> DerivedTpg:
     """Return a graph with the runs that matter smoothed as a whole, once: a quick look ahead.
 
-    It has not been checked as ``shorten_tpg`` does, whose arguments these are. With ``known``, what
-    was found for other graphs of the same cell and speeds, each path is smoothed with draws of its
-    own, and what is found is added.
+    It has not been checked as ``shorten_tpg`` does, whose arguments these are. To ``known`` and
+    ``conflicts``, what was found for other graphs of the same cell and speeds, what is found is added;
+    each path is then smoothed with draws of its own.
     """
-    board = Board(tpg, speeds, step, passes=1, known=known)
+    board = Board(tpg, speeds, step, passes=1, known=known, conflicts=conflicts)
     rng = np.random.default_rng(seed)
     for _ in range(_QUICK * len(board.spans)):
         if board.searched:
             break
         board.step(rng)
     return board.graph
-
-
-@dataclass(frozen=True)
-class KnownBoards:
-    """Paths and conflicts found while the graphs of one cell were shortened.
-
-    Attributes:
-        ways: smoothed paths.
-        conflicts: between new nodes and others.
-    """
-
-    ways: KnownShortcuts
-    conflicts: KnownStretchConflicts = field(default_factory=KnownStretchConflicts)
 
 
 Candidate = tuple[int, int, int, Array]
@@ -170,7 +153,7 @@ class Board:
         speeds: speed model of each robot.
         step: longest time between pose nodes [s].
         passes: how often each run is smoothed as a whole.
-        known: what was found for other graphs, None to find all anew.
+        known, conflicts: what was found for other graphs, None to find all anew.
 
     Attributes:
         graph: as it is now.
@@ -185,20 +168,15 @@ class Board:
         step: float,
         *,
         passes: int = _PASSES,
-        known: KnownBoards | None = None,
+        known: KnownWays | None = None,
+        conflicts: StretchConflicts | None = None,
     ) -> None:
         self.graph = DerivedTpg(tpg)
         self.spans = find_spans(self.graph)
         self._speeds = speeds
         self._step = step
-        self._scenery = Scenery(None if known is None else known.ways)
-        cuts: list[list[int]] = [[] for _ in tpg.chains]
-        for span in self.spans:
-            cuts[span.chain] += [span.first, span.last + 1]
-        conflicts = StretchConflicts() if known is None else known.conflicts
-        self._pieces = GraphPieces(
-            [len(chain) for chain in tpg.chains], cuts, conflicts
-        )
+        self._scenery = Scenery(known)
+        self._pieces = GraphPieces(tpg, self.spans, conflicts)
         self.window = max(_FEWEST, len(self.spans) // 2)
         self._least = max(_GAIN, _LEAST * self.makespan)
         self._tried: set[int] = set()
@@ -295,7 +273,7 @@ class Board:
         amid = self._scenery.amid(self.graph, chain, first, last)
         speed = self._speeds[self.graph.tpg.chains[chain].robot]
         old = corners(self._way(chain, first, last))
-        path = self._scenery.smoothed(amid, old, speed, rng)
+        path = amid.smoothed(old, speed, rng)
         return self._gaining(which, first, last, path)
 
     def _split(self, which: int, first: int, last: int) -> None:
@@ -344,12 +322,12 @@ class Board:
         """
         graph, index = self.graph, self.spans[which].chain
         chain = graph.tpg.chains[index]
-        if not self._scenery.free(graph, index, first, last, path):
+        if not self._scenery.amid(graph, index, first, last).free(path):
             return False
         new = new_nodes(chain, first, last, path, self._speeds[chain.robot], self._step)
         if new is None:
             return False
-        swap = Swap(index, first, last, len(new))
+        swap = Swap(index, first, last)
         stretch = nodes_stretch(graph, index, first, last + 1, new)
         rivals = Rivals(graph, self._pieces, swap, stretch)
         # Elsewhere in the order is worth a search for what may gain much.

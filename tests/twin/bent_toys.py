@@ -94,7 +94,7 @@ def _bent(
                 break
             at, count = found.first - run.begins[0], len(found.nodes)
             way[at : at + count + 1] = found.way
-            swap = Swap(run.chain, found.first, found.first + count - 1, count)
+            swap = Swap(run.chain, found.first, found.first + count - 1)
             tried = rewire(tried, swap, found.nodes, [])
             assert found.nodes.corners is not None
             start = found.first + int(found.nodes.corners.stop[0])
