@@ -24,9 +24,9 @@ from planning.timing.blend import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
-from scheduling.graph.drive import Drive
+from scheduling.graph.drive import Drive, joined_drives
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.pace import Pace, paces
+from scheduling.pace import Pace, Slowing, paces
 
 
 class Bend(NamedTuple):
@@ -69,36 +69,47 @@ def stretch_drive(pace: Pace, chain: NodeChain, begin: int, stop: int) -> Drive:
     Raises:
         PlanInvariantError: a rounded corner cannot be passed within the limits.
     """
-    count = stop - begin
-    ramp, lag, cap = np.zeros(count), np.zeros(count), np.ones(count)
-    rests = np.zeros(count, dtype=np.bool_)
-    rests[-1:] = True
     bends = list(chain_bends(chain, begin, stop))
     if not bends:
         ends = node_ends(chain, begin, stop)
         found, slowing = pace.stretch(begin, ends[0], ends[-1] - ends[0])
-        cruise = np.zeros(count)
-        if found.cruise > 0.0:
-            lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-            cruise = found.cruise * lengths / lengths.sum()
-            ramp[:], lag[:] = found.ramp, found.lag
-    else:
-        cruise = _full_speed_times(pace, chain, begin, stop, bends)
-        path = blended_path(chain, begin, stop, cruise)
-        curve = pace.rounded(begin, path)
-        if curve is None:
-            raise PlanInvariantError(
-                f"a corner of {chain.robot!r} cannot be passed within its limits"
-            )
-        slowing = pace.rounded_slowing(begin, path, curve)
-        ramp[:], lag[:] = curve.ramp, curve.lag
-        border = np.concatenate([[0.0], np.cumsum(cruise)])
-        for low, high, most in zip(curve.low, curve.high, curve.cap, strict=True):
-            zone = (border[1:] > low) & (border[:-1] < high)
-            cap[zone] = np.minimum(cap[zone], most)
-            ramp[zone] = curve.bent_ramp
-    slowed, by = np.full(count, slowing.factor), np.full(count, slowing.cause)
-    return Drive(cruise, ramp, lag, rests, slowed, by, cap)
+        if found.cruise <= 0.0:
+            return _drive(np.zeros(stop - begin), slowing)
+        lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+        cruise = found.cruise * lengths / lengths.sum()
+        return _drive(cruise, slowing, found.ramp, found.lag)
+    cruise = _full_speed_times(pace, chain, begin, stop, bends)
+    path = blended_path(chain, begin, stop, cruise)
+    curve = pace.rounded(begin, path)
+    if curve is None:
+        raise PlanInvariantError(
+            f"a corner of {chain.robot!r} cannot be passed within its limits"
+        )
+    slowing = pace.rounded_slowing(begin, path, curve)
+    drive = _drive(cruise, slowing, curve.ramp, curve.lag)
+    border = np.concatenate([[0.0], np.cumsum(cruise)])
+    for low, high, most in zip(curve.low, curve.high, curve.cap, strict=True):
+        zone = (border[1:] > low) & (border[:-1] < high)
+        drive.cap[zone] = np.minimum(drive.cap[zone], most)
+        drive.ramp[zone] = curve.bent_ramp
+    return drive
+
+
+def _drive(
+    cruise: Array, slowing: Slowing, ramp: float = 0.0, lag: float = 0.0
+) -> Drive:
+    """Return how nodes are passed that are one motion from rest to rest, without corners."""
+    count = len(cruise)
+    rests = np.arange(1, count + 1) == count
+    return Drive(
+        cruise,
+        np.full(count, ramp),
+        np.full(count, lag),
+        rests,
+        np.full(count, slowing.factor),
+        np.full(count, slowing.cause),
+        np.ones(count),
+    )
 
 
 def blended_path(chain: NodeChain, begin: int, stop: int, cruise: Array) -> BlendedPath:
@@ -254,33 +265,23 @@ def node_path(chain: NodeChain, node: int) -> Array:
 def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
     """Return a chain with the times that its robot's limits ask for."""
     chain = tpg.chains[k]
-    stretch = stretch_numbers(tpg, k)
-    count = len(chain)
-    cruise, ramp, lag = np.zeros(count), np.zeros(count), np.zeros(count)
-    slowed, slowed_by = np.ones(count), np.zeros(count, dtype=np.int64)
-    cap = np.ones(count)
-    fraction = chain.fraction.copy()
-    duration = chain.duration.copy()
-    begins = np.flatnonzero(np.diff(stretch, prepend=-1))
-    for begin, stop in pairwise([*begins.tolist(), count]):
-        nodes = slice(begin, stop)
-        if chain.skill[begin]:
-            motion = skill_motion(tpg, k, begin, pace.limits)
-            slowing = pace.skill(begin, motion)
-            slowed[nodes], slowed_by[nodes] = slowing.factor, slowing.cause
-            cruise[nodes] = least = motion.seconds * slowing.factor
-            duration[nodes] = np.maximum(duration[nodes], least)
-            if motion.seconds > 0.0:
-                own = slice(chain.first[begin], chain.first[stop])
-                fraction[own] = motion.passed[1:] / motion.seconds
+    begins = np.flatnonzero(np.diff(stretch_numbers(tpg, k), prepend=-1))
+    fraction, duration = chain.fraction.copy(), chain.duration.copy()
+    drives = []
+    for begin, stop in pairwise([*begins.tolist(), len(chain)]):
+        if not chain.skill[begin]:
+            drives.append(stretch_drive(pace, chain, begin, stop))
             continue
-        found = stretch_drive(pace, chain, begin, stop)
-        cruise[nodes], ramp[nodes], lag[nodes] = found.cruise, found.ramp, found.lag
-        slowed[nodes], slowed_by[nodes] = found.slowed, found.slowed_by
-        cap[nodes] = found.cap
-    rests = np.append(np.diff(stretch) > 0, True)[:count]
-    drive = Drive(cruise, ramp, lag, rests, slowed, slowed_by, cap)
-    moving = ramp > 0.0
+        motion = skill_motion(tpg, k, begin, pace.limits)
+        slowing = pace.skill(begin, motion)
+        least = np.array([motion.seconds * slowing.factor])
+        drives.append(_drive(least, slowing))
+        duration[begin:stop] = np.maximum(duration[begin:stop], least)
+        if motion.seconds > 0.0:
+            own = slice(chain.first[begin], chain.first[stop])
+            fraction[own] = motion.passed[1:] / motion.seconds
+    drive = joined_drives(drives)
+    moving = drive.ramp > 0.0
     duration[moving] = nominal_durations(drive)[moving]
     duration[~moving & ~chain.skill] = 0.0
     return replace(chain, duration=duration, fraction=fraction, drive=drive)

@@ -64,16 +64,16 @@ class Pace:
     Args:
         robot: of the cell.
         limits: that it keeps to.
-        loads: what it has in its hand; None where nothing but limits of joints bounds its motions.
+        loads: what it has in its hand.
     """
 
     def __init__(
-        self, robot: PlacedRobot, limits: MotionLimits, loads: HandLoads | None
+        self, robot: PlacedRobot, limits: MotionLimits, loads: HandLoads
     ) -> None:
         self.limits = limits
         self._robot, self._loads = robot, loads
         self._joints = joint_table(robot.model)
-        self._weighed = loads is not None and why_unchecked(robot) is None
+        self._weighed = why_unchecked(robot) is None
         self._dynamics: dict[HandLoad, ArmDynamics] = {}
 
     def stretch(self, node: int, start: Array, way: Array) -> tuple[Stretch, Slowing]:
@@ -84,17 +84,13 @@ class Pace:
             start: where it begins, shape (n,).
             way: from there to its end, shape (n,).
         """
-        free = straight_stretch(self.limits, way)
-        if self._loads is None:
-            return free, Slowing()
-        load, found = self._loads.after(node, 0), free
-        if free.cruise <= 0.0:
-            return free, Slowing()
+        free = found = straight_stretch(self.limits, way)
         slowing = Slowing()
-        cap = self._tool_speed(load)
-        if np.isfinite(cap):
-            tip = self._tip(load)
-            seconds = tool_speed_along(self._joints, tip, start, way) / cap
+        if free.cruise <= 0.0:
+            return free, slowing
+        load = self._loads.after(node, 0)
+        seconds = self._tool_seconds(load, start, way)
+        if seconds > 0.0:
             found = straight_stretch(self.limits, way, seconds)
             # Over a short way full speed may never be reached, with the limit or without.
             slowing = _slower(found.seconds / free.seconds, BY_TOOL_SPEED)
@@ -115,14 +111,9 @@ class Pace:
             start: where the line begins, shape (n,).
             way: from there to its end, shape (n,).
         """
-        if self._loads is None:
-            return straight_stretch(self.limits, way).cruise
-        load, seconds = self._loads.after(node, 0), 0.0
-        cap = self._tool_speed(load)
-        if np.isfinite(cap):
-            tip = self._tip(load)
-            seconds = tool_speed_along(self._joints, tip, start, way) / cap
-        seconds = straight_stretch(self.limits, way, seconds).cruise
+        load = self._loads.after(node, 0)
+        least = self._tool_seconds(load, start, way)
+        seconds = straight_stretch(self.limits, way, least).cruise
         if self._weighed and seconds > 0.0:
             ends = np.array([start, start + way])
             line = BlendedPath(np.array([0.0, seconds]), ends, np.empty(0))
@@ -137,8 +128,6 @@ class Pace:
             node: the first of the way.
             path: the polyline; its legs take as long as ``full_speed_seconds`` says, or longer.
         """
-        if self._loads is None:
-            return rounded_stretch(self.limits, path)
         return rounded_stretch(self.limits, path, self._bounds(node, path))
 
     def rounded_slowing(
@@ -151,14 +140,14 @@ class Pace:
             path: the polyline.
             found: how it is passed.
         """
-        if self._loads is None:
+        bounds = self._bounds(node, path)
+        if bounds is None:
             return Slowing()
         ways, taken = np.diff(path.points, axis=0), np.diff(path.at)
         least = [straight_stretch(self.limits, way).cruise for way in ways]
         share = float(np.max(np.array(least) / taken))
         quick = BlendedPath(path.at * share, path.points, path.window * share)
         free = rounded_stretch(self.limits, quick)
-        bounds = self._bounds(node, path)
         unweighed = rounded_stretch(self.limits, path, replace(bounds, efforts=None))
         assert free is not None
         assert unweighed is not None
@@ -168,12 +157,14 @@ class Pace:
         joint = bounds.efforts.nearest(found.ramp, found.bent_ramp, found.cap)
         return _slower(factor, BY_EFFORT + joint)
 
-    def _bounds(self, node: int, path: BlendedPath) -> PathBounds:
-        """Return what bounds a way with rounded corners besides limits of joints."""
-        assert self._loads is not None
-        load, bent = self._loads.after(node, 0), path.bent_pieces()
-        most = np.ones(len(bent.low))
+    def _bounds(self, node: int, path: BlendedPath) -> PathBounds | None:
+        """Return what bounds a way with rounded corners besides limits of joints, None for nothing."""
+        load = self._loads.after(node, 0)
         cap = self._tool_speed(load)
+        if not np.isfinite(cap) and not self._weighed:
+            return None
+        bent = path.bent_pieces()
+        most = np.ones(len(bent.low))
         if np.isfinite(cap):
             tip = self._tip(load)
             for k, piece in enumerate(zip(bent.low, bent.high, strict=True)):
@@ -192,8 +183,6 @@ class Pace:
             motion: its quickest motion within the limits of joints.
         """
         slowing = Slowing()
-        if self._loads is None:
-            return slowing
         for begin, end, load in self._loads.runs(node, len(motion.passed)):
             # Where a load changes the robot is at rest, and there is a row.
             times = motion.passed[[begin, end]] - _ROUNDING_S
@@ -229,6 +218,13 @@ class Pace:
             return self.limits.tool_speed
         return min(self.limits.tool_speed, self.limits.loaded_tool_speed)
 
+    def _tool_seconds(self, load: HandLoad, start: Array, way: Array) -> float:
+        """Return how long a straight line takes for the tool not to be too fast, 0 for no limit [s]."""
+        cap = self._tool_speed(load)
+        if not np.isfinite(cap):
+            return 0.0
+        return tool_speed_along(self._joints, self._tip(load), start, way) / cap
+
     def _tip(self, load: HandLoad) -> Array:
         """Return the point of the tool in the last joint's frame; without a tool, of the flange."""
         model = self._robot.model if load.tool is None else load.tool.model
@@ -258,24 +254,9 @@ def _borne(slowing: Slowing, borne: Bearing, factor: float) -> Slowing:
 
 def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
     """Yield the pace of each chain's robot; None where it keeps to no limits, and for machines."""
-    limited = {robot.name: robot for robot in tpg.cell.robots}
-    bounded = any(_is_bounded(robot) for robot in tpg.cell.robots)
-    loads = hand_loads(tpg) if bounded else [None] * len(tpg.chains)
-    for chain, own in zip(tpg.chains, loads, strict=True):
-        robot = limited.get(chain.robot)
-        if robot is None or robot.limits is None:
-            yield None
-        else:
-            yield Pace(robot, robot.limits, own)
-
-
-def _is_bounded(robot: PlacedRobot) -> bool:
-    """Tell whether anything but limits of joints bounds the motions of a robot."""
-    limits = robot.limits
-    if limits is None:
-        return False
-    caps = limits.tool_speed, limits.loaded_tool_speed
-    return bool(np.isfinite(caps).any()) or why_unchecked(robot) is None
+    for chain, loads in zip(tpg.chains, hand_loads(tpg), strict=True):
+        robot = tpg.cell.robot(chain.robot)
+        yield None if robot.limits is None else Pace(robot, robot.limits, loads)
 
 
 def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:

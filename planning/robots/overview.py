@@ -9,13 +9,16 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from planning.cell.robot_model import RobotModel
 from planning.robots.descriptions.fitting import written_options
-from planning.robots.descriptions.read_description import pose_of
 from planning.robots.descriptions.urdf_file import tip_link
-from planning.robots.descriptions.xml_files import read_xml, vector
+from planning.robots.descriptions.xml_files import (
+    joint_link,
+    joint_motion,
+    pose_of,
+    read_xml,
+)
 from planning.transforms import Transform
 
 
@@ -132,11 +135,7 @@ def _links(
     tool: set[str],
     flange: str,
 ) -> tuple[LinkRow, ...]:
-    above = {
-        child.get("link"): joint
-        for joint in root.findall("joint")
-        if (child := joint.find("child")) is not None
-    }
+    above = {joint_link(joint, "child"): joint for joint in root.findall("joint")}
     known: dict[str, Transform] = {}
 
     def pose(link: str) -> Transform:
@@ -144,10 +143,14 @@ def _links(
         at = link
         while at not in known and at in above:
             way.append((at, above[at]))
-            at = _parent(above[at])
+            at = joint_link(above[at], "parent")
         found = known.setdefault(at, np.eye(4))
-        for name, joint in reversed(way):
-            found = known[name] = found @ _across(joint, values, path)
+        for child, joint in reversed(way):
+            where = f"{path}: joint {joint.get('name')!r}"
+            found = found @ pose_of(joint.find("origin"), where)
+            if (value := values.get(str(joint.get("name")))) is not None:
+                found = found @ joint_motion(joint, value, where)
+            known[child] = found
         return found
 
     rows = []
@@ -157,7 +160,7 @@ def _links(
         rows.append(
             LinkRow(
                 name,
-                "" if joint is None else _parent(joint),
+                "" if joint is None else joint_link(joint, "parent"),
                 "" if joint is None else str(joint.get("name")),
                 "flange" if name == flange else "tool" if name in tool else "arm",
                 len(element.findall("collision")),
@@ -165,31 +168,6 @@ def _links(
             )
         )
     return tuple(rows)
-
-
-def _parent(joint: Element) -> str:
-    end = joint.find("parent")
-    return "" if end is None else str(end.get("link"))
-
-
-def _across(joint: Element, values: Mapping[str, float], path: Path) -> Transform:
-    """Return the pose of a joint's child in the frame of its parent."""
-    where = f"{path}: joint {joint.get('name')!r}"
-    out = pose_of(joint.find("origin"), where)
-    value = values.get(str(joint.get("name")))
-    if value is not None:
-        axis = joint.find("axis")
-        way = np.array(
-            vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), where)
-        )
-        move = np.eye(4)
-        way = way / np.linalg.norm(way) * value
-        if joint.get("type") == "prismatic":
-            move[:3, 3] = way
-        else:
-            move[:3, :3] = Rotation.from_rotvec(way).as_matrix()
-        out = out @ move
-    return out
 
 
 def _words(model: RobotModel, links: tuple[LinkRow, ...]) -> list[str]:

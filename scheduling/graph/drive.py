@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -61,9 +62,13 @@ class Drive:
 
     def repeated(self, times: int) -> Drive:
         """Return the entries again and again."""
-        return Drive(
-            **{name: np.tile(values, times) for name, values in vars(self).items()}
-        )
+        return joined_drives([self] * times)
+
+
+def joined_drives(parts: Sequence[Drive]) -> Drive:
+    """Return the entries of some nodes, and then those of others."""
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return Drive(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True, eq=False)

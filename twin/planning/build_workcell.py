@@ -34,7 +34,8 @@ from planning.cell.workcell import (
 from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.files import file_named
 from planning.kinematics.kinematics import frame_pose
-from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.registry import robot_model, with_tool
 from planning.transforms import Transform, identity, readonly
 from twin.planning.kind import assembly_kind

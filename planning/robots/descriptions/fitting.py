@@ -10,9 +10,8 @@ from xml.etree.ElementTree import Element, SubElement
 
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Element as PlacedForm
-from planning.robots.descriptions.read_description import pose_of, write_pose
-from planning.robots.descriptions.urdf_file import UrdfOptions
-from planning.robots.descriptions.xml_files import number, vector
+from planning.robots.descriptions.urdf_file import GivenLimits, UrdfOptions
+from planning.robots.descriptions.xml_files import number, pose_of, vector, write_pose
 from planning.transforms import Transform, identity, readonly
 
 
@@ -50,31 +49,6 @@ class Tool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GivenLimits:
-    """Limits of a robot's joints in place of what its description says.
-
-    Attributes:
-        velocity: one value for all joints, or one for each [rad/s or m/s].
-        acceleration: likewise [rad/s^2 or m/s^2].
-        jerk: likewise [rad/s^3 or m/s^3].
-        effort: likewise [N m or N].
-        payload: the most that it may carry, its tool included [kg].
-    """
-
-    velocity: tuple[float, ...] | None = None
-    acceleration: tuple[float, ...] | None = None
-    jerk: tuple[float, ...] | None = None
-    effort: tuple[float, ...] | None = None
-    payload: float | None = None
-
-    def by_joint(self) -> Mapping[str, tuple[float, ...]]:
-        """Return the limits that are given of joints, by the names that URDF has for them."""
-        keys = ("velocity", "acceleration", "jerk", "effort")
-        given = {key: getattr(self, key) for key in keys}
-        return {key: values for key, values in given.items() if values is not None}
-
-
-@dataclass(frozen=True, kw_only=True)
 class Fitting:
     """Changes that a cell makes to the description of a robot.
 
@@ -91,18 +65,12 @@ class Fitting:
     bare: bool = False
     flange: str | None = None
     held: Mapping[str, float] = field(default_factory=dict)
-    limits: GivenLimits = GivenLimits()
+    limits: GivenLimits = field(default_factory=GivenLimits)
 
     @property
     def is_nothing(self) -> bool:
         """Whether the description stays as it is."""
-        return (
-            self.tool is None
-            and not self.bare
-            and self.flange is None
-            and not self.held
-            and self.limits == GivenLimits()
-        )
+        return self == Fitting()
 
 
 _ELEMENT = "assembly_twin"

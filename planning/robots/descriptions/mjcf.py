@@ -1,39 +1,43 @@
-"""Descriptions in MJCF, the format of MuJoCo, rewritten as URDF; pinocchio reads them."""
+"""Descriptions in MJCF, the format of MuJoCo, rewritten as URDF.
+
+Bodies become links, their joints joints. pinocchio reads MJCF too, but takes ranges of slides for angles, mixes
+classes, and knows neither ``limited: false`` nor the value that a joint has as it is drawn.
+"""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-import pinocchio
-from scipy.spatial.transform import Rotation
 
 from planning.errors import RobotModelError
 from planning.files import is_file
-from planning.robots.descriptions import xml_files
-from planning.robots.descriptions.mjcf_settings import write_settings_out
-from planning.robots.descriptions.read_description import write_pose
-from planning.robots.descriptions.xml_files import read_xml, vector
-from planning.transforms import Array, Transform, inverse, translation
+from planning.robots.descriptions.mjcf_settings import MjcfSettings, turn_from_z
+from planning.robots.descriptions.xml_files import (
+    joint_motion,
+    number,
+    numbers_text,
+    read_xml,
+    vector,
+    write_pose,
+)
+from planning.transforms import Transform, identity, translation
 
 _MOST_INCLUDES = 100
 """Depth of files that include files: a deeper one includes itself."""
-
-_UNLIMITED = 1e6
-"""A joint with a limit beyond this has none [rad or m]."""
 
 _NUMBERS = {"pos", "quat", "axisangle", "euler", "xyaxes", "zaxis", "axis", "size"}
 _NUMBERS |= {"fromto", "range", "scale", "polycoef", "ref"}
 _LARGEST = 1e5
 """Largest number that a body is believed to have."""
 
-_WORLD, _ORIGIN = "world", "world.origin"
-_FRAMES = pinocchio.FrameType
+_LOOKS = 3
+"""Geoms of groups from this one on are not drawn where they can be touched."""
+
+_URDF_KINDS = {"slide": "prismatic", "hinge": "revolute"}
 
 
 def urdf_of_mjcf(root: Element, path: Path) -> Element:
@@ -43,7 +47,7 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
     Speeds are not known: MJCF has none.
 
     Args:
-        root: of its XML.
+        root: of its XML, changed.
         path: the file.
 
     Raises:
@@ -52,33 +56,15 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
     _include(root, path, 0)
     _check_values(root, path)
     _check_references(root, path)
-    drawn = write_settings_out(root, path)
-    _prepare(root, path)
-    with tempfile.TemporaryDirectory() as folder:
-        plain = Path(folder, "plain.xml")
-        plain.write_bytes(ElementTree.tostring(root))
-        try:
-            model = pinocchio.buildModelFromMJCF(str(plain))
-            shapes = {
-                tag: pinocchio.buildGeomFromMJCF(model, str(plain), kind)
-                for tag, kind in (
-                    ("collision", pinocchio.GeometryType.COLLISION),
-                    ("visual", pinocchio.GeometryType.VISUAL),
-                )
-            }
-        except (ValueError, RuntimeError, IndexError, KeyError) as error:
-            said = str(error).partition("message:")[2] or str(error)
-            raise RobotModelError(
-                f"{path} cannot be read as MJCF: {' '.join(said.split())}"
-            ) from None
+    settings = MjcfSettings(root, path)
+    world = root.find("worldbody")
+    if world is None or world.find("body") is None:
+        raise RobotModelError(f"{path} has no <body> in its <worldbody>")
     urdf = Element("robot", name=root.get("model", path.stem))
-    frames = _links(urdf, model, drawn, path)
-    for tag, geometry in shapes.items():
-        for item in geometry.geometryObjects:
-            link, frame = frames[item.parentFrame]
-            pose = inverse(frame) @ item.placement.homogeneous
-            _write_shape(link, tag, item, pose, path)
-    _tie(urdf, root, drawn, path)
+    writer = _Writer(urdf, settings, _meshes(root, settings), {}, path)
+    link = SubElement(urdf, "link", name="world")
+    writer.fill(link, world, identity(), "main")
+    writer.tie(root)
     return urdf
 
 
@@ -90,12 +76,9 @@ def _include(root: Element, path: Path, depth: int) -> None:
                 continue
             if depth >= _MOST_INCLUDES:
                 raise RobotModelError(f"{path} includes itself")
-            other = path.parent / child.get("file", "")
-            content = read_xml(other)
+            content = read_xml(path.parent / child.get("file", ""))
             _include(content, path, depth + 1)
-            element.remove(child)
-            for number, part in enumerate(content):
-                element.insert(at + number, part)
+            element[at : at + 1] = list(content)
 
 
 def _check_values(root: Element, path: Path) -> None:
@@ -105,7 +88,7 @@ def _check_values(root: Element, path: Path) -> None:
             name = element.get("name") or element.get("class") or ""
             where = f"{path}: {key} of <{element.tag}> {name!r}"
             text = element.get(key, "")
-            values = [xml_files.number(part, where) for part in text.split()]
+            values = [number(part, where) for part in text.split()]
             if not values or any(abs(value) > _LARGEST for value in values):
                 raise RobotModelError(
                     f"{where} must be numbers of at most {_LARGEST:g}, is {text[:60]!r}"
@@ -117,10 +100,7 @@ def _check_values(root: Element, path: Path) -> None:
 def _check_references(root: Element, path: Path) -> None:
     """Require classes and meshes that are named to be there."""
     classes = {item.get("class", "main") for item in root.iter("default")} | {"main"}
-    meshes = {
-        item.get("name") or Path(item.get("file", "")).stem
-        for item in root.findall("asset/mesh")
-    }
+    meshes = {_mesh_name(item) for item in root.findall("asset/mesh")}
     for key, valid in (("class", classes), ("childclass", classes), ("mesh", meshes)):
         for element in root.iter():
             name = element.get(key)
@@ -132,224 +112,207 @@ def _check_references(root: Element, path: Path) -> None:
             )
 
 
-def _prepare(root: Element, path: Path) -> None:
-    """Take out what is looks only, and name meshes by where they are."""
-    bodies = root.findall("worldbody/body")
-    if not bodies:
-        raise RobotModelError(f"{path} has no <body> in its <worldbody>")
-    for body in bodies:  # a thing that may be anywhere is put somewhere here
-        for joint in (*body.findall("freejoint"), *body.findall("joint")):
-            if joint.tag == "freejoint" or joint.get("type") == "free":
-                body.remove(joint)
-    # pinocchio takes the first body for the world, wherever it is.
-    for world in root.findall("worldbody"):
-        content = list(world)
-        for child in content:
-            world.remove(child)
-        SubElement(world, "body", name=_ORIGIN).extend(content)
-    for element in root.iter():
-        if element.tag in ("geom", "site"):
-            element.attrib.pop("material", None)
-    folder = path.parent
-    for compiler in root.findall("compiler"):
-        place = compiler.get("meshdir") or compiler.get("assetdir") or ""
-        folder = folder / place
-        for key in ("meshdir", "assetdir", "texturedir"):
-            compiler.attrib.pop(key, None)
-    for asset in root.findall("asset"):
-        for child in list(asset):
-            if child.tag in ("texture", "material"):
-                asset.remove(child)
-            elif child.tag == "mesh":
-                _complete(child, folder, path)
+def _mesh_name(mesh: Element) -> str:
+    return mesh.get("name") or Path(mesh.get("file", "")).stem
 
 
-def _complete(mesh: Element, folder: Path, path: Path) -> None:
-    name = mesh.get("file", "")
-    file = folder / name
-    if not name or not is_file(file):
-        raise RobotModelError(
-            f"{path}: mesh {name or mesh.get('name')!r} was not found in {folder}"
-        )
-    mesh.attrib.setdefault("name", Path(name).stem)
-    mesh.set("file", str(file.resolve()))
-
-
-def _links(
-    urdf: Element, model: Any, drawn: Mapping[str, float], path: Path
-) -> dict[int, tuple[Element, Array]]:
-    """Write links and joints.
-
-    Args:
-        urdf: what is written.
-        model: of pinocchio, in which every joint is at 0 as it is drawn.
-        drawn: values of joints as they are drawn, where these are others [rad or m].
-        path: the file, for messages.
-
-    Returns:
-        By the number of pinocchio's frame: the link, and the pose of its frame in the frame of the
-        joint that moves it.
-    """
-    at_rest = np.eye(4)
-    out = {0: (SubElement(urdf, "link", name=_WORLD), at_rest)}
-    for number, frame in enumerate(model.frames):
-        if frame.type != _FRAMES.BODY:
-            continue
-        pose, name = frame.placement.homogeneous, frame.name
-        parent, joint = _above(model, number)
-        carrier, offset = out[parent]
-        if joint is not None:
-            level = bool(np.allclose(pose, at_rest))
-            link = SubElement(urdf, "link", name=name if level else f"{name}.moved")
-            index = joint.parentJoint
-            placed = model.jointPlacements[index].homogeneous
-            element = _add_joint(
-                urdf, joint.name, carrier, link, inverse(offset) @ placed
-            )
-            _describe(element, model, index, path)
-            if joint.name in drawn:
-                moved = _moved(element, -drawn[joint.name])
-                write_pose(element, inverse(offset) @ placed @ moved)
-            carrier, offset = link, at_rest
-            if level:
-                out[number] = link, at_rest
-                continue
-        link = SubElement(urdf, "link", name=name)
-        element = _add_joint(
-            urdf, f"{name}.fixed", carrier, link, inverse(offset) @ pose
-        )
-        element.set("type", "fixed")
-        out[number] = link, pose
-    return out
-
-
-def _above(model: Any, number: int) -> tuple[int, Any]:
-    """Return the frame of the body above a body, and the frame of the joint in between, if any."""
-    joint, at = None, model.frames[number].parentFrame
-    while at != 0 and model.frames[at].type != _FRAMES.BODY:
-        if model.frames[at].type == _FRAMES.JOINT:
-            joint = model.frames[at]
-        at = model.frames[at].parentFrame
-    return at, joint
-
-
-def _add_joint(
-    urdf: Element, name: str, parent: Element, child: Element, pose: Transform
-) -> Element:
-    joint = SubElement(urdf, "joint", name=name)
-    SubElement(joint, "parent", link=str(parent.get("name")))
-    SubElement(joint, "child", link=str(child.get("name")))
-    write_pose(joint, pose)
-    return joint
-
-
-def _describe(joint: Element, model: Any, index: int, path: Path) -> None:
-    """Write kind, axis and range of a joint."""
-    own = model.joints[index]
-    kind = own.shortname()
-    if "Composite" in kind:
-        raise RobotModelError(
-            f"{path}: a body has several joints ({joint.get('name')}); give each a body of its own"
-        )
-    if own.nv != 1:
-        joint.set("type", "floating")
-        return
-    data = own.createData()
-    own.calc(data, pinocchio.neutral(model)[own.idx_q : own.idx_q + own.nq])
-    column = np.asarray(data.S, dtype=np.float64).reshape(6)
-    slides = bool(np.any(column[:3] != 0.0))
-    axis = column[:3] if slides else column[3:]
-    SubElement(joint, "axis", xyz=_text(axis))
-    low, high = (
-        float(limits[own.idx_q])
-        for limits in (model.lowerPositionLimit, model.upperPositionLimit)
-    )
-    limited = own.nq == 1 and low > -_UNLIMITED and high < _UNLIMITED
-    joint.set(
-        "type", "prismatic" if slides else "revolute" if limited else "continuous"
-    )
-    if limited:
-        SubElement(joint, "limit", lower=repr(low), upper=repr(high))
-
-
-def _moved(joint: Element, value: float) -> Transform:
-    """Return what a joint of a URDF moves by [rad or m]."""
-    axis = joint.find("axis")
-    if axis is None:
-        return np.eye(4)
-    along = value * np.array(vector(axis.get("xyz", ""), str(joint.get("name"))))
-    if joint.get("type") == "prismatic":
-        return translation(*along)
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(along).as_matrix()
-    return pose
-
-
-def _write_shape(
-    link: Element, tag: str, item: Any, pose: Transform, path: Path
-) -> None:
-    for shape, keys, at in _primitives(item, path, tag):
-        element = SubElement(link, tag)
-        write_pose(element, pose @ at)
-        SubElement(SubElement(element, "geometry"), shape, keys)
-        if tag == "visual":
-            red, green, blue, alpha = (float(v) for v in item.meshColor)
-            material = SubElement(element, "material", name="")
-            SubElement(material, "color", rgba=f"{red} {green} {blue} {alpha}")
-
-
-def _primitives(
-    item: Any, path: Path, tag: str
-) -> Iterator[tuple[str, dict[str, str], Transform]]:
-    """Yield the URDF shapes of a geom, each with its pose in the geom's frame."""
-    shape, here = item.geometry, np.eye(4)
-    kind = type(shape).__name__
-    if kind == "Box":
-        yield "box", {"size": _text(2.0 * np.asarray(shape.halfSide))}, here
-    elif kind == "Sphere":
-        yield "sphere", {"radius": repr(float(shape.radius))}, here
-    elif kind in ("Cylinder", "Capsule"):
-        radius, half = repr(float(shape.radius)), float(shape.halfLength)
-        yield "cylinder", {"radius": radius, "length": repr(2.0 * half)}, here
-        for end in (-half, half) if kind == "Capsule" else ():
-            yield "sphere", {"radius": radius}, translation(0.0, 0.0, end)
-    elif hasattr(shape, "vertices"):
-        scale = _text(np.asarray(item.meshScale))
-        yield "mesh", {"filename": item.meshPath, "scale": scale}, here
-    elif kind not in ("Halfspace", "Plane") and tag == "collision":
-        raise RobotModelError(
-            f"{path}: geom {item.name!r} is of a kind that cannot be read ({kind}); give it another, or"
-            " contype and conaffinity 0",
-            choices=("box", "sphere", "cylinder", "capsule", "mesh"),
-        )
-
-
-def _tie(urdf: Element, root: Element, drawn: Mapping[str, float], path: Path) -> None:
-    """Write the joints that an equality ties to another one as joints that mimic it.
-
-    It ties what they have moved since they were drawn.
-    """
-    joints = {str(joint.get("name")): joint for joint in urdf.findall("joint")}
-    for tie in root.findall("equality/joint"):
-        first, second = tie.get("joint1", ""), tie.get("joint2", "")
-        if second not in joints or first not in joints:
-            continue
-        factors = [*map(float, tie.get("polycoef", "0 1 0 0 0").split())]
-        if any(factors[2:]):
+def _meshes(root: Element, settings: MjcfSettings) -> dict[str, dict[str, str]]:
+    """Return the attributes that URDF has of each mesh, by its name."""
+    found = {}
+    for mesh in root.findall("asset/mesh"):
+        given, name = settings.attributes(mesh, "main"), mesh.get("file", "")
+        file = settings.mesh_folder / name
+        if not name or not is_file(file):
             raise RobotModelError(
-                f"{path}: joint {first!r} follows {second!r} along a curve; only straight lines can be"
-                " followed"
+                f"{settings.path}: mesh {name or mesh.get('name')!r} was not found in"
+                f" {settings.mesh_folder}"
             )
-        offset, factor = (*factors, 0.0, 0.0)[:2]
-        offset += drawn.get(first, 0.0) - factor * drawn.get(second, 0.0)
-        SubElement(
-            joints[first],
-            "mimic",
-            joint=second,
-            multiplier=repr(factor),
-            offset=repr(offset),
-        )
+        where = f"{settings.path}: scale of mesh {name!r}"
+        scale = numbers_text(vector(given.get("scale", "1 1 1"), where))
+        found[_mesh_name(mesh)] = {"filename": str(file.resolve()), "scale": scale}
+    return found
 
 
-def _text(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
+@dataclass(frozen=True)
+class _Writer:
+    """Writes what is in bodies to a URDF.
+
+    Attributes:
+        urdf: what is written.
+        settings: of the file.
+        meshes: by name, see ``_meshes``.
+        drawn: values of joints as they are drawn, where these are not 0 [rad or m].
+        path: the file, for messages.
+    """
+
+    urdf: Element
+    settings: MjcfSettings
+    meshes: Mapping[str, dict[str, str]]
+    drawn: dict[str, float]
+    path: Path
+
+    def fill(self, link: Element, body: Element, pose: Transform, around: str) -> None:
+        """Write what is in a body, or in a frame of it.
+
+        Args:
+            link: of the body.
+            body: the body or frame.
+            pose: of its frame in the frame of the link.
+            around: class of all in it that name none.
+        """
+        around = body.get("childclass", around)
+        for index, child in enumerate(body):
+            given = self.settings.attributes(child, around)
+            if child.tag == "geom":
+                self._geom(link, given, pose)
+            elif child.tag == "body":
+                name = child.get("name") or f"{link.get('name')}.body{index}"
+                self._body(link, child, name, pose @ self._pose(child, given), around)
+            elif child.tag == "frame":
+                if child.find("joint") is not None:
+                    raise RobotModelError(
+                        f"{self.path}: a <frame> of body {link.get('name')!r} has a joint; put the"
+                        " joint into the body"
+                    )
+                self.fill(link, child, pose @ self._pose(child, given), around)
+
+    def _body(
+        self, parent: Element, body: Element, name: str, pose: Transform, around: str
+    ) -> None:
+        joints = [child for child in body if child.tag in ("joint", "freejoint")]
+        own = body.get("childclass", around)
+        given = [self.settings.attributes(joint, own) for joint in joints]
+        for joint, keys in zip(joints, given, strict=True):
+            if joint.tag == "freejoint":
+                keys["type"] = "free"
+        if parent.get("name") == "world":  # a thing that may be anywhere is put here
+            given = [keys for keys in given if keys.get("type") != "free"]
+        if len(given) > 1:
+            raise RobotModelError(
+                f"{self.path}: body {name!r} has several joints; give each a body of its own"
+            )
+        if given:
+            parent, pose = self._joint(parent, given[0], name, pose)
+        if parent.get("name") != name:
+            parent = self._hang(parent, f"{name}.fixed", name, pose, "fixed")
+        self.fill(parent, body, identity(), around)
+
+    def _joint(
+        self, parent: Element, given: Mapping[str, str], name: str, pose: Transform
+    ) -> tuple[Element, Transform]:
+        """Write the joint of a body; return the link that it moves, and where the body is in that."""
+        joint = self.settings.joint(given, f"{name}Joint_0")
+        pivot = vector(given.get("pos", "0 0 0"), f"{self.path}: joint {joint.name!r}")
+        moved = name if not any(pivot) else f"{name}.moved"
+        placed = pose @ translation(*pivot)
+        kind = _URDF_KINDS.get(joint.kind, "floating")
+        if kind == "revolute" and joint.limits is None:
+            kind = "continuous"
+        link = self._hang(parent, joint.name, moved, placed, kind)
+        element = self.urdf[-1]
+        if kind != "floating":
+            axis = vector(given.get("axis", "0 0 1"), f"{self.path}: {joint.name!r}")
+            unit = np.array(axis) / np.linalg.norm(axis)
+            SubElement(element, "axis", xyz=numbers_text(unit))
+        if kind != "floating" and joint.limits is not None:
+            low, high = joint.limits
+            SubElement(element, "limit", lower=repr(low), upper=repr(high))
+        if joint.drawn:
+            self.drawn[joint.name] = joint.drawn
+            write_pose(
+                element, placed @ joint_motion(element, -joint.drawn, str(self.path))
+            )
+        return link, translation(*(-value for value in pivot))
+
+    def _hang(
+        self, parent: Element, joint: str, name: str, pose: Transform, kind: str
+    ) -> Element:
+        """Write a link on a joint of its own, which comes last."""
+        link = SubElement(self.urdf, "link", name=name)
+        element = SubElement(self.urdf, "joint", name=joint, type=kind)
+        SubElement(element, "parent", link=str(parent.get("name")))
+        SubElement(element, "child", link=name)
+        write_pose(element, pose)
+        return link
+
+    def _pose(self, element: Element, given: Mapping[str, str]) -> Transform:
+        return self.settings.pose(given, f"<{element.tag}> {element.get('name', '')!r}")
+
+    def _geom(self, link: Element, given: Mapping[str, str], pose: Transform) -> None:
+        touched = any(given.get(key, "1") != "0" for key in ("contype", "conaffinity"))
+        seen = not touched or int(given.get("group", "0")) < _LOOKS
+        kind, name = given.get("type", "sphere"), given.get("name", "")
+        where = f"{self.path}: geom {name!r}"
+        if kind == "plane":
+            return
+        if kind not in ("box", "sphere", "cylinder", "capsule", "mesh"):
+            if touched:
+                raise RobotModelError(
+                    f"{where} is of a kind that cannot be read ({kind}); give it another, or"
+                    " contype and conaffinity 0",
+                    choices=("box", "sphere", "cylinder", "capsule", "mesh"),
+                )
+            return
+        place, keys = self._shape(kind, given, where)
+        for tag, wanted in (("collision", touched), ("visual", seen)):
+            if not wanted:
+                continue
+            element = SubElement(link, tag)
+            write_pose(element, pose @ place)
+            SubElement(SubElement(element, "geometry"), kind, keys)
+            if tag == "visual":
+                rgba = vector(given.get("rgba", "1 1 1 1"), f"{where}, rgba", 4)
+                material = SubElement(element, "material", name="")
+                SubElement(material, "color", rgba=numbers_text(rgba))
+
+    def _shape(
+        self, kind: str, given: Mapping[str, str], where: str
+    ) -> tuple[Transform, dict[str, str]]:
+        """Return the pose of a geom, and the attributes that URDF has of its shape."""
+        if kind == "mesh":
+            if given.get("mesh") not in self.meshes:
+                raise RobotModelError(f"{where} has no mesh")
+            return self.settings.pose(given, where), self.meshes[given["mesh"]]
+        size = [
+            number(part, f"{where}, size") for part in given.get("size", "").split()
+        ]
+        if "fromto" in given and kind != "sphere":
+            ends = np.array(vector(given["fromto"], f"{where}, fromto", 6))
+            way = ends[3:] - ends[:3]
+            pose = translation(*(ends[:3] + 0.5 * way)) @ turn_from_z(way)
+            half = 0.5 * float(np.linalg.norm(way))
+            size = [*size[:1] * (2 if kind == "box" else 1), half]
+        else:
+            pose = self.settings.pose(given, where)
+        count = {"sphere": 1, "box": 3}.get(kind, 2)
+        if len(size) < count:
+            raise RobotModelError(
+                f"{where}: a {kind} needs {count} sizes, has {len(size)}"
+            )
+        if kind == "box":
+            return pose, {"size": numbers_text(2.0 * np.array(size[:3]))}
+        keys = {"radius": repr(size[0])}
+        return pose, keys if kind == "sphere" else keys | {
+            "length": repr(2.0 * size[1])
+        }
+
+    def tie(self, root: Element) -> None:
+        """Write the joints that an equality ties to another one as joints that mimic it.
+
+        It ties what they have moved since they were drawn.
+        """
+        joints = {str(joint.get("name")): joint for joint in self.urdf.findall("joint")}
+        for tie in root.findall("equality/joint"):
+            first, second = tie.get("joint1", ""), tie.get("joint2", "")
+            if second not in joints or first not in joints:
+                continue
+            factors = [*map(float, tie.get("polycoef", "0 1 0 0 0").split())]
+            if any(factors[2:]):
+                raise RobotModelError(
+                    f"{self.path}: joint {first!r} follows {second!r} along a curve; only straight"
+                    " lines can be followed"
+                )
+            offset, factor = (*factors, 0.0, 0.0)[:2]
+            offset += self.drawn.get(first, 0.0) - factor * self.drawn.get(second, 0.0)
+            keys = {"multiplier": repr(factor), "offset": repr(offset)}
+            SubElement(joints[first], "mimic", {"joint": second} | keys)

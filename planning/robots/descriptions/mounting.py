@@ -21,7 +21,6 @@ from planning.cell.shape import Element as PlacedForm
 from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.fitting import (
     Fitting,
-    GivenLimits,
     Tool,
     write_options,
     written_options,
@@ -30,11 +29,10 @@ from planning.robots.descriptions.read_description import (
     free_kinds,
     hold_all,
     hold_joints,
-    pose_of,
     read_description,
-    write_pose,
 )
 from planning.robots.descriptions.urdf_file import (
+    GivenLimits,
     UrdfOptions,
     checked_tree,
     flange_link,
@@ -45,9 +43,13 @@ from planning.robots.descriptions.urdf_file import (
 from planning.robots.descriptions.weights import weigh
 from planning.robots.descriptions.xml_files import (
     find_mesh_of_package,
+    joint_link,
     kept_folder,
+    numbers_text,
+    pose_of,
     search_folders,
     without_prefixes,
+    write_pose,
 )
 from planning.transforms import (
     Array,
@@ -117,7 +119,7 @@ def _collisions(form: Form) -> Iterator[Piece]:
             yield "mesh", {"filename": _obj(hull, faces)}, here
         return
     if isinstance(form, Box):
-        yield "box", {"size": " ".join(repr(float(edge)) for edge in form.size)}, here
+        yield "box", {"size": numbers_text(form.size)}, here
         return
     radius = repr(float(form.radius))
     if isinstance(form, Cylinder) or form.length > 0.0:
@@ -242,10 +244,8 @@ def _tidy(root: Element) -> None:
 def _write_limits(
     root: Element, path: Path, options: UrdfOptions, limits: GivenLimits
 ) -> None:
-    given = dict(limits.by_joint())
-    for key in ("velocity", "acceleration", "jerk", "effort"):
-        if getattr(options, key) is not None:
-            given.setdefault(key, getattr(options, key))
+    own = limits.by_joint()
+    given = {**own, **options.by_joint(), **own}  # in this order in the file
     if not given:
         return
     order = moving_order(root, path)
@@ -308,7 +308,9 @@ def _take_off(root: Element, links: frozenset[str], flange: str, path: Path) -> 
     joints = root.findall("joint")
     grown = True
     while grown:
-        hanging = {_end(j, "child") for j in joints if _end(j, "parent") in below}
+        hanging = {
+            joint_link(j, "child") for j in joints if joint_link(j, "parent") in below
+        }
         grown = not hanging <= below
         below |= hanging
     if flange in below:
@@ -317,7 +319,7 @@ def _take_off(root: Element, links: frozenset[str], flange: str, path: Path) -> 
         )
     for element in list(root):
         name = str(element.get("name"))
-        joint = element.tag == "joint" and _end(element, "child") in below
+        joint = element.tag == "joint" and joint_link(element, "child") in below
         if joint or (element.tag == "link" and name in below):
             root.remove(element)
 
@@ -379,12 +381,12 @@ def _tcp(body: Element, top: str, tool: Tool) -> Transform:
             f"the tool {tool.name!r} needs a 'tcp', the point between its fingers or at its end as seen"
             f" from link {top!r}: no link of it is named as one"
         )
-    joints = {_end(joint, "child"): joint for joint in body.findall("joint")}
+    joints = {joint_link(joint, "child"): joint for joint in body.findall("joint")}
     pose = np.eye(4)
     while tip in joints:
         origin = joints[tip].find("origin")
         pose = pose_of(origin, str(tool.description)) @ pose
-        tip = _end(joints[tip], "parent")
+        tip = joint_link(joints[tip], "parent")
     return pose
 
 
@@ -409,8 +411,3 @@ def _join(root: Element, parent: str, child: str, pose: Transform) -> None:
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     write_pose(joint, pose)
-
-
-def _end(joint: Element, tag: str) -> str:
-    end = joint.find(tag)
-    return "" if end is None else str(end.get("link"))

@@ -7,27 +7,26 @@ from __future__ import annotations
 
 import copy
 import math
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from planning.errors import RobotModelError
 from planning.files import read_file
+from planning.robots.descriptions.mjcf import urdf_of_mjcf
 from planning.robots.descriptions.xml_files import (
+    TURNING,
     find_mesh,
+    joint_motion,
     number,
+    pose_of,
     read_xml,
     search_folders,
-    vector,
+    write_pose,
 )
-from planning.transforms import Array, Transform, from_rpy, translation
+from planning.transforms import translation
 
-_TURNING = ("revolute", "continuous")
 _SLACK = 1e-6
 """A value may be past a limit by this: rounding of files [rad or m]."""
 
@@ -88,34 +87,8 @@ def free_kinds(root: Element) -> frozenset[str]:
     return frozenset(
         str(joint.get("name"))
         for joint in root.findall("joint")
-        if joint.get("type") not in (*_TURNING, "prismatic", "fixed")
+        if joint.get("type") not in (*TURNING, "prismatic", "fixed")
     )
-
-
-def pose_of(element: Element | None, where: str) -> Transform:
-    """Return the pose that an ``<origin>`` stands for; none stands for no offset."""
-    if element is None:
-        return np.eye(4)
-    xyz = vector(element.get("xyz", "0 0 0"), f"{where}, xyz of <origin>")
-    rpy = vector(element.get("rpy", "0 0 0"), f"{where}, rpy of <origin>")
-    return from_rpy(xyz, rpy)
-
-
-def write_pose(parent: Element, pose: Transform) -> None:
-    """Give an element an ``<origin>`` in place of what it has."""
-    for old in parent.findall("origin"):
-        parent.remove(old)
-    turned = np.asarray(pose)[:3, :3]
-    level = np.array_equal(turned, np.eye(3))
-    with warnings.catch_warnings(action="ignore"):  # where two angles say the same
-        rpy = np.zeros(3) if level else Rotation.from_matrix(turned).as_euler("xyz")
-    xyz = np.asarray(pose)[:3, 3]
-    values = {"xyz": _text(xyz), "rpy": _text(rpy)}
-    SubElement(parent, "origin", values)
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
 
 
 def _with_followers(
@@ -169,19 +142,8 @@ def _require_within(joint: Element, value: float, where: str) -> None:
 def _fix(joint: Element, value: float, where: str) -> None:
     kind = joint.get("type")
     pose = pose_of(joint.find("origin"), where)
-    if kind in (*_TURNING, "prismatic"):
-        axis = joint.find("axis")
-        text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-        way = np.array(vector(text, f"{where}, axis"))
-        length = float(np.linalg.norm(way))
-        if length == 0.0:
-            raise RobotModelError(f"{where} has no direction: axis {text!r}")
-        move = np.eye(4)
-        if kind == "prismatic":
-            move[:3, 3] = way / length * value
-        else:
-            move[:3, :3] = Rotation.from_rotvec(way / length * value).as_matrix()
-        pose = pose @ move
+    if kind in (*TURNING, "prismatic"):
+        pose = pose @ joint_motion(joint, value, where)
     elif value != 0.0:
         raise RobotModelError(
             f"{where} is of type {kind!r}: it can be held at 0 only, not at {value:g}"
@@ -203,9 +165,7 @@ def read_description(path: Path) -> Element:
     """
     root = read_xml(path)
     if root.tag == "mujoco":
-        from planning.robots.descriptions.mjcf import urdf_of_mjcf
-
-        return urdf_of_mjcf(root, path)
+        root = urdf_of_mjcf(root, path)
     if root.tag != "robot":
         raise RobotModelError(
             f"{path} is neither URDF nor MJCF: its root element is <{root.tag}>",
@@ -218,33 +178,27 @@ def read_description(path: Path) -> Element:
 def _take_capsules_apart(root: Element, path: Path) -> None:
     """Write capsules, which not every program reads, as a cylinder and two balls."""
     for link in root.findall("link"):
-        for tag in ("collision", "visual"):
-            for shape in link.findall(tag):
-                capsule = shape.find("geometry/capsule")
-                if capsule is not None and capsule.get("radius"):
-                    where = f"{path}: link {link.get('name')!r}: a <capsule>"
-                    _take_apart(link, shape, capsule, where)
-
-
-def _take_apart(link: Element, shape: Element, capsule: Element, where: str) -> None:
-    radius, length = capsule.get("radius", ""), capsule.get("length", "0")
-    place = pose_of(shape.find("origin"), where)
-    half = 0.5 * number(length, where)
-    for kind, at in (("cylinder", 0.0), ("sphere", -half), ("sphere", half)):
-        part = copy.deepcopy(shape)
-        part.attrib.pop("name", None)
-        geometry = part.find("geometry")
-        assert geometry is not None
-        geometry.clear()
-        keys = (
-            {"radius": radius, "length": length}
-            if kind == "cylinder"
-            else {"radius": radius}
-        )
-        SubElement(geometry, kind, keys)
-        write_pose(part, place @ translation(0.0, 0.0, at))
-        link.append(part)
-    link.remove(shape)
+        for shape in (*link.findall("collision"), *link.findall("visual")):
+            capsule = shape.find("geometry/capsule")
+            if capsule is None or not capsule.get("radius"):
+                continue
+            where = f"{path}: link {link.get('name')!r}: a <capsule>"
+            radius, length = capsule.get("radius", ""), capsule.get("length", "0")
+            place = pose_of(shape.find("origin"), where)
+            half = 0.5 * number(length, where)
+            link.remove(shape)
+            for kind, at in (("cylinder", 0.0), ("sphere", -half), ("sphere", half)):
+                part = copy.deepcopy(shape)
+                part.attrib.pop("name", None)
+                geometry = part.find("geometry")
+                assert geometry is not None
+                geometry.clear()
+                keys = {"radius": radius}
+                if kind == "cylinder":
+                    keys["length"] = length
+                SubElement(geometry, kind, keys)
+                write_pose(part, place @ translation(0.0, 0.0, at))
+                link.append(part)
 
 
 def is_plain_urdf(path: Path) -> bool:

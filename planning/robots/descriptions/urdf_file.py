@@ -15,6 +15,8 @@ from planning.robots.descriptions.xml_files import (
     attribute,
     check_meshes,
     check_numbers,
+    joint_axis,
+    joint_link,
     number,
     search_folders,
 )
@@ -25,7 +27,32 @@ _CONTINUOUS_LIMIT = 2.0 * math.pi
 
 
 @dataclass(frozen=True, kw_only=True)
-class UrdfOptions:
+class GivenLimits:
+    """Limits of a robot's joints in place of what its description says.
+
+    Attributes:
+        velocity: one value for all joints, or one for each [rad/s or m/s].
+        acceleration: likewise [rad/s^2 or m/s^2].
+        jerk: likewise [rad/s^3 or m/s^3].
+        effort: likewise [N m or N].
+        payload: the most that it may carry, its tool included [kg].
+    """
+
+    velocity: tuple[float, ...] | None = None
+    acceleration: tuple[float, ...] | None = None
+    jerk: tuple[float, ...] | None = None
+    effort: tuple[float, ...] | None = None
+    payload: float | None = None
+
+    def by_joint(self) -> Mapping[str, tuple[float, ...]]:
+        """Return the limits that are given of joints, by the names that URDF has for them."""
+        keys = ("velocity", "acceleration", "jerk", "effort")
+        given = {key: getattr(self, key) for key in keys}
+        return {key: values for key, values in given.items() if values is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UrdfOptions(GivenLimits):
     """Properties of a robot that its description leaves open, or that replace it.
 
     Attributes:
@@ -38,12 +65,7 @@ class UrdfOptions:
         tool_links: links that are the tool; by default those that hang on the flange.
         frames: tool frames in the flange frame; by default ``tool``, the frame of the last
             link that hangs on the flange.
-        velocity: joint speed limits in place of the file's [rad/s or m/s].
-        acceleration: likewise [rad/s^2 or m/s^2].
-        jerk: likewise [rad/s^3 or m/s^3].
-        effort: likewise [N m or N].
         grip: how the tool holds; None where nothing is known.
-        payload: the most that it may carry, its tool included; None where nothing is known [kg].
     """
 
     name: str | None = None
@@ -53,12 +75,7 @@ class UrdfOptions:
     flange_offset: Transform = field(default_factory=identity)
     tool_links: tuple[str, ...] | None = None
     frames: Mapping[str, Transform] | None = None
-    velocity: tuple[float, ...] | None = None
-    acceleration: tuple[float, ...] | None = None
-    jerk: tuple[float, ...] | None = None
-    effort: tuple[float, ...] | None = None
     grip: ToolGrip | None = None
-    payload: float | None = None
 
 
 @dataclass(frozen=True)
@@ -81,21 +98,19 @@ class UrdfJoint:
 
 
 @dataclass(frozen=True)
-class UrdfFile:
-    """The serial chain of a description.
+class LinkTree:
+    """The links of a description and the joints between them.
 
     Attributes:
-        path: the file.
-        package_dirs: where ``package://`` and relative paths are looked up.
-        joints: the moving joints, base to tip; frozen ones left out.
+        root: the link that hangs on no other.
         parents: link to (parent link, joint between them), the root left out.
-        fixed: names of the joints that do not move, the frozen ones among them.
+        moving: the joints that move, as written.
+        fixed: names of the joints that do not, the frozen ones among them.
     """
 
-    path: Path
-    package_dirs: tuple[Path, ...]
-    joints: tuple[UrdfJoint, ...]
+    root: str
     parents: Mapping[str, tuple[str, str]]
+    moving: Mapping[str, Element]
     fixed: frozenset[str]
 
     def fixed_below(self, link: str) -> tuple[str, ...]:
@@ -112,6 +127,21 @@ class UrdfFile:
     def child_of(self, joint: str) -> str:
         """Return the link that a joint moves."""
         return next(c for c, (_, name) in self.parents.items() if name == joint)
+
+
+@dataclass(frozen=True)
+class UrdfFile(LinkTree):
+    """The serial chain of a description.
+
+    Attributes:
+        path: the file.
+        package_dirs: where ``package://`` and relative paths are looked up.
+        joints: the moving joints, base to tip; frozen ones left out.
+    """
+
+    path: Path
+    package_dirs: tuple[Path, ...]
+    joints: tuple[UrdfJoint, ...]
 
 
 def serial_chain(
@@ -140,24 +170,7 @@ def serial_chain(
         raise RobotModelError(f"{path} has no moving joint")
     order = _chain_order(tree.parents, tree.moving, path)
     joints = tuple(_joint(tree.moving[name], name, path) for name in order)
-    return UrdfFile(path, dirs, joints, tree.parents, tree.fixed)
-
-
-@dataclass(frozen=True)
-class LinkTree:
-    """The links of a description and the joints between them.
-
-    Attributes:
-        root: the link that hangs on no other.
-        parents: link to (parent link, joint between them), the root left out.
-        moving: the joints that move, as written.
-        fixed: names of the joints that do not.
-    """
-
-    root: str
-    parents: Mapping[str, tuple[str, str]]
-    moving: Mapping[str, Element]
-    fixed: frozenset[str]
+    return UrdfFile(**vars(tree), path=path, package_dirs=dirs, joints=joints)
 
 
 def checked_tree(
@@ -232,12 +245,12 @@ def _unique(names: Sequence[str], what: str, path: Path) -> Sequence[str]:
 
 def _joined(element: Element, tag: str, links: Collection[str], where: str) -> str:
     """Return the link at one end of a joint."""
-    found = element.find(tag)
-    if found is None or found.get("link") not in links:
+    found = joint_link(element, tag)
+    if found not in links:
         raise RobotModelError(
             f"{where} has no valid {tag} link", choices=tuple(sorted(links))
         )
-    return str(found.get("link"))
+    return found
 
 
 def _require_rooted(parents: Mapping[str, tuple[str, str]], path: Path) -> None:
@@ -299,12 +312,7 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
             f"{where} mimics another joint, which an arm cannot do here; hold the joint that it"
             " mimics with 'joints', and it follows"
         )
-    axis_element = element.find("axis")
-    text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
-    axis = [number(part, f"{where}, axis") for part in text.split()]
-    norm = math.hypot(*axis)
-    if len(axis) != 3 or norm == 0.0:
-        raise RobotModelError(f"{where} has no direction: axis {text!r}")
+    x, y, z = joint_axis(element, where).tolist()
     limit = element.find("limit")
     if limit is None:
         remedy = "the robot 'limits: {velocity: ...}'"
@@ -323,7 +331,6 @@ def _joint(element: Element, name: str, path: Path) -> UrdfJoint:
         upper = number(limit.get("upper", "0"), f"{where}, upper limit")
     if not lower < upper:
         raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
-    x, y, z = (value / norm for value in axis)
     drive = [_drive(limit, key, where) for key in ("acceleration", "jerk", "effort")]
     return UrdfJoint(name, kind, (x, y, z), lower, upper, velocity, *drive)
 

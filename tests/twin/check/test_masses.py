@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from planning.cell.shape import Box, Cylinder, Element
-from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.registry import robot_model
 from planning.transforms import translation
 from tests.planning.robots.descriptions.vendors import GRIPPER

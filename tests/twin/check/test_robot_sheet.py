@@ -11,7 +11,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from planning.cell.robot_model import limits_of
-from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.overview import flange_doubt, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.transforms import identity

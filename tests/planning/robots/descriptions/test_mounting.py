@@ -13,7 +13,8 @@ import pytest
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.errors import FittingError
 from planning.kinematics.kinematics import frame_in_flange
-from planning.robots.descriptions.fitting import Fitting, GivenLimits, Tool
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, inverse
 from tests.planning.robots.descriptions.vendors import GRIPPER, robotiq, ur5e
