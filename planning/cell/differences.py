@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.cover import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import (
@@ -94,7 +95,7 @@ def _robot(a: PlacedRobot, b: PlacedRobot) -> Iterator[str]:
             yield from _moved(f"its frame {name!r}", pose, b.model.frames[name])
     yield from _moved("its flange", a.model.flange, b.model.flange)
     for group in ("arm", "tool"):
-        if not _same_bodies(a.model, b.model, group):
+        if not _same_bodies(_bodies(a.model, group), _bodies(b.model, group)):
             yield f"has another {group}: its shape, or where it sits, is not as it was planned"
     for what in ("lower", "upper", "velocity"):
         if not np.allclose(getattr(a.model, what), getattr(b.model, what)):
@@ -103,16 +104,20 @@ def _robot(a: PlacedRobot, b: PlacedRobot) -> Iterator[str]:
         yield "has a tool that holds in another way, or opens farther or less"
 
 
-def _same_bodies(a: RobotModel, b: RobotModel, group: str) -> bool:
-    """Tell whether two robots have the same bodies in their arm, or in their tool."""
-    first, second = (
-        [part for part in model.parts if part.group == group] for model in (a, b)
-    )
-    return len(first) == len(second) and all(
-        p.joint == q.joint
-        and p.body.vertices.shape == q.body.vertices.shape
-        and np.allclose(p.body.vertices, q.body.vertices, rtol=0.0, atol=_SAME)
-        for p, q in zip(first, second, strict=True)
+def _bodies(model: RobotModel, group: str) -> list[tuple[int, ConvexBody]]:
+    """Return the bodies of an arm, or of its tool, each with the joint that moves it."""
+    return [(part.joint, part.body) for part in model.parts if part.group == group]
+
+
+def _same_bodies(
+    a: Sequence[tuple[int, ConvexBody]], b: Sequence[tuple[int, ConvexBody]]
+) -> bool:
+    """Tell whether bodies have the same shapes, in the same order, and are moved by the same joints."""
+    return len(a) == len(b) and all(
+        one == other
+        and p.vertices.shape == q.vertices.shape
+        and np.allclose(p.vertices, q.vertices, rtol=0.0, atol=_SAME)
+        for (one, p), (other, q) in zip(a, b, strict=True)
     )
 
 
@@ -131,17 +136,8 @@ def _object(a: CellObject, b: CellObject) -> Iterator[str]:
 def _reshaped(a: Shape, b: Shape) -> Iterator[str]:
     if not np.allclose(a.size, b.size, rtol=0.0, atol=_SAME):
         yield f"measures {_vector(a.size)} m in the plan, {_vector(b.size)} m here"
-    elif not _same_shape(a, b):
+    elif not _same_bodies([(0, p) for p in a.pieces], [(0, p) for p in b.pieces]):
         yield "has another shape of the same size in the plan than here"
-
-
-def _same_shape(a: Shape, b: Shape) -> bool:
-    """Tell whether two shapes have the same convex pieces, in the same order."""
-    return len(a.pieces) == len(b.pieces) and all(
-        mine.vertices.shape == other.vertices.shape
-        and np.allclose(mine.vertices, other.vertices, rtol=0.0, atol=_SAME)
-        for mine, other in zip(a.pieces, b.pieces, strict=True)
-    )
 
 
 def _moved(what: str, a: Any, b: Any) -> Iterator[str]:

@@ -20,7 +20,7 @@ from planning.motion.known_motions import (
     TaskMotion,
     Way,
 )
-from planning.motion.speed import RobotSpeed, sample_path
+from planning.motion.speed import RobotSpeed, cut_path
 from planning.motion.transit import TransitPlanner, take_near_turns
 from planning.progress import Progress, no_progress
 from planning.tasks.task import (
@@ -175,7 +175,11 @@ def _way_of(
         if task.kind == TRANSIT:
             path = _plan_transit(cell, task, phases[0], settings, seed)
             speed = settings.speeds[task.robot]
-            return FoundWay(sample_path(path, speed, settings.step), len(path) <= 2)
+            cut = cut_path(path, speed, settings.step)
+            assert cut is not None
+            ends, seconds = cut
+            times = np.concatenate([[0.0], np.cumsum(seconds)])
+            return FoundWay((np.vstack([path[:1], ends]), times), len(path) <= 2)
         return FoundWay(_skill_way(cell, task, phases, settings), plain=True)
 
     if known is None:

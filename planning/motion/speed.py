@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -110,27 +111,39 @@ def path_times(path: Array, speed: SpeedModel) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def sample_path(path: Array, speed: SpeedModel, step: float) -> tuple[Array, Array]:
-    """Split a polyline into steps of at most ``step`` seconds, keeping its corners.
+def cut_path(
+    path: Array, speed: SpeedModel, step: float, count: int | None = None
+) -> tuple[Array, Array] | None:
+    """Cut a polyline into parts of at most ``step`` seconds, keeping its corners.
 
     Keeping the corners keeps the motion that was checked: a grid laid over them would cut them.
 
     Args:
         path: polyline, shape (w, n), w >= 1.
         speed: the speed model.
-        step: longest step [s].
+        step: longest part [s].
+        count: how many parts there are to be; as few as there can be by default. What is cut least
+            finely gets what is left over.
 
     Returns:
-        Waypoints, shape (k, n), starting with ``path[0]``, and their times from 0, shape (k,).
+        The end of each part, shape (k, n), and how long it takes, shape (k,) [s]; None where there
+        would have to be more parts.
     """
-    waypoints = [path[0]]
-    times = [0.0]
-    for a, b in zip(path, path[1:], strict=False):
-        seconds = speed.duration(a, b)
-        if seconds <= 0.0:
-            continue
-        parts = max(1, int(np.ceil(seconds / step - 1e-9)))
-        for k in range(1, parts + 1):
-            waypoints.append(b if k == parts else a + (b - a) * (k / parts))
-            times.append(times[-1] + seconds / parts)
-    return np.array(waypoints), np.array(times)
+    legs = [
+        (a, b, seconds)
+        for a, b in pairwise(path)
+        if (seconds := speed.duration(a, b)) > 0.0
+    ]
+    lasts = np.array([seconds for *_, seconds in legs])
+    parts = np.maximum(1, np.ceil(lasts / step - 1e-9)).astype(np.int64)
+    if count is not None:
+        if len(parts) == 0 or parts.sum() > count:
+            return None
+        while (spare := count - int(parts.sum())) > 0:
+            parts[np.argsort(-lasts / parts, kind="stable")[:spare]] += 1
+    ends = [
+        b if k == n else a + (b - a) * (k / n)
+        for (a, b, _), n in zip(legs, parts.tolist(), strict=True)
+        for k in range(1, n + 1)
+    ]
+    return np.array(ends).reshape(-1, path.shape[1]), np.repeat(lasts / parts, parts)

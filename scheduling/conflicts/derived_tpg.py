@@ -25,7 +25,7 @@ from scheduling.conflicts.object_spans import (
 from scheduling.conflicts.occupancy import Occupancy, chain_occupancy
 from scheduling.graph.dispatcher import Rollout, earliest_times
 from scheduling.graph.reduction import NodeOrder, order_and_reduce
-from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import Causes, TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
 
@@ -95,30 +95,23 @@ class DerivedTpg:
         """Start and end of every node at nominal durations [s]."""
         return earliest_times(self.tpg, flat=self.flat)
 
-    def occupancy(
-        self, chain: int, first: int, stop: int, nodes: NodeChain | None = None
-    ) -> Occupancy:
-        """Return the occupancy of some nodes of a chain, numbered from 0.
+    def spans_within(self, chain: int, first: int, stop: int) -> list[ObjectSpan]:
+        """Return the objects that are part of some nodes of a chain, numbered from 0.
 
         Args:
             chain: the chain.
             first, stop: its nodes ``range(first, stop)``.
-            nodes: others that take their place, and carry what they carry.
         """
-        nodes = nodes or self.tpg.chains[chain].cut(first, stop)
 
         def clip(moment: Moment) -> Moment:
-            node, waypoint = moment
-            if node < first:
-                return (0, 0)
-            return (len(nodes), 0) if node >= stop else (node - first, waypoint)
+            node, waypoint = min(max(moment, (first, 0)), (stop, 0))
+            return node - first, waypoint
 
-        own = [
+        return [
             replace(span, start=clip(span.start), end=clip(span.end))
             for span in self.spans[chain]
             if span.start[0] < stop and span.end >= (first, 0)
         ]
-        return chain_occupancy(self.tpg.cell, nodes, own, self.entities)
 
     def with_edges(self, edges: Indices, cause: Causes) -> DerivedTpg:
         """Return the graph with other edges, reduced and sorted.

@@ -20,9 +20,10 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Indices
 from scheduling.conflicts.conflict_search import first_conflict, search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import Moment, Rest
+from scheduling.conflicts.object_spans import Rest
 from scheduling.conflicts.occupancy import (
     Occupancy,
+    chain_occupancy,
     hold_occupancy,
     rest_occupancy,
     standing_occupancy,
@@ -73,7 +74,7 @@ def nodes_stretch(
     stop: int,
     nodes: NodeChain | None = None,
 ) -> GraphStretch:
-    """Return some nodes of a chain as a stretch, see ``DerivedTpg.occupancy``.
+    """Return some nodes of a chain as a stretch, numbered from 0.
 
     Args:
         graph: the graph.
@@ -84,8 +85,7 @@ def nodes_stretch(
     own = nodes or graph.tpg.chains[chain].cut(first, stop)
     tasks = tuple(dict.fromkeys(own.task.tolist()))
 
-    def moment(at: Moment) -> Moment:
-        return min(max(at, (first, 0)), (stop, 0))
+    spans = graph.spans_within(chain, first, stop)
 
     def parts() -> Iterable[bytes]:
         yield repr((own.robot, len(own), len(own.waypoints))).encode()
@@ -93,16 +93,14 @@ def nodes_stretch(
         yield own.waypoints.tobytes()
         yield own.first.tobytes()
         yield (own.task[1:] != own.task[:-1]).tobytes()
-        for span in graph.spans[chain]:
-            if span.start[0] < stop and span.end >= (first, 0):
-                (a, at_a), (b, at_b) = moment(span.start), moment(span.end)
-                when = a - first, at_a, b - first, at_b
-                yield repr((span.object, when, span.carried)).encode()
-                yield span.pose.tobytes()
+        for span in spans:
+            yield repr((span.object, span.start, span.end, span.carried)).encode()
+            yield span.pose.tobytes()
 
-    return GraphStretch(
-        len(own), tasks, parts, lambda: graph.occupancy(chain, first, stop, nodes)
-    )
+    def make() -> Occupancy:
+        return chain_occupancy(graph.tpg.cell, own, spans, graph.entities)
+
+    return GraphStretch(len(own), tasks, parts, make)
 
 
 def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch:

@@ -19,8 +19,8 @@ Copies of the nodes of a pattern, one after another: tasks, objects and contacts
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -40,10 +40,57 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from scheduling.graph.total_order import planned_ranks
-from scheduling.repetition.pattern import Pattern
 
 _SAME = 1e-9
 """Joint values that differ by less are the same configuration [rad or m]."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A plan for some products that is repeated for many.
+
+    At the end of the pattern everything is again as it was at its start: robots at HOME, sources
+    full, places empty. So its copies come one after another, and overlap as the graph lets them.
+
+    Attributes:
+        products: how many there are to be in all.
+        period: products of the pattern.
+        product: the product for which each task of the pattern is done, from 1, shape (tasks,).
+            What brings parts of a later copy is done for a product of that one, and is left out
+            where there is no such product.
+        lags: triples (a, b, n), shape (d, 3): task b of the copy that is n later waits for task
+            a of a copy.
+        objects: by name of an object of the pattern, its part and product: in the copy after it
+            is that of product + period.
+    """
+
+    products: int
+    period: int
+    product: Indices
+    lags: Indices
+    objects: Mapping[str, tuple[str, int]]
+
+    @property
+    def copies(self) -> int:
+        """Number of copies, of which the last one may be cut short."""
+        return -(-self.products // self.period)
+
+    @property
+    def reach(self) -> int:
+        """Number of copies over which tasks wait for each other at most, at least 1."""
+        return int(max(1, *self.lags[:, 2])) if len(self.lags) else 1
+
+    def object_of(self, name: str, copy: int) -> str:
+        """Return the name that something has in a copy, counted from 0."""
+        if name not in self.objects:
+            return name
+        part, product = self.objects[name]
+        return numbered(part, product + copy * self.period)
+
+
+def numbered(part: str, product: int) -> str:
+    """Return the name of a product's part, counted from 1."""
+    return f"{part}.{product}"
 
 
 def copied_nodes(tpg: TemporalPlanGraph, pattern: Pattern) -> TemporalPlanGraph:

@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.motion.speed import SpeedModel
+from planning.motion.speed import SpeedModel, cut_path
 from planning.timing.blend import BlendedPath, ordered_windows
 from planning.timing.rounded_path import RoundedStretch
 from planning.transforms import Array, Indices
@@ -139,7 +139,7 @@ def new_nodes(
         step: longest time between nodes [s].
     """
     count = last - first + 1
-    sampled = _sample(path, speed, step, count)
+    sampled = cut_path(path, speed, step, count)
     if sampled is None:
         return None
     waypoints, duration = sampled
@@ -154,31 +154,6 @@ def new_nodes(
         duration,
         chain.planned_start[first : last + 1],
     )
-
-
-def _sample(
-    path: Array, speed: SpeedModel, step: float, count: int
-) -> tuple[Array, Array] | None:
-    """Return ``count`` waypoints on a path, its corners among them, and the time to each."""
-    stretches = [
-        (a, b, seconds)
-        for a, b in pairwise(path)
-        if (seconds := speed.duration(a, b)) > 0.0
-    ]
-    lasts = np.array([item[2] for item in stretches])
-    parts = np.maximum(1, np.ceil(lasts / step - 1e-9)).astype(np.int64)
-    if len(parts) == 0 or parts.sum() > count:
-        return None
-    while (spare := count - int(parts.sum())) > 0:
-        # What is cut least finely gets what is left over.
-        most = np.argsort(-lasts / parts, kind="stable")[:spare]
-        parts[most] += 1
-    waypoints = [
-        b if k == n else a + (b - a) * (k / n)
-        for (a, b, _), n in zip(stretches, parts.tolist(), strict=True)
-        for k in range(1, n + 1)
-    ]
-    return np.array(waypoints), np.repeat(lasts / parts, parts)
 
 
 def corners(path: Array) -> Array:

@@ -22,6 +22,7 @@ from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.fitting import (
     Fitting,
     Tool,
+    weigh,
     write_options,
     written_options,
 )
@@ -40,7 +41,6 @@ from planning.robots.descriptions.urdf_file import (
     serial_chain,
     tip_link,
 )
-from planning.robots.descriptions.weights import weigh
 from planning.robots.descriptions.xml_files import (
     find_mesh_of_package,
     joint_link,

@@ -14,9 +14,9 @@ from planning.motion.composite import CompositeSpeed
 from planning.motion.speed import (
     JointSpeed,
     L1Speed,
+    cut_path,
     path_duration,
     path_times,
-    sample_path,
 )
 from planning.motion.transit import RrtConnect, smooth_path
 from planning.transforms import Array
@@ -150,16 +150,20 @@ def test_smoothing_shortens_and_stays_free() -> None:
     assert path_duration(path, speed) < path_duration(zigzag, speed)
 
 
-def test_sampling_keeps_corners_goal_and_speed() -> None:
+@pytest.mark.parametrize("count", [None, 11])
+def test_parts_keep_corners_goal_and_speed(count: int | None) -> None:
     path = np.array([[0.0, 0.0], [0.3, 0.1], [0.3, 0.1], [0.3, -0.22]])
-    waypoints, times = sample_path(path, L1Speed(2.0), 0.05)
-    assert times[-1] == pytest.approx(0.72 / 2.0)
-    assert np.all(np.diff(times) <= 0.05 + 1e-12)
-    assert np.all(np.diff(times) > 0)
-    assert any(np.allclose(w, [0.3, 0.1]) for w in waypoints)
-    assert np.array_equal(waypoints[-1], path[-1])
-    rate = np.abs(np.diff(waypoints, axis=0)).sum(axis=1) / np.diff(times)
-    assert np.allclose(rate, 2.0)
+    found = cut_path(path, L1Speed(2.0), 0.05, count)
+    assert found is not None
+    ends, seconds = found
+    assert len(ends) == (count or 8)
+    assert seconds.sum() == pytest.approx(0.72 / 2.0)
+    assert np.all((seconds > 0.0) & (seconds <= 0.05 + 1e-12))
+    assert any(np.allclose(end, [0.3, 0.1]) for end in ends)
+    assert np.array_equal(ends[-1], path[-1])
+    way = np.abs(np.diff(np.vstack([path[:1], ends]), axis=0)).sum(axis=1)
+    assert np.allclose(way / seconds, 2.0)
+    assert cut_path(path, L1Speed(2.0), 0.05, 7) is None
 
 
 def test_joint_speed_waits_for_the_slowest_joint() -> None:

@@ -15,7 +15,7 @@ from planning.errors import InfeasibleStepError
 from planning.motion.known_motions import MotionPlan
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
 from scheduling.build_tpg import build_nodes
-from scheduling.hand_loads import hand_loads
+from scheduling.pace import hand_loads
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
 from twin.scenario.document.validation import InvalidScenarioError
