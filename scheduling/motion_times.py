@@ -20,7 +20,7 @@ import numpy.typing as npt
 from planning.cell.robot_model import MotionLimits
 from planning.errors import PlanInvariantError
 from planning.kernels import kernel
-from planning.timing.blend import BlendedPath
+from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices

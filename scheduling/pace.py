@@ -19,15 +19,19 @@ import numpy as np
 from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import CellObject, PlacedRobot, RackTool
 from planning.kinematics.chain import joint_table
-from planning.timing.blend import BlendedPath
 from planning.timing.path_bounds import (
     PathBounds,
     greatest_tool_speed,
     tool_speed_along,
 )
-from planning.timing.rounded_path import RoundedStretch, rounded_stretch
+from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath
-from planning.timing.stretch import Stretch, straight_stretch
+from planning.timing.stretch import (
+    RoundedStretch,
+    Stretch,
+    rounded_stretch,
+    straight_stretch,
+)
 from planning.timing.torque import (
     ArmDynamics,
     Bearing,

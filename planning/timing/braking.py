@@ -16,18 +16,19 @@ import numpy as np
 
 from planning.cell.robot_model import MotionLimits
 from planning.kernels import kernel
-from planning.timing.curve_times import (
+from planning.timing.rounded_path import curve_points
+from planning.timing.smooth_path import (
+    FOLLOWED,
     Curve,
     Limits,
     PathPiece,
+    SmoothPath,
     curve_of,
     is_near,
     least_step,
     limit_rows,
     quickest_piece,
 )
-from planning.timing.rounded_path import curve_points
-from planning.timing.smooth_path import FOLLOWED, SmoothPath
 from planning.transforms import Array
 
 _THERE = 1e-12

@@ -27,7 +27,7 @@ from planning.transforms import Array, Indices
 _SPEED_SHARE = 0.5
 """Most that full speed by itself takes of the effort that gravity leaves a joint."""
 
-_HEAD_ROOM = 0.99
+HEAD_ROOM = 0.99
 """Share of the limits that is used around corners: rows of a motion are cubic between them."""
 
 
@@ -90,7 +90,7 @@ class PathEfforts(NamedTuple):
         """
         full = np.ones(len(self.legs.piece) - 1)
         legs = self.legs.shares(ramp, full)
-        shares = np.append(legs, self.bends.shares(bent_ramp, speed) / _HEAD_ROOM)
+        shares = np.append(legs, self.bends.shares(bent_ramp, speed) / HEAD_ROOM)
         joints = np.append(self.legs.joint, self.bends.joint)
         return int(joints[np.argmax(shares)])
 
@@ -147,7 +147,7 @@ def greatest_borne_speed(bends: EffortRows, piece: int, rate: float) -> float:
     """
     greatest = 1.0
     for row in range(bends.piece[piece], bends.piece[piece + 1]):
-        left = _HEAD_ROOM * bends.spare[row] - bends.first[row] * rate
+        left = HEAD_ROOM * bends.spare[row] - bends.first[row] * rate
         if left < 0.0:
             return 0.0
         if bends.second[row] * greatest * greatest > left:

@@ -1,30 +1,32 @@
-"""A polyline whose corners are rounded: a curve with continuous curvature close to it.
+"""Polylines whose corners are rounded: curves of continuous curvature, close to them.
 
-Around each corner the direction changes over a length of its own, to both sides, at a rate that rises
-linearly to the corner and falls linearly behind it. With x the way from the corner, h that length and
-d the change of direction, that adds d (h - abs(x))^3 / (6 h^2) to the polyline. Such terms of
-neighbouring corners add up: along many short lines that bend evenly, the curvature is even.
+Skills follow a *rounded path*. Around each corner the direction changes over a length of its own, to both
+sides, at a rate that rises linearly to the corner and falls linearly behind it. With x the way from the
+corner, h that length and d the change of direction, that adds d (h - abs(x))^3 / (6 h^2) to the polyline.
+Such terms of neighbouring corners add up: along many short lines that bend evenly, the curvature is even.
+
+Transits follow a *blended path*: a polyline at the full speed of each leg, and at each corner the velocity
+goes from that of the one leg to that of the other over a window of time, half of it before the corner. The
+acceleration rises, stays and falls meanwhile. Windows may overlap, where legs are short; as long as
+they begin and end in the order of the corners, the velocity is a mean of those of the legs, so no
+joint is faster than on all of them.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from planning.cell.robot_model import MotionLimits
-from planning.kernels import inner_kernel, kernel
-from planning.timing.blend import BentPieces, BlendedPath, greatest_speed
-from planning.timing.path_bounds import (
-    PathBounds,
-    PathEfforts,
-    greatest_borne_speed,
-    least_ramp,
-    no_efforts,
-)
-from planning.timing.stretch import exit_bound, pass_through
+from planning.kernels import kernel
+from planning.timing.path_bounds import HEAD_ROOM
 from planning.transforms import Array
+
+STRAY = 1e-4
+"""Farthest of a motion from the polyline, or from chords, that are checked in its place, all joints
+added up [rad or m]."""
 
 _SWEEPS = 40
 """Times at most that all corners are looked at to find how far they can be rounded."""
@@ -159,155 +161,146 @@ def _curvature(at: Array, turn: Array, reach: Array) -> Array:
     return out
 
 
-_LEAST_LAG = 1e-6
-"""Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
+_RISE = 0.2
+"""Share of a window in which the acceleration rises, and in which it falls."""
 
-_SLOWER = np.array([1.0, 1.2, 1.45, 1.8, 2.3])
-"""Times to full speed that are tried, over the least one."""
+_BENT = 0.8
+"""Share of the acceleration that bends the way where nothing keeps a robot from full speed."""
 
-_SHARES = np.array([0.25, 0.4, 0.6, 0.8])
-"""Shares of the rate of speed that are tried around corners; what bends the way has the rest."""
+_SHORTEST = 1e-9
+"""What is between two breaks that are nearer than that is nothing [s]."""
+
+
+class BentPieces(NamedTuple):
+    """Pieces of a blended path on which the third derivative is constant, and bounds on each.
+
+    Attributes:
+        low, high: where they begin and end, shape (p,) [s].
+        first, second, third: bounds of the derivatives of each joint, shape (p, n).
+    """
+
+    low: Array
+    high: Array
+    first: Array
+    second: Array
+    third: Array
 
 
 @dataclass(frozen=True, eq=False)
-class RoundedStretch:
-    """How a polyline with rounded corners is passed, see ``planning.timing.stretch.Stretch``.
-
-    What is executed is the mean of what was commanded in the last ``lag`` seconds, so limits of a
-    bent piece hold a little before and after it: in its *zone*.
+class BlendedPath:
+    """A polyline at full speed whose corners are blends; ways are times at full speed [s].
 
     Attributes:
-        ramp: time from rest to full speed elsewhere [s].
-        lag: by how much the executed motion is behind the commanded one at most [s].
-        bent_ramp: time from rest to full speed in zones [s].
-        cap: greatest share of full speed in each zone, shape (p,).
-        low, high: where zones begin and end, shape (p,) [s].
-        seconds: time from rest to rest [s].
+        at: of the start, the corners and the end, rising, shape (k + 2,) [s].
+        points: the start, the corners and the end, shape (k + 2, n).
+        window: over which the velocity changes at each corner, half of it before the corner, shape
+            (k,) [s].
     """
 
-    ramp: float
-    lag: float
-    bent_ramp: float
-    cap: Array
-    low: Array
-    high: Array
-    seconds: float
+    at: Array
+    points: Array
+    window: Array
+
+    @property
+    def velocity(self) -> Array:
+        """Full speed on each leg, shape (k + 1, n)."""
+        return np.asarray(np.diff(self.points, axis=0) / np.diff(self.at)[:, None])
+
+    def states(self, way: Array) -> tuple[Array, Array, Array]:
+        """Return configurations at some ways, and their first and second derivatives.
+
+        Args:
+            way: shape (w,) [s].
+
+        Returns:
+            Three arrays of shape (w, n).
+        """
+        speed = self.velocity
+        leg = np.clip(
+            np.searchsorted(self.at, way, side="right") - 1, 0, len(speed) - 1
+        )
+        q = self.points[leg] + (way - self.at[leg])[:, None] * speed[leg]
+        first, second = speed[leg], np.zeros_like(q)
+        for k, window in enumerate(self.window.tolist()):
+            since = (way - self.at[k + 1]) / window
+            inside = np.flatnonzero(np.abs(since) < 0.5)
+            x, turn = since[inside, None], speed[k + 1] - speed[k]
+            q[inside] += window * (_averaged(x, 1) - np.maximum(x, 0.0)) * turn
+            first[inside] += (_averaged(x, 0) - (x >= 0.0)) * turn
+            second[inside] += _averaged(x, -1) / window * turn
+        return q, first, second
+
+    def breaks(self) -> Array:
+        """Return the ways at which the third derivative changes, rising."""
+        edges = np.array([-0.5, _RISE - 0.5, 0.5 - _RISE, 0.5])
+        return np.unique(self.at[1:-1, None] + self.window[:, None] * edges)
+
+    def bent_pieces(self) -> BentPieces:
+        """Return the pieces of the path that are not straight."""
+        breaks = self.breaks()
+        _, first, second = self.states(breaks)
+        low, high = breaks[:-1], breaks[1:]
+        span = (high - low)[:, None]
+        step = np.abs(np.diff(second, axis=0))
+        first, second = np.abs(first), np.abs(second)
+        left, right = self.at[1:-1] - self.window / 2, self.at[1:-1] + self.window / 2
+        middle = 0.5 * (low + high)[:, None]
+        bent = np.any((middle > left) & (middle < right), axis=1)
+        kept = bent & (span[:, 0] > _SHORTEST)
+        return BentPieces(
+            low[kept],
+            high[kept],
+            # Between its ends a quadratic is that near to its chord.
+            (np.maximum(first[1:], first[:-1]) + step * span / 8.0)[kept],
+            np.maximum(second[1:], second[:-1])[kept],
+            (step[kept] / span[kept]),
+        )
+
+    def chords(self, low: float, high: float) -> int:
+        """Return how many chords, as much time each, stay within STRAY of a part of the path."""
+        _, _, second = self.states(self.breaks())
+        bend = float(np.max(np.abs(second).sum(axis=1), initial=0.0))
+        return max(2, int(np.ceil((high - low) * np.sqrt(bend / (8.0 * STRAY)))))
 
 
-def rounded_stretch(
-    limits: MotionLimits, path: BlendedPath, bounds: PathBounds | None = None
-) -> RoundedStretch | None:
-    """Return the quickest motion along a polyline with rounded corners.
+def _averaged(x: Array, integrals: int) -> Array:
+    """Return a unit step after two moving averages: 1 for its integral, -1 for its derivative.
+
+    Args:
+        x: windows since the middle.
+        integrals: -1, 0 or 1.
+    """
+
+    def power(late: float) -> Array:
+        return np.asarray(np.maximum(x + 0.5 - late, 0.0) ** (2 + integrals))
+
+    total = power(0.0) - power(_RISE) - power(1.0 - _RISE) + power(1.0)
+    scale = (1.0, 2.0, 6.0)[1 + integrals] * _RISE * (1.0 - _RISE)
+    return np.asarray(total / scale)
+
+
+def longest_window(limits: MotionLimits, turn: Array) -> float:
+    """Return the window at which a corner may be passed at full speed, but for jerks [s].
 
     Args:
         limits: of the robot.
-        path: the polyline; no leg is faster than joints and the tool may be.
-        bounds: what else it keeps to.
-
-    Returns:
-        None where some corner cannot be passed at any speed.
+        turn: by how much the full speed changes at the corner, shape (n,).
     """
-    bent = path.bent_pieces()
-    legs, bends = len(path.at) - 1, len(bent.low)
-    if bounds is None:
-        bounds = PathBounds(np.ones(bends))
-    found = _quickest(
-        limits.acceleration,
-        limits.jerk,
-        path.velocity,
-        float(path.at[-1]),
-        bent,
-        bounds.efforts or no_efforts(legs, bends),
-        bounds.cap,
-    )
-    ramp, lag, bent_ramp, seconds, cap = found
-    if not math.isfinite(seconds):
-        return None
-    low, high = bent.low - lag * cap, bent.high + lag * cap
-    return RoundedStretch(ramp, lag, bent_ramp, cap, low, high, seconds)
+    bent = np.abs(turn) / (_BENT * HEAD_ROOM * limits.acceleration)
+    return float(np.max(bent)) / (1.0 - _RISE)
 
 
-@kernel
-def _quickest(
-    acceleration: Array,
-    jerk: Array,
-    velocity: Array,
-    total: float,
-    bent: BentPieces,
-    efforts: PathEfforts,
-    most: Array,
-) -> tuple[float, float, float, float, Array]:
-    """Return ramp, lag, ramp in zones, seconds and caps of the quickest that is tried."""
-    count = len(bent.low)
-    least, jerky = least_ramp(efforts.legs), 0.0
-    for leg in range(len(velocity)):
-        for i in range(len(acceleration)):
-            speed = abs(velocity[leg, i])
-            least = max(least, speed / acceleration[i])
-            jerky = max(jerky, 2.0 * speed / jerk[i])
-    best_ramp, best_lag, best_bent, best = least, 0.0, least, math.inf
-    best_cap, cap = np.zeros(count), np.zeros(count)
-    if not math.isfinite(least):
-        return best_ramp, best_lag, best_bent, best, best_cap
-    for slower in _SLOWER:
-        ramp = least * slower
-        lag = max(jerky / ramp, _LEAST_LAG)
-        for share in _SHARES:
-            slowest = 1.0
-            for p in range(count):
-                by_joints = greatest_speed(
-                    acceleration,
-                    jerk,
-                    bent.first[p],
-                    bent.second[p],
-                    bent.third[p],
-                    share / ramp,
-                    lag,
-                )
-                borne = greatest_borne_speed(efforts.bends, p, share / ramp)
-                cap[p] = min(min(by_joints, borne), most[p])
-                slowest = min(slowest, cap[p])
-            if slowest <= 0.0:
-                continue
-            seconds = lag + _commanded(total, bent, cap, ramp, ramp / share, lag)
-            if seconds < best:
-                best_ramp, best_lag, best_bent, best = ramp, lag, ramp / share, seconds
-                best_cap[:] = cap
-    return best_ramp, best_lag, best_bent, best, best_cap
+def ordered_windows(at: Array, window: Array, low: float, high: float) -> Array:
+    """Return the longest windows that begin and end in the order of their corners.
 
-
-@inner_kernel
-def _commanded(
-    total: float,
-    bent: BentPieces,
-    cap: Array,
-    ramp: float,
-    bent_ramp: float,
-    lag: float,
-) -> float:
-    """Return the time from rest to rest as commanded."""
-    count = len(cap)
-    edges = np.empty(2 * count + 2)
-    edges[0], edges[1] = 0.0, total
-    for k in range(count):
-        reach = lag * cap[k]
-        edges[2 * k + 2] = min(max(bent.low[k] - reach, 0.0), total)
-        edges[2 * k + 3] = min(max(bent.high[k] + reach, 0.0), total)
-    edges.sort()
-    pieces = len(edges) - 1
-    length, top, ramps = np.empty(pieces), np.ones(pieces), np.full(pieces, ramp)
-    for p in range(pieces):
-        length[p] = edges[p + 1] - edges[p]
-        middle = 0.5 * (edges[p] + edges[p + 1])
-        for k in range(count):
-            reach = lag * cap[k]
-            if bent.low[k] - reach < middle < bent.high[k] + reach:
-                top[p] = min(top[p], cap[k])
-                ramps[p] = bent_ramp
-    seconds, speed = 0.0, 0.0
-    for p in range(pieces):
-        if length[p] > 0.0:
-            bound = exit_bound(length, top, p, pieces - 1, ramps)
-            took, speed, _ = pass_through(length[p], top[p], speed, bound, ramps[p])
-            seconds += took
-    return seconds
+    Args:
+        at: ways of the corners, rising, shape (k,) [s].
+        window: none is longer than that, shape (k,) [s].
+        low, high: none begins before or ends after that [s].
+    """
+    half = np.minimum(0.5 * window, np.minimum(at - low, high - at))
+    for k in range(1, len(at)):
+        half[k] = min(half[k], half[k - 1] + at[k] - at[k - 1])
+    for k in range(len(at) - 2, -1, -1):
+        half[k] = min(half[k], half[k + 1] + at[k + 1] - at[k])
+    return np.asarray(2.0 * half)

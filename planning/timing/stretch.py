@@ -1,4 +1,7 @@
-"""The quickest motion along a straight line in joint space within limits, from speed to speed."""
+"""The quickest motion from rest to rest along a stretch within limits, and from speed to speed in parts of it.
+
+A stretch is a straight line in joint space, or a polyline with rounded corners.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.cell.robot_model import MotionLimits
-from planning.kernels import kernel
+from planning.kernels import inner_kernel, kernel
+from planning.timing.path_bounds import (
+    HEAD_ROOM,
+    PathBounds,
+    PathEfforts,
+    greatest_borne_speed,
+    least_ramp,
+    no_efforts,
+)
+from planning.timing.rounded_path import BentPieces, BlendedPath
 from planning.transforms import Array
 
-_LEAST_LAG = 1e-6
+LEAST_BUILD_UP = 1e-6
 """Shortest time in which an acceleration builds up, where no jerk is too much [s]."""
 
 
@@ -56,7 +68,7 @@ def straight_stretch(
         tool_speed: greatest speed of the tool on the way if that took a second, over the
             limit of it [s].
     """
-    found = _quickest(
+    found = _quickest_straight(
         limits.velocity,
         limits.acceleration,
         limits.jerk,
@@ -98,7 +110,7 @@ def _seconds(
 ) -> Array:
     out = np.zeros(len(ways))
     for k in range(len(ways)):
-        cruise, ramp, lag = _quickest(
+        cruise, ramp, lag = _quickest_straight(
             velocity, acceleration, jerk, sum_of_speeds, ways[k], 0.0
         )
         if cruise > 0.0:
@@ -107,7 +119,7 @@ def _seconds(
 
 
 @kernel
-def _quickest(
+def _quickest_straight(
     velocity: Array,
     acceleration: Array,
     jerk: Array,
@@ -135,7 +147,7 @@ def _quickest(
         takes = from_rest_to_rest(cruise, slower) + jerky / slower
         if takes < seconds:
             ramp, seconds = slower, takes
-    return cruise, ramp, max(jerky / ramp, _LEAST_LAG)
+    return cruise, ramp, max(jerky / ramp, LEAST_BUILD_UP)
 
 
 @kernel
@@ -221,3 +233,198 @@ def braked(length: float, entry: float, ramp: float) -> tuple[float, float, floa
         return entry * ramp, 0.0, min(way, length)
     leave = math.sqrt(max(0.0, entry * entry - 2.0 * length / ramp))
     return (entry - leave) * ramp, leave, length
+
+
+_HALVINGS = 48
+
+_SLOWER = np.array([1.0, 1.2, 1.45, 1.8, 2.3])
+"""Times to full speed that are tried, over the least one."""
+
+_SHARES = np.array([0.25, 0.4, 0.6, 0.8])
+"""Shares of the rate of speed that are tried around corners; what bends the way has the rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoundedStretch:
+    """How a polyline with rounded corners is passed, see ``Stretch``.
+
+    What is executed is the mean of what was commanded in the last ``lag`` seconds, so limits of a
+    bent piece hold a little before and after it: in its *zone*.
+
+    Attributes:
+        ramp: time from rest to full speed elsewhere [s].
+        lag: by how much the executed motion is behind the commanded one at most [s].
+        bent_ramp: time from rest to full speed in zones [s].
+        cap: greatest share of full speed in each zone, shape (p,).
+        low, high: where zones begin and end, shape (p,) [s].
+        seconds: time from rest to rest [s].
+    """
+
+    ramp: float
+    lag: float
+    bent_ramp: float
+    cap: Array
+    low: Array
+    high: Array
+    seconds: float
+
+
+def rounded_stretch(
+    limits: MotionLimits, path: BlendedPath, bounds: PathBounds | None = None
+) -> RoundedStretch | None:
+    """Return the quickest motion along a polyline with rounded corners.
+
+    Args:
+        limits: of the robot.
+        path: the polyline; no leg is faster than joints and the tool may be.
+        bounds: what else it keeps to.
+
+    Returns:
+        None where some corner cannot be passed at any speed.
+    """
+    bent = path.bent_pieces()
+    legs, bends = len(path.at) - 1, len(bent.low)
+    if bounds is None:
+        bounds = PathBounds(np.ones(bends))
+    found = _quickest_rounded(
+        limits.acceleration,
+        limits.jerk,
+        path.velocity,
+        float(path.at[-1]),
+        bent,
+        bounds.efforts or no_efforts(legs, bends),
+        bounds.cap,
+    )
+    ramp, lag, bent_ramp, seconds, cap = found
+    if not math.isfinite(seconds):
+        return None
+    low, high = bent.low - lag * cap, bent.high + lag * cap
+    return RoundedStretch(ramp, lag, bent_ramp, cap, low, high, seconds)
+
+
+@kernel
+def _quickest_rounded(
+    acceleration: Array,
+    jerk: Array,
+    velocity: Array,
+    total: float,
+    bent: BentPieces,
+    efforts: PathEfforts,
+    most: Array,
+) -> tuple[float, float, float, float, Array]:
+    """Return ramp, lag, ramp in zones, seconds and caps of the quickest that is tried."""
+    count = len(bent.low)
+    least, jerky = least_ramp(efforts.legs), 0.0
+    for leg in range(len(velocity)):
+        for i in range(len(acceleration)):
+            speed = abs(velocity[leg, i])
+            least = max(least, speed / acceleration[i])
+            jerky = max(jerky, 2.0 * speed / jerk[i])
+    best_ramp, best_lag, best_bent, best = least, 0.0, least, math.inf
+    best_cap, cap = np.zeros(count), np.zeros(count)
+    if not math.isfinite(least):
+        return best_ramp, best_lag, best_bent, best, best_cap
+    for slower in _SLOWER:
+        ramp = least * slower
+        lag = max(jerky / ramp, LEAST_BUILD_UP)
+        for share in _SHARES:
+            slowest = 1.0
+            for p in range(count):
+                by_joints = greatest_speed(
+                    acceleration,
+                    jerk,
+                    bent.first[p],
+                    bent.second[p],
+                    bent.third[p],
+                    share / ramp,
+                    lag,
+                )
+                borne = greatest_borne_speed(efforts.bends, p, share / ramp)
+                cap[p] = min(min(by_joints, borne), most[p])
+                slowest = min(slowest, cap[p])
+            if slowest <= 0.0:
+                continue
+            seconds = lag + _commanded(total, bent, cap, ramp, ramp / share, lag)
+            if seconds < best:
+                best_ramp, best_lag, best_bent, best = ramp, lag, ramp / share, seconds
+                best_cap[:] = cap
+    return best_ramp, best_lag, best_bent, best, best_cap
+
+
+@inner_kernel
+def _commanded(
+    total: float,
+    bent: BentPieces,
+    cap: Array,
+    ramp: float,
+    bent_ramp: float,
+    lag: float,
+) -> float:
+    """Return the time from rest to rest as commanded."""
+    count = len(cap)
+    edges = np.empty(2 * count + 2)
+    edges[0], edges[1] = 0.0, total
+    for k in range(count):
+        reach = lag * cap[k]
+        edges[2 * k + 2] = min(max(bent.low[k] - reach, 0.0), total)
+        edges[2 * k + 3] = min(max(bent.high[k] + reach, 0.0), total)
+    edges.sort()
+    pieces = len(edges) - 1
+    length, top, ramps = np.empty(pieces), np.ones(pieces), np.full(pieces, ramp)
+    for p in range(pieces):
+        length[p] = edges[p + 1] - edges[p]
+        middle = 0.5 * (edges[p] + edges[p + 1])
+        for k in range(count):
+            reach = lag * cap[k]
+            if bent.low[k] - reach < middle < bent.high[k] + reach:
+                top[p] = min(top[p], cap[k])
+                ramps[p] = bent_ramp
+    seconds, speed = 0.0, 0.0
+    for p in range(pieces):
+        if length[p] > 0.0:
+            bound = exit_bound(length, top, p, pieces - 1, ramps)
+            took, speed, _ = pass_through(length[p], top[p], speed, bound, ramps[p])
+            seconds += took
+    return seconds
+
+
+@kernel
+def greatest_speed(
+    acceleration: Array,
+    jerk: Array,
+    first: Array,
+    second: Array,
+    third: Array,
+    rate: float,
+    lag: float,
+) -> float:
+    """Return the greatest share of full speed at which a bent piece may be passed, 0 for none.
+
+    Of s the way and q(s) the curve, joints have accelerations q' s'' + q'' s'^2 and jerks
+    q' s''' + 3 q'' s' s'' + q''' s'^3. Bounds of the terms are added up.
+
+    Args:
+        acceleration, jerk: limits of the joints, shape (n,).
+        first, second, third: bounds of the derivatives, shape (n,).
+        rate: most that the share of full speed changes in a second there [1/s].
+        lag: time over which what is commanded is averaged [s].
+    """
+    greatest = 1.0
+    for i in range(len(first)):
+        spare = HEAD_ROOM * acceleration[i] - first[i] * rate
+        spare_jerk = HEAD_ROOM * jerk[i] - first[i] * (2.0 * rate / lag)
+        if spare < 0.0 or spare_jerk < 0.0:
+            return 0.0
+        if second[i] * greatest * greatest > spare:
+            greatest = math.sqrt(spare / second[i])
+        bent = 3.0 * second[i] * rate
+        if (third[i] * greatest * greatest + bent) * greatest > spare_jerk:
+            low, high = 0.0, greatest
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                if (third[i] * middle * middle + bent) * middle > spare_jerk:
+                    high = middle
+                else:
+                    low = middle
+            greatest = low
+    return greatest

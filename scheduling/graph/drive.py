@@ -76,7 +76,7 @@ class RoundedCorners:
     """Corners of a chain that are rounded, in order, in *bends*: those of a bend share its curve.
 
     The pose nodes of a bend are a curve from one straight way to another, see
-    ``planning.timing.blend``; their waypoints are on it, so close that chords are as good, and equal
+    ``planning.timing.rounded_path``; their waypoints are on it, so close that chords are as good, and equal
     times apart. It begins where the first node does and ends where the last one does.
 
     Attributes:

@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 
 from planning.motion.speed import SpeedModel, cut_path
-from planning.timing.blend import BlendedPath, ordered_windows
-from planning.timing.rounded_path import RoundedStretch
+from planning.timing.rounded_path import BlendedPath, ordered_windows
+from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain

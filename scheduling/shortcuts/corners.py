@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.progress import Progress, no_progress
-from planning.timing.blend import longest_window
+from planning.timing.rounded_path import longest_window
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.stretches import nodes_stretch

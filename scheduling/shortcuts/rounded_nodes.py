@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.timing.blend import BlendedPath
+from planning.timing.rounded_path import BlendedPath
 from planning.transforms import Array
 from scheduling.graph.drive import RoundedCorners
 from scheduling.graph.temporal_plan_graph import NodeChain

@@ -7,15 +7,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.robot_model import MotionLimits
-from planning.timing.blend import (
+from planning.timing.rounded_path import (
     STRAY,
     BlendedPath,
-    greatest_speed,
     longest_window,
     ordered_windows,
 )
-from planning.timing.rounded_path import rounded_stretch
-from planning.timing.stretch import straight_stretch
+from planning.timing.stretch import (
+    greatest_speed,
+    rounded_stretch,
+    straight_stretch,
+)
 
 SEEDS = st.integers(0, 10**6)
 

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from planning.timing.blend import BlendedPath, ordered_windows
 from planning.timing.path_bounds import PathBounds
-from planning.timing.rounded_path import RoundedStretch, rounded_stretch
-from planning.timing.stretch import straight_stretch
+from planning.timing.rounded_path import BlendedPath, ordered_windows
+from planning.timing.stretch import RoundedStretch, rounded_stretch, straight_stretch
 from tests.planning.timing.drawn_arm import MODELS, Drawn
 
 
