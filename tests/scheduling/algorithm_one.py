@@ -7,6 +7,7 @@ the conflicting node.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +30,32 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Node = tuple[int, int]
+
+
+def graph_of(sizes: Iterable[int], edges: Array) -> nx.DiGraph:
+    """Chains of so many nodes each, and type-2 edges between them."""
+    graph = nx.DiGraph()
+    for r, size in enumerate(sizes):
+        nodes = [(r, n) for n in range(size)]
+        graph.add_nodes_from(nodes)
+        nx.add_path(graph, nodes)
+    graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in np.asarray(edges).tolist())
+    return graph
+
+
+def order_of(tpg: TemporalPlanGraph) -> nx.DiGraph:
+    """What precedes what in a graph; it has no cycle."""
+    graph = graph_of(map(len, tpg.chains), tpg.edges)
+    assert nx.is_directed_acyclic_graph(graph)
+    return graph
+
+
+def check_conflicts_are_ordered(tpg: TemporalPlanGraph) -> None:
+    """Require that of two nodes that conflict the later one waits."""
+    graph = order_of(tpg)
+    behind = {node: nx.descendants(graph, node) for node in graph}
+    for u, v in PlainGraph(tpg, -TOLERANCE).conflicts:
+        assert v in behind[u], (u, v)
 
 
 @dataclass(frozen=True)
@@ -207,13 +234,7 @@ class PlainGraph:
 
     def reduced_edges(self, task_edges: Array) -> set[tuple[int, int, int, int]]:
         """Type-2 edges of the transitive reduction of the graph with every raw edge."""
-        graph = nx.DiGraph()
-        graph.add_nodes_from(self.nodes)
-        for r, chain in enumerate(self.tpg.chains):
-            nx.add_path(graph, [(r, n) for n in range(len(chain))])
-        graph.add_edges_from(
-            ((r, u), (s, v)) for r, u, s, v in np.asarray(task_edges).tolist()
-        )
+        graph = graph_of(map(len, self.tpg.chains), task_edges)
         graph.add_edges_from(self.conflicts)
         reduced = nx.transitive_reduction(graph)
         return {(*u, *v) for u, v in reduced.edges if u[0] != v[0]}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -173,6 +175,15 @@ class PlanWriter:
     def flange(self, robot: str) -> Array:
         return frame_pose(self.cell.robot(robot), self.configurations[robot])
 
+    def written(self) -> dict[str, Any]:
+        """Return all that is written so far."""
+        kept = vars(self).items()
+        return {key: copy(value) for key, value in kept if key not in ("cell", "rng")}
+
+    def go_back(self, written: dict[str, Any]) -> None:
+        """Forget all that was written since."""
+        vars(self).update(written)
+
     def plan(self) -> MotionPlan:
         return MotionPlan(
             self.cell,
@@ -230,13 +241,7 @@ def random_plan(
         for a, b in plan.dependencies.tolist()
         if plan.tasks[a].robot != plan.tasks[b].robot or a < b
     ]
-    return MotionPlan(
-        plan.cell,
-        plan.tasks,
-        plan.motions,
-        np.array(keep, dtype=np.int64).reshape(-1, 2),
-        plan.allowed,
-    )
+    return replace(plan, dependencies=np.array(keep, dtype=np.int64).reshape(-1, 2))
 
 
 def _allow(writer: PlanWriter, robots: tuple[str, ...], box: str, *tasks: int) -> None:
@@ -250,11 +255,8 @@ def _pick_up(
     # The box is put where the tool is going to be: its start is a free parameter of the world.
     pose = frame_pose(writer.cell.robot(robot), wiggle[1]) @ translation(0.04, 0, 0)
     cell = writer.cell
-    objects = tuple(
-        CellObject(o.name, o.kind, o.shape, pose if o.name == box else o.start)
-        for o in cell.objects
-    )
-    trial = Workcell(cell.robots, cell.fixtures, objects, cell.clearances)
+    objects = (replace(o, start=pose) if o.name == box else o for o in cell.objects)
+    trial = replace(cell, objects=tuple(objects))
     if not _free_since_start(writer, trial, box, pose, robot):
         return
     held = Attachment(robot, translation(0.04, 0, 0))
@@ -293,13 +295,9 @@ def _free_since_start(
         for handling in task.handlings:
             held[handling.object] = Attachment(handling.holder, handling.pose)
         carried |= {o: a for o, a in held.items() if a.holder == task.robot}
+        alone = tuple(r for r in trial.robots if r.name == task.robot)
         checker = SceneChecker(
-            Workcell(
-                tuple(r for r in trial.robots if r.name == task.robot),
-                (),
-                trial.objects,
-                trial.clearances,
-            ),
+            replace(trial, robots=alone),
             task.robot,
             WorldState(far, attachments | carried),
             allowed,
@@ -318,16 +316,14 @@ def _put_down(
     )
     if not writer.free(robot, wiggle):
         return
-    before = dict(writer.attachments)
+    before = writer.written()
     index = writer.add(
         robot, "place-down", wiggle, (Handling(box, 1, None, pose),), box
     )
     # It leaves at once: straight home, touching what it has just put down.
     home = writer.line(writer.configurations[robot], writer.cell.robot(robot).home)
     if not writer.free(robot, home, (box,)):
-        writer.tasks.pop()
-        writer.motions.pop()
-        writer.attachments = before
+        writer.go_back(before)
         return
     writer.add(robot, "transit", home)
     _allow(writer, (robot,), box, index, index + 1)
@@ -343,14 +339,7 @@ def _hand_over(
     path = np.stack([q, q])
     world = writer.flange(giver) @ writer.attachments[box].pose
     pose = inverse(writer.flange(receiver)) @ world
-    before = (
-        dict(writer.configurations),
-        dict(writer.attachments),
-        len(writer.tasks),
-        writer.time,
-        len(writer.dependencies),
-        len(writer.allowed),
-    )
+    before = writer.written()
     prior = [t.index for t in writer.tasks if t.robot == receiver]
     index = writer.add(
         giver, "handover", path, (Handling(box, 1, receiver, pose),), box
@@ -369,7 +358,4 @@ def _hand_over(
         writer.dependencies.append((index, index + 2))
         last_use[box] = index
     else:
-        (writer.configurations, writer.attachments) = before[:2]
-        del writer.tasks[before[2] :], writer.motions[before[2] :]
-        writer.time = before[3]
-        del writer.dependencies[before[4] :], writer.allowed[before[5] :]
+        writer.go_back(before)

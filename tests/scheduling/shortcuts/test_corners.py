@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
-import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import MotionLimits
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
-from planning.geometry.exact import TOLERANCE
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.known_motions import MotionPlan
 from planning.transforms import translation
@@ -23,7 +21,7 @@ from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import chain_bends, within_limits
 from scheduling.shortcuts.corners import round_corners
-from tests.scheduling.algorithm_one import PlainGraph
+from tests.scheduling.algorithm_one import check_conflicts_are_ordered
 from tests.scheduling.mini_world import PlanWriter, planar_cell, random_plan
 from tests.scheduling.two_arms import Writer, two_arms
 
@@ -54,14 +52,7 @@ def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
 ) -> None:
     before = _graph(random_plan(robots, seed, rounds=5))
     tpg = round_corners(before)
-    graph = nx.DiGraph()
-    for r, chain in enumerate(tpg.chains):
-        nx.add_path(graph, [(r, n) for n in range(len(chain))])
-    graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())
-    assert nx.is_directed_acyclic_graph(graph)
-    behind = {node: nx.descendants(graph, node) for node in graph}
-    for u, v in PlainGraph(tpg, -TOLERANCE).conflicts:
-        assert v in behind[u], (u, v)
+    check_conflicts_are_ordered(tpg)
     rested, smooth = within_limits(before), within_limits(tpg)
     assert earliest_times(smooth).makespan <= earliest_times(rested).makespan + 1e-6
     for old, new in zip(before.chains, tpg.chains, strict=True):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.geometry.exact import TOLERANCE
 from planning.motion.known_motions import MotionPlan
 from planning.motion.speed import L1Speed
 from scheduling.build_tpg import build_tpg
@@ -18,7 +19,11 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.shortcuts.replacement_check import Swap, splice_edges
 from scheduling.shortcuts.shortcutting import shorten_tpg
 from scheduling.verification.verify import verify_plan
-from tests.scheduling.algorithm_one import PlainGraph
+from tests.scheduling.algorithm_one import (
+    check_conflicts_are_ordered,
+    graph_of,
+    order_of,
+)
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.two_arms import random_turns
 from twin.trial.simulation import audit_standing_states
@@ -35,15 +40,6 @@ def _shorten(
     )
 
 
-def _graph(tpg: TemporalPlanGraph) -> nx.DiGraph:
-    graph = nx.DiGraph()
-    for r, chain in enumerate(tpg.chains):
-        graph.add_nodes_from((r, n) for n in range(len(chain)))
-        nx.add_path(graph, [(r, n) for n in range(len(chain))])
-    graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in tpg.edges.tolist())
-    return graph
-
-
 @given(st.integers(2, 5), st.integers(0, 10_000), st.integers(0, 100))
 @settings(max_examples=10, deadline=None)
 def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
@@ -52,11 +48,7 @@ def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
     plan = random_plan(robots, seed, rounds=9, step=0.5)
     before = build_tpg(plan)
     tpg = _shorten(plan, 0.5, seed=draws)
-    graph = _graph(tpg)
-    assert nx.is_directed_acyclic_graph(graph)
-    behind = {node: nx.descendants(graph, node) for node in graph}
-    for u, v in PlainGraph(tpg, -TOLERANCE).conflicts:
-        assert v in behind[u], (u, v)
+    check_conflicts_are_ordered(tpg)
     assert earliest_times(tpg).makespan <= earliest_times(before).makespan + 1e-9
     for old, new in zip(before.chains, tpg.chains, strict=True):
         assert np.array_equal(old.waypoints[-1], new.waypoints[-1])
@@ -73,9 +65,7 @@ def test_shortcuts_are_found_at_all() -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_shortened_plan_is_proved_safe_and_stands_still_safely(
-    seed: int, tmp_path: object
-) -> None:
+def test_a_shortened_plan_is_proved_safe_and_stands_still_safely(seed: int) -> None:
     plan = random_turns(seed, 5, gap=0.62)
     before, tpg = build_tpg(plan), _shorten(plan, 0.05, candidates=120)
     assert earliest_times(tpg).makespan < earliest_times(before).makespan
@@ -89,11 +79,7 @@ def test_the_papers_rule_loses_an_order_of_three_robots() -> None:
     first, last = 1, 3
 
     def waits(rows: np.ndarray) -> bool:
-        graph = nx.DiGraph()
-        for r, size in enumerate((5, 2, 2)):
-            nx.add_path(graph, [(r, n) for n in range(size)])
-        graph.add_edges_from(((r, u), (s, v)) for r, u, s, v in rows.tolist())
-        return nx.has_path(graph, (1, 0), (2, 1))
+        return nx.has_path(graph_of((5, 2, 2), rows), (1, 0), (2, 1))
 
     papers = edges.copy()
     papers[0, 1], papers[1, 3] = first - 1, last
@@ -114,11 +100,9 @@ def test_the_same_seed_gives_the_same_plan() -> None:
     )
 
 
-def test_a_shortened_plan_is_saved_and_loaded(tmp_path: object) -> None:
-    from pathlib import Path
-
+def test_a_shortened_plan_is_saved_and_loaded(tmp_path: Path) -> None:
     tpg = _shorten(random_turns(0, 4, gap=0.62), 0.05, candidates=40)
-    folder = Path(str(tmp_path)) / "plan"
+    folder = tmp_path / "plan"
     save_plan(tpg, folder)
     again = load_plan(folder, {r.model.name: r.model for r in tpg.cell.robots})
     assert np.array_equal(tpg.edges, again.edges)
@@ -129,7 +113,7 @@ def test_a_shortened_plan_is_saved_and_loaded(tmp_path: object) -> None:
 def test_latest_ends_are_the_longest_ways_to_the_end(robots: int, seed: int) -> None:
     tpg = build_tpg(random_plan(robots, seed, rounds=8, step=0.5))
     rollout = earliest_times(tpg)
-    graph = _graph(tpg)
+    graph = order_of(tpg)
     tail: dict[tuple[int, int], float] = {}
     for node in reversed(list(nx.topological_sort(graph))):
         tail[node] = max(
@@ -174,23 +158,16 @@ def test_replacing_nodes_loses_no_order_among_the_others(
 ) -> None:
     sizes, edges, (chain, first, last) = case
 
-    def graph(sizes: list[int], rows: np.ndarray) -> nx.DiGraph:
-        out = nx.DiGraph()
-        for r, size in enumerate(sizes):
-            nx.add_path(out, [(r, n) for n in range(size)])
-        out.add_edges_from(((r, u), (s, v)) for r, u, s, v in rows.tolist())
-        return out
-
     rows = np.array(edges, dtype=np.int64).reshape(-1, 4)
     # What matters is a reduced graph: an order may hang on the replaced nodes alone.
-    reduced = nx.transitive_reduction(graph(sizes, rows))
+    reduced = nx.transitive_reduction(graph_of(sizes, rows))
     keep = np.array([((r, u), (s, v)) in reduced.edges for r, u, s, v in rows.tolist()])
     rows = rows[keep.astype(bool)] if len(rows) else rows
     swap = Swap(chain, first, last)
     spliced, cause = splice_edges(rows, np.zeros(len(rows), dtype=np.uint8), swap)
     assert len(cause) == len(spliced)
-    before = graph(sizes, rows)
-    after = graph(sizes, spliced)
+    before = graph_of(sizes, rows)
+    after = graph_of(sizes, spliced)
     assert nx.is_directed_acyclic_graph(after)
 
     gone = {(chain, n) for n in range(first, last)}
