@@ -22,7 +22,7 @@ from planning.transforms import Array
 
 
 @dataclass(frozen=True)
-class CompositeSpeed:
+class CompositeSpeed(SpeedModel):
     """Speed model of robots that move in lock step: the slowest one decides.
 
     Attributes:
@@ -40,10 +40,6 @@ class CompositeSpeed:
             for speed, own in zip(self.speeds, self.joints, strict=True)
         ]
         return np.asarray(np.max(each, axis=0))
-
-    def duration(self, q_a: Array, q_b: Array) -> float:
-        """Return the time of the motion in lock step, composite shape (n,) [s]."""
-        return float(self.durations(q_b - q_a))
 
 
 class CompositeChecker:

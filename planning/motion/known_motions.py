@@ -38,10 +38,6 @@ class Scene:
     amid: Hashable
     standing: int
 
-    def is_within(self, others: int) -> bool:
-        """Tell whether all that stands is among others."""
-        return self.standing & ~others == 0
-
 
 class KnownScenes:
     """Numbers of shapes and places of one cell, and the scenes made of them."""
@@ -156,23 +152,17 @@ class FoundWay:
 
 
 @dataclass(frozen=True)
-class _ClearWay:
-    """A way that asks for nothing but to be clear, and all that was found to be clear of it."""
-
-    way: Way
-    of: int
-
-
-@dataclass(frozen=True)
 class KnownMotions:
     """Ways that were found for plans of one cell with the same settings.
+
+    A way that asks for nothing but to be clear is kept with all that was found to be clear of it.
 
     Attributes:
         scenes: what they lead through.
     """
 
     scenes: KnownScenes = field(default_factory=KnownScenes)
-    _clear: dict[Hashable, _ClearWay] = field(default_factory=dict)
+    _clear: dict[Hashable, tuple[Way, int]] = field(default_factory=dict)
     _found: KeptAnswers[Way | str] = field(
         default_factory=lambda: KeptAnswers(_MOST_ANSWERS)
     )
@@ -197,8 +187,8 @@ class KnownMotions:
         """
         alike = moving, scene.amid
         clear = self._clear.get(alike)
-        if clear is not None and scene.is_within(clear.of):
-            return clear.way
+        if clear is not None and scene.standing & ~clear[1] == 0:
+            return clear[0]
 
         def ask() -> Way | str:
             try:
@@ -218,7 +208,7 @@ class KnownMotions:
         known = self._clear.get(alike)
         if known is None and len(self._clear) >= _MOST_ANSWERS:
             self._clear.clear()
-        self._clear[alike] = _ClearWay(way, of if known is None else known.of | of)
+        self._clear[alike] = way, of if known is None else known[1] | of
 
 
 @dataclass(frozen=True)

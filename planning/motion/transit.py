@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from ompl import base as ob
@@ -241,8 +241,7 @@ class RrtConnect:
             bounds.setHigh(i, max(self.upper[i], start[i], goal[i]))
         space.setBounds(bounds)
         information = ob.SpaceInformation(space)
-        motions = _Motions(check, start, goal)
-        validator = _Validator(information, motions, n)
+        validator = _Validator(information, check, start, goal)
         # A motion is checked with its new end, whichever end that is.
         information.setStateValidityChecker(
             ob.AllValidStateValidityChecker(information)
@@ -259,56 +258,47 @@ class RrtConnect:
         planner.setProblemDefinition(problem)
         planner.setup()
         status = planner.solve(
-            ob.PlannerTerminationCondition(lambda: motions.count > most)
+            ob.PlannerTerminationCondition(lambda: validator.count > most)
         )
         if str(status) != "Exact solution":
-            return None, motions.count
+            return None, validator.count
         states = problem.getSolutionPath().getStates()
         path = np.array([[state[i] for i in range(n)] for state in states])
         path[0], path[-1] = start, goal
-        return path, motions.count
+        return path, validator.count
 
 
 _Check = Callable[[Array, Array], bool]
 """Tells whether the straight line to a second configuration passes, that one included."""
 
 
-class _Motions:
+class _Validator(ob.MotionValidator):  # type: ignore[misc]
     """Counted checks of motions that lead to new configurations from such that passed.
 
     Args:
-        check: asked about them.
-        start, goal: configurations that pass.
+        information: of the space.
+        check: asked about motions.
+        start, goal: configurations that pass, shape (n,).
     """
 
-    def __init__(self, check: _Check, start: Array, goal: Array) -> None:
+    def __init__(
+        self, information: object, check: _Check, start: Array, goal: Array
+    ) -> None:
+        super().__init__(information)
         self.count = 0
-        self._check = check
+        self._check, self._n = check, len(start)
         self._passed = {np.asarray(q, np.float64).tobytes() for q in (start, goal)}
 
-    def free(self, q_a: Array, q_b: Array) -> bool:
-        """Tell whether the straight line from ``q_a`` to ``q_b`` passes."""
+    def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 - OMPL's name
+        """Tell whether the straight line from a state to another passes."""
         self.count += 1
+        q_a, q_b = (np.array([q[i] for i in range(self._n)]) for q in (a, b))
         if q_b.tobytes() in self._passed:
             q_a, q_b = q_b, q_a
         if not self._check(q_a, q_b):
             return False
         self._passed.add(q_b.tobytes())
         return True
-
-
-class _Validator(ob.MotionValidator):  # type: ignore[misc]
-    def __init__(self, information: object, motions: _Motions, n: int) -> None:
-        super().__init__(information)
-        self._motions = motions
-        self._n = n
-
-    def checkMotion(self, a: object, b: object) -> bool:  # noqa: N802 - OMPL's name
-        return self._motions.free(_read(a, self._n), _read(b, self._n))
-
-
-def _read(state: object, n: int) -> Array:
-    return np.array([state[i] for i in range(n)])  # type: ignore[index]
 
 
 _SAME = 1e-9

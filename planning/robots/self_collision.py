@@ -6,7 +6,6 @@ Shape of a tool apart from the robot that carries it, for where it lies in its r
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
 from itertools import combinations
 from typing import Any
 
@@ -65,7 +64,7 @@ def never_colliding_pairs(
     question = [numbers, *(np.ascontiguousarray(a).tobytes() for a in arrays)]
 
     def find() -> Arrays:
-        pairs = _never_colliding_pairs(chain, parts, lower, upper, home)
+        pairs = _Pairs(chain, parts, lower, upper, home).apart()
         return {"pairs": np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)}
 
     names = frozenset({"pairs"})
@@ -76,97 +75,91 @@ def never_colliding_pairs(
 _SOURCES = (__file__, exact.__file__, kinematic_chain.__file__)
 
 
-def _never_colliding_pairs(
-    chain: KinematicChain,
-    parts: tuple[LinkPart, ...],
-    lower: Array,
-    upper: Array,
-    home: Array,
-) -> set[tuple[int, int]]:
-    out = set()
-    left = []
-    for pair in combinations(range(len(parts)), 2):
-        if abs(parts[pair[0]].joint - parts[pair[1]].joint) <= 1:
-            out.add(pair)
-        else:
-            left.append(pair)
-    joints = chain_table(chain, lower, upper)
-    hulls = [Solid("", p.body, np.eye(4), joints, p.joint) for p in parts]
+class _Pairs:
+    """Pairs of parts of a robot, see ``never_colliding_pairs`` for what it is made of."""
 
-    def distance(pair: tuple[int, int], q: Array) -> float:
-        return distance_at(hulls[pair[0]], q, hulls[pair[1]], q)
+    def __init__(
+        self,
+        chain: KinematicChain,
+        parts: tuple[LinkPart, ...],
+        lower: Array,
+        upper: Array,
+        home: Array,
+    ) -> None:
+        self._chain, self._parts = chain, parts
+        self._lower, self._upper = lower, upper
+        self._home = np.array(home, dtype=np.float64)
+        joints = chain_table(chain, lower, upper)
+        self._hulls = [Solid("", p.body, np.eye(4), joints, p.joint) for p in parts]
 
-    rest = np.array(home, dtype=np.float64)
-    out.update(pair for pair in left if distance(pair, rest) <= 0.0)
-    left = [pair for pair in left if pair not in out]
-    rng = np.random.default_rng(20)
-    for _ in range(_SAMPLES):  # most pairs that can touch are dropped here, cheaply
-        q = rng.uniform(lower, upper)
-        left = [pair for pair in left if distance(pair, q) > 0.0]
-    for pair in left:
-        if _proved_apart(pair, chain, parts, lower, upper, home, distance):
-            out.add(pair)
-    return out
+    def apart(self) -> set[tuple[int, int]]:
+        """Return those that are left out."""
+        parts, out, left = self._parts, set(), []
+        for pair in combinations(range(len(parts)), 2):
+            if (
+                abs(parts[pair[0]].joint - parts[pair[1]].joint) <= 1
+                or self._distance(pair, self._home) <= 0.0
+            ):
+                out.add(pair)
+            else:
+                left.append(pair)
+        rng = np.random.default_rng(20)
+        for _ in range(_SAMPLES):  # most pairs that can touch are dropped here, cheaply
+            q = rng.uniform(self._lower, self._upper)
+            left = [pair for pair in left if self._distance(pair, q) > 0.0]
+        return out.union(pair for pair in left if self._proved_apart(pair))
 
+    def _distance(self, pair: tuple[int, int], q: Array) -> float:
+        return distance_at(self._hulls[pair[0]], q, self._hulls[pair[1]], q)
 
-def _proved_apart(
-    pair: tuple[int, int],
-    chain: KinematicChain,
-    parts: tuple[LinkPart, ...],
-    lower: Array,
-    upper: Array,
-    home: Array,
-    distance_of: Callable[[tuple[int, int], Array], float],
-) -> bool:
-    """Bisect the joints between two parts; True when no values of theirs make them touch."""
-    first, last = sorted(parts[k].joint for k in pair)
-    between = np.arange(first + 1, last + 1)
-    far_part = max(pair, key=lambda k: parts[k].joint)
-    speed = _link_speeds(chain, parts[far_part], lower, upper)[between]
-    q = np.array(home, dtype=np.float64)
-    low, high = lower[between].copy(), upper[between].copy()
-    full_turn = np.where(chain.prismatic[between], np.inf, 2.0 * np.pi)
-    high = np.minimum(high, low + full_turn)
+    def _proved_apart(self, pair: tuple[int, int]) -> bool:
+        """Bisect the joints between two parts; True when no values of theirs make them touch."""
+        first, last = sorted(self._parts[k].joint for k in pair)
+        between = np.arange(first + 1, last + 1)
+        far_part = max(pair, key=lambda k: self._parts[k].joint)
+        speed = self._speeds(self._parts[far_part])[between]
+        q = self._home.copy()
+        low, high = self._lower[between].copy(), self._upper[between].copy()
+        slides = self._chain.prismatic[between]
+        high = np.minimum(high, low + np.where(slides, np.inf, 2.0 * np.pi))
 
-    def margin(box_low: Array, box_high: Array) -> tuple[float, float]:
-        q[between] = (box_low + box_high) / 2.0
-        distance = distance_of(pair, q)
-        return distance - float(speed @ (box_high - box_low)) / 2.0, distance
+        def margin(box_low: Array, box_high: Array) -> tuple[float, float]:
+            q[between] = (box_low + box_high) / 2.0
+            distance = self._distance(pair, q)
+            return distance - float(speed @ (box_high - box_low)) / 2.0, distance
 
-    order = 0
-    boxes = [(margin(low, high)[0], order, low, high)]
-    while boxes:
-        worst, _, low, high = heapq.heappop(boxes)
-        if worst > 0.0:
-            return True  # the least certain box is certain, so all are
-        split = int(np.argmax(speed * (high - low)))
-        middle = (low[split] + high[split]) / 2.0
-        for side in range(2):
-            half_low, half_high = low.copy(), high.copy()
-            (half_high if side == 0 else half_low)[split] = middle
-            order += 1
-            bound, distance = margin(half_low, half_high)
-            if distance <= 0.0 or order > _BUDGET:
-                return False
-            heapq.heappush(boxes, (bound, order, half_low, half_high))
-    return True
+        order = 0
+        boxes = [(margin(low, high)[0], order, low, high)]
+        while boxes:
+            worst, _, low, high = heapq.heappop(boxes)
+            if worst > 0.0:
+                return True  # the least certain box is certain, so all are
+            split = int(np.argmax(speed * (high - low)))
+            middle = (low[split] + high[split]) / 2.0
+            for side in range(2):
+                half_low, half_high = low.copy(), high.copy()
+                (half_high if side == 0 else half_low)[split] = middle
+                order += 1
+                bound, distance = margin(half_low, half_high)
+                if distance <= 0.0 or order > _BUDGET:
+                    return False
+                heapq.heappush(boxes, (bound, order, half_low, half_high))
+        return True
 
+    def _speeds(self, part: LinkPart) -> Array:
+        """Bound how fast each joint can move any point of a part, per rad (or per m).
 
-def _link_speeds(
-    chain: KinematicChain, part: LinkPart, lower: Array, upper: Array
-) -> Array:
-    """Bound how fast each joint can move any point of a part, per rad (or per m).
-
-    The distance of a point from a joint's axis is at most the summed lengths of the links in
-    between, sliding joints at their farthest.
-    """
-    speeds = np.zeros(len(lower))
-    reach = float(np.linalg.norm(part.body.vertices, axis=1).max())
-    for k in range(part.joint, -1, -1):
-        slide = max(abs(lower[k]), abs(upper[k])) if chain.prismatic[k] else 0.0
-        speeds[k] = 1.0 if chain.prismatic[k] else reach
-        reach += float(np.linalg.norm(chain.placement[k, :3, 3])) + slide
-    return speeds
+        The distance of a point from a joint's axis is at most the summed lengths of the links in
+        between, sliding joints at their farthest.
+        """
+        slides = self._chain.prismatic
+        speeds = np.zeros(len(slides))
+        reach = float(np.linalg.norm(part.body.vertices, axis=1).max())
+        for k in range(part.joint, -1, -1):
+            slide = max(abs(self._lower[k]), abs(self._upper[k])) if slides[k] else 0.0
+            speeds[k] = 1.0 if slides[k] else reach
+            reach += float(np.linalg.norm(self._chain.placement[k, :3, 3])) + slide
+        return speeds
 
 
 def tool_shape(name: str, model: RobotModel, mount: Transform) -> Shape:

@@ -185,7 +185,7 @@ def _brake(
     total = len(ways)
     end = curve[1][-1]
     points = np.empty((total, curve[0].shape[1]))
-    curve_points(curve[0], curve[1], curve[2], curve[3], ways, points)
+    curve_points(*curve, ways, points)
     out[:given] = ways[:given]
     for first in range(given, total):
         out[first - 1] = ways[first - 1]
@@ -206,16 +206,9 @@ def _brake(
             if not fits:
                 continue
             low = first - 3
-            curve_points(
-                curve[0],
-                curve[1],
-                curve[2],
-                curve[3],
-                out[low:count],
-                points[low:count],
-            )
+            curve_points(*curve, out[low:count], points[low:count])
             if least_step(limits, points[low:count]) > step * (1.0 + _ROUNDING):
                 continue
-            if is_near(curve[1], near[0], near[1], out[low:count]):
+            if is_near(curve[1], *near, out[low:count]):
                 return count
     return 0

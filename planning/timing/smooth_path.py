@@ -244,7 +244,7 @@ def _tried(
         ways[len(ways) - 1 - i] = end
     curve_points(corners, at, turn, reach, ways, points)
     least = least_step(limits, points)
-    return least if is_near(at, near[0], near[1], ways) else np.inf
+    return least if is_near(at, *near, ways) else np.inf
 
 
 @inner_kernel

@@ -150,7 +150,7 @@ def test_pairs_of_a_robot_are_those_that_were_found(
     found = never_colliding_pairs(*given)
     assert found == robot.never_collide
     assert len(found) > len(robot.parts)
-    monkeypatch.setattr(self_collision, "_never_colliding_pairs", None)
+    monkeypatch.setattr(self_collision, "_Pairs", None)
     assert never_colliding_pairs(*given) == found
     # Another question: joints that turn less far.
     with pytest.raises(TypeError):
