@@ -5,25 +5,24 @@ where the robot's load changes, at a goal that is to be reached for its own sake
 robot waits for, or is waited for by, another one's task: a shortcut must neither skip such a
 place nor let anyone pass it too early.
 
-Runs of straight ways between whose ends corners may be rounded, and how long bends of them are.
+While shortcuts are searched, a shorter way has as many nodes as the way that it replaces; in the end those on
+one straight way are joined, where nobody can tell the difference. A node that nobody waits for and the
+next one, which waits for nobody, are one piece of motion: whoever waits for the one waits for the other,
+at any delays, and together they sweep the same space.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.motion.speed import SpeedModel, cut_path
-from planning.timing.rounded_path import BlendedPath, ordered_windows
-from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.temporal_plan_graph import NodeChain
-from scheduling.motion_times import node_ends
-from scheduling.pace import Pace
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 
 @dataclass(frozen=True)
@@ -172,133 +171,102 @@ def corners(path: Array) -> Array:
     return path[[*kept, len(path) - 1]]
 
 
-_APART = 1e-3
-"""Zones of corners that are nearer to each other are of one bend [s]."""
-
-_LEAST = 1e-6
-"""Ways that take less at full speed have no direction: robots rest at both ends [s]."""
-
-_BESIDE = 1e-6
-"""Bends begin and end that far beyond the zones of their corners [s]."""
+_ON_THE_WAY = 1e-9
+"""Farthest that a waypoint left out may be from the straight way past it [rad or m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """Straight ways of a robot, one after another, between whose ends corners may be rounded.
-
-    Attributes:
-        chain: index of the robot's chain.
-        room: nodes that may be replaced.
-        begins: first node of each way, and the node after the last one.
-        at: where ways begin and end at full speed, shape (ways + 1,) [s].
-        points: the ends of all ways, shape (ways + 1, n).
-        way: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
-    """
-
-    chain: int
-    room: range
-    begins: list[int]
-    at: Array
-    points: Array
-    way: Array
-
-    def windows(self, first: int, last: int, most: Array) -> Array:
-        """Return the windows at the corners of some ways, if the robot rests at both ends of them.
-
-        Args:
-            first, last: ends of ways.
-            most: longest windows at the ends of all ways, shape (ways + 1,) [s].
-        """
-        begin = self.begins[0]
-        low = max(self.at[first], self.way[self.room.start - begin])
-        high = min(self.at[last], self.way[self.room.stop - begin])
-        own = slice(first + 1, last)
-        return ordered_windows(self.at[own], most[own], float(low), float(high))
-
-    def path(self, first: int, last: int, windows: Array) -> BlendedPath:
-        """Return the way from an end to another one; it counts from the beginning of the run."""
-        own = slice(first, last + 1)
-        return BlendedPath(self.at[own], self.points[own], windows)
-
-    def bends(
-        self, path: BlendedPath, pace: RoundedStretch
-    ) -> Iterator[tuple[float, float]]:
-        """Yield where bends begin and end: they include all that limits of corners hold for.
-
-        Args:
-            path: from an end of a way to another one.
-            pace: at which it is passed.
-        """
-        begin = self.begins[0]
-        floor = max(float(path.at[0]), float(self.way[self.room.start - begin]))
-        limit = min(float(path.at[-1]), float(self.way[self.room.stop - begin]))
-        order = np.argsort(pace.low)
-        low, high = pace.low[order] - _BESIDE, pace.high[order] + _BESIDE
-        at, until = float(low[0]), float(high[0])
-        for a, b in zip(low.tolist(), high.tolist(), strict=True):
-            if a > until + _APART:
-                yield max(at, floor), min(until, limit)
-                at = a
-            until = max(until, b)
-        yield max(at, floor), min(until, limit)
-
-
-def find_runs(
-    chain: NodeChain,
-    spans: Sequence[Span],
-    number: Indices,
-    pace: Pace,
-) -> Iterator[Run]:
-    """Yield the runs of a chain.
+def join_nodes(
+    graph: DerivedTpg, spans: Sequence[Span], step: float
+) -> TemporalPlanGraph:
+    """Return a graph with fewer nodes that does the same.
 
     Args:
-        chain: the chain.
-        spans: of it, in order.
-        number: of the stretch of each node, see ``stretch_numbers``.
-        pace: of the robot.
+        graph: the graph.
+        spans: runs of pose nodes in which nodes may be joined.
+        step: longest time between pose nodes [s].
     """
-    done = 0
+    tpg = graph.tpg
+    number, chains = [], []
+    for index, chain in enumerate(tpg.chains):
+        last = _last_nodes(chain, _borders(graph, spans, index), step)
+        number.append(np.searchsorted(last, np.arange(len(chain))))
+        chains.append(_joined(chain, last))
+    edges = tpg.edges.copy()
+    for end in (0, 2):
+        for index, numbers in enumerate(number):
+            own = edges[:, end] == index
+            edges[own, end + 1] = numbers[edges[own, end + 1]]
+    handlings = tuple(
+        replace(h, node=int(number[h.robot][h.node])) for h in tpg.handlings
+    )
+    return replace(tpg, chains=tuple(chains), edges=edges, handlings=handlings)
+
+
+def _borders(
+    graph: DerivedTpg, spans: Sequence[Span], index: int
+) -> npt.NDArray[np.bool_]:
+    """Return for each node whether it has to stay apart from the one after it."""
+    edges, chain = graph.tpg.edges, graph.tpg.chains[index]
+    stays = np.ones(len(chain), dtype=np.bool_)
     for span in spans:
-        for run in _runs_of(chain, span, number, pace, done):
-            yield run
-            done = run.begins[-1]
+        if span.chain == index:
+            stays[span.first : span.last] = False
+    stays[edges[edges[:, 0] == index, 1]] = True
+    stays[np.maximum(edges[edges[:, 2] == index, 3] - 1, 0)] = True
+    stays[:-1] |= chain.task[1:] != chain.task[:-1]
+    # Another robot's handling in between asks where this one stands: see ``trace_objects``.
+    for handling in graph.tpg.handlings:
+        if handling.robot != index:
+            rank = graph.ranks[handling.robot][handling.node]
+            stays[max(int(np.searchsorted(graph.ranks[index], rank)) - 1, 0)] = True
+    return stays
 
 
-def _runs_of(
-    chain: NodeChain, span: Span, number: Indices, pace: Pace, done: int
-) -> Iterator[Run]:
-    """Yield the runs of a span.
-
-    Args:
-        chain: the chain.
-        span: nodes of it that may be replaced.
-        number: of the stretch of each node, see ``stretch_numbers``.
-        pace: of the robot.
-        done: the node after the last run: a way is part of one run at most.
-    """
-    low = int(np.searchsorted(number, number[span.first]))
-    high = int(np.searchsorted(number, number[span.last], side="right"))
-    inner = np.flatnonzero(np.diff(number[span.first : span.last + 1])) + 1
-    begins = [low, *(span.first + inner).tolist(), high]
-    begins = [node for node in begins if node >= done]
-    if len(begins) < 3:
-        return
-    low = begins[0]
-    ends = node_ends(chain, low, high)
-    length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    points = ends[[b - low for b in begins]]
-    ways = zip(begins, points, np.diff(points, axis=0), strict=False)
-    cruise = [pace.full_speed_seconds(*way) for way in ways]
-    still = [k for k, seconds in enumerate(cruise) if seconds < _LEAST]
-    for before, b in pairwise([-1, *still, len(cruise)]):
-        a = before + 1
-        if b - a < 2:
+def _last_nodes(chain: NodeChain, stays: npt.NDArray[np.bool_], step: float) -> Indices:
+    """Return the last of the nodes that become each new one."""
+    out: list[int] = []
+    begin, taken = 0, 0.0
+    for node in range(len(chain)):
+        taken += float(chain.duration[node])
+        more = node + 1 < len(chain) and not stays[node]
+        if (
+            more
+            and taken + chain.duration[node + 1] <= step * (1.0 + 1e-9)
+            and _straight(chain, begin, node + 1)
+        ):
             continue
-        way = [0.0]
-        for k in range(a, b):
-            own = np.cumsum(length[begins[k] - low : begins[k + 1] - low])
-            way += (way[-1] + cruise[k] * own / own[-1]).tolist()
-        nodes = begins[a : b + 1]
-        room = range(max(nodes[0], span.first), min(nodes[-1], span.last + 1))
-        at = np.array(way)[[node - nodes[0] for node in nodes]]
-        yield Run(span.chain, room, nodes, at, points[a : b + 1], np.array(way))
+        out.append(node)
+        begin, taken = node + 1, 0.0
+    return np.array(out, dtype=np.int64)
+
+
+def _straight(chain: NodeChain, begin: int, end: int) -> bool:
+    """Tell whether pose nodes lead straight from the start of one to the end of another."""
+    at = chain.first[begin]
+    points = chain.waypoints[at - 1 : chain.first[end + 1]]
+    share = np.cumsum(chain.duration[begin : end + 1])
+    if at == 0 or len(points) != end - begin + 2 or share[-1] <= 0.0:
+        return False
+    way = points[0] + (share / share[-1])[:, None] * (points[-1] - points[0])
+    return bool(np.max(np.abs(points[1:] - way)) <= _ON_THE_WAY)
+
+
+def _joined(chain: NodeChain, last: Indices) -> NodeChain:
+    """Return a chain in which nodes up to each last one are one node."""
+    first = np.append(0, last[:-1] + 1)
+    kept = np.ones(len(chain.waypoints), dtype=np.bool_)
+    for a, b in zip(first.tolist(), last.tolist(), strict=True):
+        if a < b:
+            kept[chain.first[a] : chain.first[b]] = False
+    passed = np.append(0, np.cumsum(kept))
+    return NodeChain(
+        chain.robot,
+        chain.start,
+        chain.waypoints[kept],
+        chain.fraction[kept],
+        np.append(0, passed[chain.first[last + 1]]),
+        chain.task[first],
+        chain.skill[first],
+        np.add.reduceat(chain.duration, first),
+        chain.planned_start[first],
+    )

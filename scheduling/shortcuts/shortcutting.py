@@ -30,9 +30,9 @@ from scheduling.shortcuts.candidates import (
     candidate_path,
     corners,
     find_spans,
+    join_nodes,
     new_nodes,
 )
-from scheduling.shortcuts.corners import join_nodes
 from scheduling.shortcuts.replacement_check import (
     EARLY,
     IN_PLACE,

@@ -13,9 +13,9 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import stretch_numbers, within_limits
 from scheduling.pace import Pace, paces
-from scheduling.shortcuts.candidates import Run, Span, find_runs
+from scheduling.shortcuts.bends import Run, bent_nodes, find_runs
+from scheduling.shortcuts.candidates import Span
 from scheduling.shortcuts.replacement_check import Swap, rewire
-from scheduling.shortcuts.rounded_nodes import bent_nodes
 from tests.twin.driven_toys import with_limits
 from tests.twin.twin_toys import random_tpg
 

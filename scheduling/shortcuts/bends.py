@@ -1,0 +1,245 @@
+"""Runs of straight ways between whose ends corners may be rounded, and the nodes along bends of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from planning.timing.rounded_path import BlendedPath, ordered_windows
+from planning.timing.stretch import RoundedStretch
+from planning.transforms import Array, Indices
+from scheduling.graph.drive import RoundedCorners
+from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.motion_times import node_ends
+from scheduling.pace import Pace
+from scheduling.shortcuts.candidates import Span
+
+_APART = 1e-3
+"""Zones of corners that are nearer to each other are of one bend [s]."""
+
+_LEAST = 1e-6
+"""Ways that take less at full speed have no direction: robots rest at both ends [s]."""
+
+_BESIDE = 1e-6
+"""Bends begin and end that far beyond the zones of their corners [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Straight ways of a robot, one after another, between whose ends corners may be rounded.
+
+    Attributes:
+        chain: index of the robot's chain.
+        room: nodes that may be replaced.
+        begins: first node of each way, and the node after the last one.
+        at: where ways begin and end at full speed, shape (ways + 1,) [s].
+        points: the ends of all ways, shape (ways + 1, n).
+        way: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
+    """
+
+    chain: int
+    room: range
+    begins: list[int]
+    at: Array
+    points: Array
+    way: Array
+
+    def windows(self, first: int, last: int, most: Array) -> Array:
+        """Return the windows at the corners of some ways, if the robot rests at both ends of them.
+
+        Args:
+            first, last: ends of ways.
+            most: longest windows at the ends of all ways, shape (ways + 1,) [s].
+        """
+        begin = self.begins[0]
+        low = max(self.at[first], self.way[self.room.start - begin])
+        high = min(self.at[last], self.way[self.room.stop - begin])
+        own = slice(first + 1, last)
+        return ordered_windows(self.at[own], most[own], float(low), float(high))
+
+    def path(self, first: int, last: int, windows: Array) -> BlendedPath:
+        """Return the way from an end to another one; it counts from the beginning of the run."""
+        own = slice(first, last + 1)
+        return BlendedPath(self.at[own], self.points[own], windows)
+
+    def bends(
+        self, path: BlendedPath, pace: RoundedStretch
+    ) -> Iterator[tuple[float, float]]:
+        """Yield where bends begin and end: they include all that limits of corners hold for.
+
+        Args:
+            path: from an end of a way to another one.
+            pace: at which it is passed.
+        """
+        begin = self.begins[0]
+        floor = max(float(path.at[0]), float(self.way[self.room.start - begin]))
+        limit = min(float(path.at[-1]), float(self.way[self.room.stop - begin]))
+        order = np.argsort(pace.low)
+        low, high = pace.low[order] - _BESIDE, pace.high[order] + _BESIDE
+        at, until = float(low[0]), float(high[0])
+        for a, b in zip(low.tolist(), high.tolist(), strict=True):
+            if a > until + _APART:
+                yield max(at, floor), min(until, limit)
+                at = a
+            until = max(until, b)
+        yield max(at, floor), min(until, limit)
+
+
+def find_runs(
+    chain: NodeChain,
+    spans: Sequence[Span],
+    number: Indices,
+    pace: Pace,
+) -> Iterator[Run]:
+    """Yield the runs of a chain.
+
+    Args:
+        chain: the chain.
+        spans: of it, in order.
+        number: of the stretch of each node, see ``stretch_numbers``.
+        pace: of the robot.
+    """
+    done = 0
+    for span in spans:
+        for run in _runs_of(chain, span, number, pace, done):
+            yield run
+            done = run.begins[-1]
+
+
+def _runs_of(
+    chain: NodeChain, span: Span, number: Indices, pace: Pace, done: int
+) -> Iterator[Run]:
+    """Yield the runs of a span.
+
+    Args:
+        chain: the chain.
+        span: nodes of it that may be replaced.
+        number: of the stretch of each node, see ``stretch_numbers``.
+        pace: of the robot.
+        done: the node after the last run: a way is part of one run at most.
+    """
+    low = int(np.searchsorted(number, number[span.first]))
+    high = int(np.searchsorted(number, number[span.last], side="right"))
+    inner = np.flatnonzero(np.diff(number[span.first : span.last + 1])) + 1
+    begins = [low, *(span.first + inner).tolist(), high]
+    begins = [node for node in begins if node >= done]
+    if len(begins) < 3:
+        return
+    low = begins[0]
+    ends = node_ends(chain, low, high)
+    length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    points = ends[[b - low for b in begins]]
+    ways = zip(begins, points, np.diff(points, axis=0), strict=False)
+    cruise = [pace.full_speed_seconds(*way) for way in ways]
+    still = [k for k, seconds in enumerate(cruise) if seconds < _LEAST]
+    for before, b in pairwise([-1, *still, len(cruise)]):
+        a = before + 1
+        if b - a < 2:
+            continue
+        way = [0.0]
+        for k in range(a, b):
+            own = np.cumsum(length[begins[k] - low : begins[k + 1] - low])
+            way += (way[-1] + cruise[k] * own / own[-1]).tolist()
+        nodes = begins[a : b + 1]
+        room = range(max(nodes[0], span.first), min(nodes[-1], span.last + 1))
+        at = np.array(way)[[node - nodes[0] for node in nodes]]
+        yield Run(span.chain, room, nodes, at, points[a : b + 1], np.array(way))
+
+
+_SAME = 1e-9
+"""Ways that differ by less are the same [s]."""
+
+_SHORTEST = 1e-5
+"""What is left of a node beside a bend is no shorter [s]."""
+
+
+class BentNodes(NamedTuple):
+    """Nodes along a bend.
+
+    Attributes:
+        first: the first node that they replace.
+        nodes: as many others, as a chain of their own.
+        way: where they begin and end, shape (nodes + 1,) [s].
+    """
+
+    first: int
+    nodes: NodeChain
+    way: Array
+
+
+def bent_nodes(
+    chain: NodeChain,
+    room: range,
+    way: Array,
+    path: BlendedPath,
+    low: float,
+    high: float,
+) -> BentNodes | None:
+    """Return nodes that round some corners by one curve, None where there is no place for them.
+
+    What is left of the nodes in which it begins and ends comes before and after it.
+
+    Args:
+        chain: whose nodes are to be replaced.
+        room: nodes that may be: on the straight ways of ``path``.
+        way: where they begin and end, shape (len(room) + 1,) [s].
+        path: the whole way.
+        low, high: where the bend begins and ends: within no window of a corner [s].
+    """
+    at = path.at[1:-1]
+    corners = (at > low) & (at < high)
+    # The last node that begins before the bend, and the first one that ends after it.
+    first = int(np.searchsorted(way, low + _SAME, side="right")) - 1
+    last = int(np.searchsorted(way, high - _SAME, side="left")) - 1
+    if first < 0 or last >= len(room):
+        return None
+    left = low - float(way[first]), float(way[last + 1]) - high
+    if any(_SAME < gap < _SHORTEST for gap in left):
+        return None
+    before, after = (bool(gap > _SAME) for gap in left)
+    own = last - first + 1 - before - after
+    if own < 1 and before and first > 0:
+        first, own = first - 1, own + 1
+    if own < 1 and after and last + 1 < len(room):
+        last, own = last + 1, own + 1
+    if own < 1:
+        return None
+    count = max(own, path.chords(low, high))
+    points = path.states(low + (high - low) * np.linspace(0.0, 1.0, count + 1))[0]
+    marks = np.linspace(0, count, own + 1).round().astype(np.int64)
+    counts = np.array([*[1] * before, *np.diff(marks), *[1] * after], dtype=np.int64)
+    ends = node_ends(chain, room.start + first, room.start + last + 1)
+    waypoints = points if before else points[1:]
+    if after:
+        waypoints = np.vstack([waypoints, ends[-1:]])
+    else:
+        waypoints[-1] = ends[-1]
+    inner = low + (high - low) * marks / count
+    edges = [*way[first : first + before], *inner, *way[last + 1 : last + 1 + after]]
+    nodes = slice(room.start + first, room.start + last + 1)
+    rank = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    bend = NodeChain(
+        chain.robot,
+        ends[0],
+        waypoints,
+        (rank + 1) / np.repeat(counts, counts),
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        chain.task[nodes],
+        np.zeros(len(counts), dtype=np.bool_),
+        chain.duration[nodes],
+        chain.planned_start[nodes],
+        corners=RoundedCorners(
+            np.array([int(before)]),
+            np.array([int(before) + own]),
+            np.array([high - low]),
+            np.zeros(int(corners.sum()), dtype=np.int64),
+            at[corners] - low,
+            path.window[corners],
+            path.points[1:-1][corners],
+        ),
+    )
+    return BentNodes(nodes.start, bend, np.array(edges))
