@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from planning.cell.workcell import (
 from planning.geometry.scene_checker import SceneChecker
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.robots.registry import robot_model
-from planning.tasks.task import AllowedContact, Handling, Task
+from planning.tasks.task import Handling, Task
 from planning.transforms import Array, Transform, from_rpy, translation
+from tests.scheduling.mini_world import PlanWriter
 
 STEP = 0.05
 """L1 distance of two nodes [rad], at 1 rad/s."""
@@ -51,20 +52,15 @@ def two_arms(objects: tuple[CellObject, ...] = (), gap: float = 0.88) -> Workcel
     )
 
 
-@dataclass
-class Writer:
+class Writer(PlanWriter):
     """Writes a sequential plan: one robot moves while the other one stands."""
 
-    cell: Workcell
-    q: dict[str, Array] = field(default_factory=dict)
-    tasks: list[Task] = field(default_factory=list)
-    motions: list[TaskMotion] = field(default_factory=list)
-    dependencies: list[tuple[int, int]] = field(default_factory=list)
-    allowed: list[AllowedContact] = field(default_factory=list)
-    time: float = 0.0
+    def __init__(self, cell: Workcell) -> None:
+        super().__init__(cell, np.random.default_rng(0))
 
-    def __post_init__(self) -> None:
-        self.q = {robot.name: robot.home for robot in self.cell.robots}
+    @property
+    def q(self) -> dict[str, Array]:
+        return self.configurations
 
     def free(self, robot: str, goal: Array) -> bool:
         """Tell whether the straight line to a goal is free of the other arm and the table."""
@@ -86,38 +82,16 @@ class Writer:
         pace = max(STEP, float(np.abs(goal - start).sum()) / count)
         time = self.time + pace * np.arange(count + 1)
         index = len(self.tasks)
-        self.tasks.append(
-            Task(
-                index,
-                robot,
-                "transit",
-                1,
-                f"move {index}",
-                path[-1:],
-                tuple(
-                    Handling(
-                        h.object,
-                        count if h.waypoint < 0 else h.waypoint,
-                        h.holder,
-                        h.pose,
-                    )
-                    for h in handlings
-                ),
-            )
+        given = tuple(
+            replace(h, waypoint=count if h.waypoint < 0 else h.waypoint)
+            for h in handlings
         )
+        label = f"move {index}"
+        self.tasks.append(Task(index, robot, "transit", 1, label, path[-1:], given))
         self.motions.append(TaskMotion(path, time))
         self.q[robot] = path[-1]
         self.time = float(time[-1])
         return index
-
-    def plan(self) -> MotionPlan:
-        return MotionPlan(
-            self.cell,
-            tuple(self.tasks),
-            tuple(self.motions),
-            np.array(self.dependencies, dtype=np.int64).reshape(-1, 2),
-            tuple(self.allowed),
-        )
 
 
 def random_turns(seed: int, turns: int, gap: float = 0.88) -> MotionPlan:
