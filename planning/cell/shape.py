@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
@@ -374,34 +374,19 @@ class SolidLines:
     def stretches(self, start: Array, direction: Array) -> list[InnerStretch]:
         """Return the stretches of one line inside of the shape, in order."""
         low, high, enters, leaves = self._cut(start[None], direction)
-        first, count = self._planes[2], len(self._planes[1])
-        ends = np.append(first[1:], count)
-        into, out = (
-            _first_equal(values, wanted, first, ends)[0]
-            for values, wanted in ((low, enters), (high, leaves))
-        )
+        normals, offsets, first = self._planes
         enter, leave = enters[0], leaves[0]
-        normals = self._planes[0]
+        ends = np.append(first[1:], len(offsets))
         found: list[InnerStretch] = []
         inside = np.flatnonzero(leave > enter)
         for k in inside[np.argsort(enter[inside], kind="stable")].tolist():
-            if found and enter[k] <= found[-1].end + _JOINED:
-                if leave[k] > found[-1].end:
-                    last = found.pop()
-                    found.append(
-                        InnerStretch(
-                            last.begin,
-                            float(leave[k]),
-                            last.begin_normal,
-                            normals[out[k]],
-                        )
-                    )
-                continue
-            found.append(
-                InnerStretch(
-                    float(enter[k]), float(leave[k]), normals[into[k]], normals[out[k]]
-                )
-            )
+            own = slice(first[k], ends[k])
+            end, end_normal = float(leave[k]), normals[own][high[0, own].argmin()]
+            if not found or enter[k] > found[-1].end + _JOINED:
+                normal = normals[own][low[0, own].argmax()]
+                found.append(InnerStretch(float(enter[k]), end, normal, end_normal))
+            elif end > found[-1].end:
+                found[-1] = replace(found[-1], end=end, end_normal=end_normal)
         return found
 
     def tops(self, starts: Array, direction: Array) -> Array:
@@ -426,14 +411,3 @@ class SolidLines:
         enter = np.maximum.reduceat(low, first, axis=1)
         leave = np.minimum.reduceat(high, first, axis=1)
         return low, high, enter, leave
-
-
-def _first_equal(
-    values: Array, wanted: Array, first: Indices, ends: Sequence[int] | Indices
-) -> Indices:
-    """Return the plane of each piece at which a line enters or leaves it."""
-    out = np.empty(wanted.shape, dtype=np.int64)
-    for k, (begin, end) in enumerate(zip(first.tolist(), list(ends), strict=True)):
-        own = values[:, begin:end] == wanted[:, k, None]
-        out[:, k] = begin + own.argmax(axis=1)
-    return out

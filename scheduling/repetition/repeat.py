@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import count
 
 import numpy as np
 import numpy.typing as npt
@@ -110,16 +109,6 @@ def copied_nodes(tpg: TemporalPlanGraph, pattern: Pattern) -> TemporalPlanGraph:
     return _Copies(tpg, pattern).graph()
 
 
-def copied_tasks(tasks: int, pattern: Pattern) -> list[Indices]:
-    """Return which tasks of the pattern are done in each copy, rising."""
-    everyone = np.arange(tasks, dtype=np.int64)
-    out = [everyone] * pattern.copies
-    for copy in range(pattern.copies):
-        there = pattern.product + copy * pattern.period <= pattern.products
-        out[copy] = everyone[there]
-    return out
-
-
 def _require_return(tpg: TemporalPlanGraph) -> None:
     for chain in tpg.chains:
         if len(chain.waypoints):
@@ -136,8 +125,12 @@ class _Copies:
 
     def __init__(self, tpg: TemporalPlanGraph, pattern: Pattern) -> None:
         self.tpg, self.pattern = tpg, pattern
-        self.kept = copied_tasks(len(tpg.tasks), pattern)
-        self.first = np.cumsum([0, *map(len, self.kept)]).tolist()
+        copies = np.arange(pattern.copies)[:, None]
+        product = pattern.product + copies * pattern.period
+        kept = product <= pattern.products
+        self.products = product[kept]
+        # The new index of each task of the pattern in a copy, -1 where it is left out.
+        self.index = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, -1)
         ends = [c.planned_start + c.duration for c in tpg.chains if len(c)]
         self.length_s = max(float(end.max()) for end in ends)
 
@@ -159,31 +152,20 @@ class _Copies:
             handlings,
             tuple(a for k in self._copies() for a in self._allowed(k)),
             self._dependencies(),
-            products=np.concatenate(
-                [
-                    self.pattern.product[kept] + k * self.pattern.period
-                    for k, kept in enumerate(self.kept)
-                ]
-            ),
+            products=self.products,
         )
 
     def _copies(self) -> range:
         return range(self.pattern.copies)
-
-    def _index(self, copy: int) -> Indices:
-        """Return the new index of each task of the pattern in a copy, -1 where it is left out."""
-        kept = self.kept[copy]
-        out = np.full(len(self.tpg.tasks), -1, dtype=np.int64)
-        out[kept] = self.first[copy] + np.arange(len(kept))
-        return out
 
     def _name(self, name: str, copy: int) -> str:
         return self.pattern.object_of(name, copy)
 
     def _tasks(self, copy: int) -> Iterator[Task]:
         steps = max(task.step for task in self.tpg.tasks)
-        for index, old in zip(count(self.first[copy]), self.kept[copy].tolist()):
-            task = self.tpg.tasks[old]
+        for task, index in zip(self.tpg.tasks, self.index[copy].tolist(), strict=True):
+            if index < 0:
+                continue
             if copy == 0:
                 yield replace(task, index=index)
                 continue
@@ -207,7 +189,7 @@ class _Copies:
     def _chain(self, chain: NodeChain) -> NodeChain:
         """Return a chain again and again, the last time as far as it goes."""
         last = self.pattern.copies - 1
-        left = self._index(last)[chain.task] >= 0
+        left = self.index[last, chain.task] >= 0
         rest = int(np.count_nonzero(left))
         if not np.all(left[:rest]):
             raise PlanInvariantError(
@@ -217,7 +199,7 @@ class _Copies:
         if times == 0:
             return chain.cut(0, 0)
         counts = np.diff(chain.first)
-        tasks = [self._index(k)[chain.task] for k in range(times)]
+        tasks = [self.index[k, chain.task] for k in range(times)]
         starts = [chain.planned_start + k * self.length_s for k in range(times)]
         whole = NodeChain(
             chain.robot,
@@ -241,7 +223,7 @@ class _Copies:
         return out
 
     def _handlings(self, copy: int) -> Iterator[NodeHandling]:
-        index = self._index(copy)
+        index = self.index[copy]
         for h in self.tpg.handlings:
             chain = self.tpg.chains[h.robot]
             if index[chain.task[h.node]] < 0:
@@ -270,7 +252,7 @@ class _Copies:
                     yield replace(item, name=name, later=True)
 
     def _allowed(self, copy: int) -> Iterator[AllowedContact]:
-        index = self._index(copy)
+        index = self.index[copy]
         for contact in self.tpg.allowed:
             tasks = index[sorted(contact.tasks)]
             if np.any(tasks >= 0):
@@ -286,16 +268,10 @@ class _Copies:
         found = []
         for a, b, lag in np.concatenate([within, self.pattern.lags]).tolist():
             for copy in range(self.pattern.copies - lag):
-                pair = self._index_of(a, copy), self._index_of(b, copy + lag)
+                pair = self.index[copy, a], self.index[copy + lag, b]
                 if min(pair) >= 0:
                     found.append(pair)
         return np.array(sorted(set(found)), dtype=np.int64).reshape(-1, 2)
-
-    def _index_of(self, task: int, copy: int) -> int:
-        kept = self.kept[copy]
-        place = int(np.searchsorted(kept, task))
-        there = place < len(kept) and int(kept[place]) == task
-        return self.first[copy] + place if there else -1
 
 
 _MORE = 4
