@@ -155,8 +155,6 @@ def chain_occupancy(
     chain: NodeChain,
     spans: Sequence[ObjectSpan],
     entities: Mapping[str, int],
-    *,
-    leaf: int = LEAF,
 ) -> Occupancy:
     """Return the occupancy of the nodes of one chain.
 
@@ -165,7 +163,6 @@ def chain_occupancy(
         chain: the nodes.
         spans: the objects of this chain, see ``trace_objects``.
         entities: numbers of the entities.
-        leaf: most segments in a leaf of the tree.
     """
     robot = cell.robot(chain.robot)
     bodies = {
@@ -178,7 +175,7 @@ def chain_occupancy(
     found = [(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
     runs = sorted((run for run in found if run[1] < run[2]), key=lambda run: run[1])
     segments = _Segments(q_a, q_b, node, task, task)
-    return _assemble(cell, robot, segments, runs, entities, leaf=leaf)
+    return _assemble(cell, robot, segments, runs, entities)
 
 
 def hold_occupancy(

@@ -11,7 +11,6 @@ Plans and what they are worth: the makespan of their graphs, in order and past H
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,7 +173,6 @@ def improve_plan(
     seconds: float,
     tries: int,
     seed: int,
-    clock: Callable[[], float] = time.monotonic,
     progress: Progress = no_progress,
 ) -> RatedPlan:
     """Return the best plan found; the given one where none is better.
@@ -185,16 +183,15 @@ def improve_plan(
         seconds: how long to search; a plan found so depends on the machine. 0 for no limit.
         tries: most plans rated; 0 for no limit.
         seed: of the draws.
-        clock: that the seconds are read from.
         progress: told how much is done, and of how much.
     """
-    begin = clock()
+    begin = time.monotonic()
     rng = np.random.default_rng([seed, 7])
     best = present = start
     seen = {(start.work.order, start.task_plan)}
     idle = done = 0
     while (not tries or done < tries) and idle < _DRAWS:
-        spent = clock() - begin
+        spent = time.monotonic() - begin
         if seconds and spent >= seconds:
             break
         drawn = draw_neighbour(present.work, present.task_plan, present.critical, rng)
