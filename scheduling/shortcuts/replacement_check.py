@@ -38,7 +38,7 @@ from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     TemporalPlanGraph,
 )
-from scheduling.graph.total_order import with_edges
+from scheduling.graph.total_order import planned_ranks, with_edges
 from scheduling.shortcuts.candidates import Span
 
 Edge = tuple[int, int, int, int]
@@ -112,25 +112,11 @@ def in_order(graph: DerivedTpg, chain: int, run: range, place: str) -> DerivedTp
     planned[first:last] = planned[last] if place == LATE else planned[first]
     chains = list(graph.tpg.chains)
     chains[chain] = replace(nodes, planned_start=planned)
-    ranks, flat = [rank.copy() for rank in graph.ranks], graph.flat
-    lo, hi = int(ranks[chain][first]), int(ranks[chain][last]) + 1
-    between = flat.order[lo:hi]
-    of, node = flat.chain[between], between - flat.first[flat.chain[between]]
-    start, task = np.empty(len(between)), np.empty(len(between), dtype=np.int64)
-    for k, other in enumerate(chains):
-        own = of == k
-        start[own] = other.planned_start[node[own]]
-        task[own] = other.task[node[own]]
-    order = flat.order.copy()
-    order[lo:hi] = between[np.lexsort((node, task, start))]
-    place_of = np.empty(hi - lo, dtype=np.int64)
-    place_of[np.lexsort((node, task, start))] = np.arange(lo, hi)
-    for k in range(len(chains)):
-        ranks[k][node[of == k]] = place_of[of == k]
+    ranks = planned_ranks(chains)
+    flat = graph.flat._replace(order=np.argsort(np.concatenate(ranks)))
     same = ("history", "spans", "order", "rollout")
     moved = replace(graph.tpg, chains=tuple(chains))
-    known = {"ranks": tuple(ranks), "flat": flat._replace(order=order)}
-    return graph.derive(moved, *same, **known)
+    return graph.derive(moved, *same, ranks=ranks, flat=flat)
 
 
 def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
