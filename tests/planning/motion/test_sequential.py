@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +16,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell, start_stat
 from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
+from planning.motion.known_motions import MotionPlan
 from planning.motion.sequential import (
     MotionSettings,
     plan_sequential,
@@ -41,7 +44,7 @@ def cell() -> Workcell:
     return Workcell((left, right), (), (box,))
 
 
-def _settings(cell: Workcell, seed: int = 0, attempts: int = 2) -> MotionSettings:
+def _settings(cell: Workcell, seed: int) -> MotionSettings:
     speed = L1Speed()
     return MotionSettings(
         {
@@ -51,7 +54,7 @@ def _settings(cell: Workcell, seed: int = 0, attempts: int = 2) -> MotionSetting
         {r.name: speed for r in cell.robots},
         0.05,
         {"pick": 4.0},
-        attempts,
+        2,
         seed,
     )
 
@@ -80,10 +83,19 @@ def _fetch(cell: Workcell, first: int, reach: Array = REACH) -> StepTasks:
     return StepTasks(1, tasks, ((first, first + 2),), (contact,))
 
 
-def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:
-    plan = plan_sequential(
-        cell, [lambda first: iter([_fetch(cell, first)])], _no_links, _settings(cell)
+def _plan(cell: Workcell, *reach: Array, seed: int = 0, **changes: Any) -> MotionPlan:
+    """The plan of one step, the first of its ways that can be."""
+    ways = reach or (REACH,)
+    return plan_sequential(
+        cell,
+        [lambda first: (_fetch(cell, first, way) for way in ways)],
+        _no_links,
+        replace(_settings(cell, seed), **changes),
     )
+
+
+def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:
+    plan = _plan(cell)
     assert [task.index for task in plan.tasks] == [0, 1, 2]
     assert plan.dependencies.tolist() == [[0, 2]]
     end = cell.robots[0].home
@@ -98,48 +110,26 @@ def test_paths_join_times_rise_and_the_box_comes_along(cell: Workcell) -> None:
     assert np.max(np.diff(transit.time)) <= 0.05 + 1e-12
     rate = np.abs(np.diff(transit.path, axis=0)).sum(axis=1) / np.diff(transit.time)
     assert np.allclose(rate, 1.0)
-
-
-def test_every_step_of_a_transit_is_free_for_the_checker(cell: Workcell) -> None:
-    plan = plan_sequential(
-        cell, [lambda first: iter([_fetch(cell, first)])], _no_links, _settings(cell)
-    )
     checker = SceneChecker(cell, "left", start_state(cell))
-    path = plan.motions[0].path
-    assert all(checker.motion_free(a, b) for a, b in zip(path, path[1:], strict=False))
+    assert all(checker.motion_free(a, b) for a, b in pairwise(transit.path))
+
+
+BENT = np.array([0.0, 2.2, 3.4, 0.0, 0.0, 0.0])
+"""A goal that puts the forearm into the arm's own base."""
 
 
 def test_another_way_is_tried_when_the_first_one_is_blocked(cell: Workcell) -> None:
-    # A goal that puts the forearm into the arm's own base, then a good one.
-    bent = np.array([0.0, 2.2, 3.4, 0.0, 0.0, 0.0])
-    tried: list[int] = []
-
-    def expand(first: int) -> Iterator[StepTasks]:
-        tried.append(0)
-        yield _fetch(cell, first, bent)
-        tried.append(1)
-        yield _fetch(cell, first)
-
-    plan = plan_sequential(cell, [expand], _no_links, _settings(cell))
-    assert tried == [0, 1]
+    plan = _plan(cell, BENT, REACH)
     assert np.allclose(plan.motions[1].path[1], cell.robots[0].home + REACH)
 
 
 def test_when_all_ways_fail_the_error_names_task_robot_and_step(cell: Workcell) -> None:
-    bent = np.array([0.0, 2.2, 3.4, 0.0, 0.0, 0.0])
-    ways: list[Callable[[int], Iterator[StepTasks]]] = [
-        lambda first: iter([_fetch(cell, first, bent)])
-    ]
     with pytest.raises(TransitError, match=r"step 1, task 0 \(to box\) .*'left'"):
-        plan_sequential(cell, ways, _no_links, _settings(cell))
+        _plan(cell, BENT)
 
 
 def test_the_same_seed_gives_the_same_plan(cell: Workcell) -> None:
-    ways = [lambda first: iter([_fetch(cell, first)])]
-    one, two = (
-        plan_sequential(cell, ways, _no_links, _settings(cell, seed=5))
-        for _ in range(2)
-    )
+    one, two = (_plan(cell, seed=5) for _ in range(2))
     for a, b in zip(one.motions, two.motions, strict=True):
         assert np.array_equal(a.path, b.path)
         assert np.array_equal(a.time, b.time)
@@ -180,9 +170,6 @@ class _NoPlanner:
 
 
 def test_a_transit_without_a_path_says_what_is_in_its_way(cell: Workcell) -> None:
-    settings = replace(
-        _settings(cell), planners=dict.fromkeys(("left", "right"), _NoPlanner())
-    )
-    steps = [lambda first: iter([_fetch(cell, first)])]
+    planners = dict.fromkeys(("left", "right"), _NoPlanner())
     with pytest.raises(TransitError, match="found with 2 seeds; straight on"):
-        plan_sequential(cell, steps, _no_links, settings)
+        _plan(cell, planners=planners)
