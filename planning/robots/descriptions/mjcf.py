@@ -239,10 +239,14 @@ class _Writer:
         return self.settings.pose(given, f"<{element.tag}> {element.get('name', '')!r}")
 
     def _geom(self, link: Element, given: Mapping[str, str], pose: Transform) -> None:
-        touched = any(given.get(key, "1") != "0" for key in ("contype", "conaffinity"))
-        seen = not touched or int(given.get("group", "0")) < _LOOKS
-        kind, name = given.get("type", "sphere"), given.get("name", "")
-        where = f"{self.path}: geom {name!r}"
+        where = f"{self.path}: geom {given.get('name', '')!r}"
+        group, *masks = (
+            number(given.get(key, usual), f"{where}, {key}")
+            for key, usual in (("group", "0"), ("contype", "1"), ("conaffinity", "1"))
+        )
+        touched = any(masks)
+        seen = not touched or group < _LOOKS
+        kind = given.get("type", "sphere")
         if kind == "plane":
             return
         if kind not in ("box", "sphere", "cylinder", "capsule", "mesh"):
