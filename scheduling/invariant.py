@@ -18,14 +18,14 @@ from planning.geometry.exact import TOLERANCE
 from planning.parallel import side_by_side
 from planning.transforms import Indices
 from scheduling.conflicts.conflict_search import first_conflict
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import Node, Rest, while_at_rest
-from scheduling.conflicts.occupancy import Occupancy
-from scheduling.conflicts.stretches import (
+from scheduling.conflicts.derived_tpg import (
+    DerivedTpg,
     holds_stretch,
     rest_stretch,
     standing_stretch,
 )
+from scheduling.conflicts.object_spans import Node, Rest, while_at_rest
+from scheduling.conflicts.occupancy import Occupancy
 
 
 def check_invariant(graph: DerivedTpg, *, searched: bool = False) -> None:

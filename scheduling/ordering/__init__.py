@@ -1,4 +1,4 @@
-"""Task order: which robot goes first where two conflict, and the synchronous baseline.
+"""Task order: which robot goes first where two conflict, better plans, and the synchronous baseline.
 
-Imports graph, conflicts, build_nodes and build_tpg.
+Imports graph, conflicts, shortcuts and build_tpg.
 """

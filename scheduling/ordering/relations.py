@@ -18,9 +18,8 @@ import numpy as np
 
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import Node, handlings_in_order
-from scheduling.conflicts.stretches import (
+from scheduling.conflicts.derived_tpg import (
+    DerivedTpg,
     GraphStretch,
     StretchConflicts,
     Window,
@@ -29,6 +28,7 @@ from scheduling.conflicts.stretches import (
     rest_stretch,
     standing_stretch,
 )
+from scheduling.conflicts.object_spans import Node, handlings_in_order
 from scheduling.graph.task_edges import dependency_edges, task_nodes
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,

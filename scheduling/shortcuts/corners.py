@@ -15,8 +15,7 @@ import numpy as np
 from planning.progress import Progress, no_progress
 from planning.timing.rounded_path import longest_window
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.stretches import nodes_stretch
+from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import (

@@ -21,15 +21,15 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Indices
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.object_spans import while_at_rest
-from scheduling.conflicts.stretches import (
+from scheduling.conflicts.derived_tpg import (
+    DerivedTpg,
     GraphStretch,
     StretchConflicts,
     holds_stretch,
     nodes_stretch,
     rest_stretch,
 )
+from scheduling.conflicts.object_spans import while_at_rest
 from scheduling.graph.drive import joined_corners
 from scheduling.graph.reduction import reduce_again
 from scheduling.graph.temporal_plan_graph import (

@@ -18,8 +18,7 @@ import numpy as np
 from planning.motion.speed import SpeedModel, path_duration
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
-from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.conflicts.stretches import StretchConflicts, nodes_stretch
+from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts, nodes_stretch
 from scheduling.graph.dispatcher import latest_ends
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
     from planning.tasks.assignment import TaskPlan
     from planning.tasks.work import AssemblyWork
-    from scheduling.repetition.repeat import Pattern
+    from scheduling.repeat import Pattern
     from twin.durations import SkillOverride
 
 

@@ -155,7 +155,7 @@ def _improved_motions(
     Returns:
         The motions of the best plan found, None where none is better than the one given.
     """
-    from scheduling.improvement.search import PlanRater, improve_plan
+    from scheduling.ordering.improvement import PlanRater, improve_plan
 
     if first.work is None:
         return None

@@ -12,8 +12,12 @@ from planning.errors import ScenarioError
 from planning.motion.known_motions import MotionPlan
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.work import AssemblyWork
-from scheduling.improvement.neighbours import draw_neighbour
-from scheduling.improvement.search import PlanRater, RatedPlan, improve_plan
+from scheduling.ordering.improvement import (
+    PlanRater,
+    RatedPlan,
+    draw_neighbour,
+    improve_plan,
+)
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.host.progress import StageWatch

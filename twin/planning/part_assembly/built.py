@@ -29,7 +29,7 @@ from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task
 from planning.tasks.work import buffers_of, is_done_to_a_product
 from planning.transforms import Transform, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.repetition.repeat import Pattern, numbered, repeat_graph
+from scheduling.repeat import Pattern, numbered, repeat_graph
 from twin.host.progress import StageWatch
 from twin.planning.part_assembly.line import Line, MachineJob, written_out
 from twin.run.policies import IN_TURNS, SHORTENED

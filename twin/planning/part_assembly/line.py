@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, quat_wxyz, readonly, translation
-from scheduling.repetition.repeat import numbered
+from scheduling.repeat import numbered
 from twin.durations import AnyDuration, SkillOverride
 from twin.scenario.sections.line import (
     ConveyorSection,

@@ -19,7 +19,7 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork
-from scheduling.improvement.neighbours import exchange_steps, move_step
+from scheduling.ordering.improvement import exchange_steps, move_step
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego

@@ -8,8 +8,8 @@ import pytest
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.repetition.repeat import repeat_graph
-from tests.scheduling.repetition.line_world import line_plan
+from scheduling.repeat import repeat_graph
+from tests.scheduling.line_world import line_plan
 from twin.durations import Fixed, SkillOverride, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import completions

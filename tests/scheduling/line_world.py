@@ -17,7 +17,7 @@ from planning.cell.workcell import (
 from planning.motion.known_motions import MotionPlan
 from planning.tasks.task import ARRIVE, GONE, LEAVE, PRESENT, AllowedContact, Handling
 from planning.transforms import Array, rotation, translation
-from scheduling.repetition.repeat import Pattern
+from scheduling.repeat import Pattern
 from tests.scheduling.mini_world import PlanWriter, planar_arm
 
 HOME = np.array([1.2, 2.3])
