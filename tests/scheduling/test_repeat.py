@@ -20,8 +20,8 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.repeat import Pattern, copied_nodes, repeat_graph
-from tests.scheduling.mini_world import random_plan
 from tests.scheduling.line_world import line_plan
+from tests.scheduling.mini_world import random_plan
 
 
 def _leaves(tpg: TemporalPlanGraph) -> list[float]:
