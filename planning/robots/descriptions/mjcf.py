@@ -61,7 +61,7 @@ def urdf_of_mjcf(root: Element, path: Path) -> Element:
     if world is None or world.find("body") is None:
         raise RobotModelError(f"{path} has no <body> in its <worldbody>")
     urdf = Element("robot", name=root.get("model", path.stem))
-    writer = _Writer(urdf, settings, _meshes(root, settings), {}, path)
+    writer = _UrdfWriter(urdf, settings, _meshes(root, settings), {}, path)
     link = SubElement(urdf, "link", name="world")
     writer.fill(link, world, identity(), "main")
     writer.tie(root)
@@ -134,7 +134,7 @@ def _meshes(root: Element, settings: MjcfSettings) -> dict[str, dict[str, str]]:
 
 
 @dataclass(frozen=True)
-class _Writer:
+class _UrdfWriter:
     """Writes what is in bodies to a URDF.
 
     Attributes:
