@@ -13,12 +13,7 @@ import numpy as np
 from planning.cell.robot_model import RobotModel
 from planning.robots.descriptions.fitting import written_options
 from planning.robots.descriptions.urdf_file import tip_link
-from planning.robots.descriptions.xml_files import (
-    joint_link,
-    joint_motion,
-    pose_of,
-    read_xml,
-)
+from planning.robots.descriptions.xml_files import joint_link, pose_in_root, read_xml
 from planning.transforms import Transform
 
 
@@ -136,23 +131,6 @@ def _links(
     flange: str,
 ) -> tuple[LinkRow, ...]:
     above = {joint_link(joint, "child"): joint for joint in root.findall("joint")}
-    known: dict[str, Transform] = {}
-
-    def pose(link: str) -> Transform:
-        way: list[tuple[str, Element]] = []
-        at = link
-        while at not in known and at in above:
-            way.append((at, above[at]))
-            at = joint_link(above[at], "parent")
-        found = known.setdefault(at, np.eye(4))
-        for child, joint in reversed(way):
-            where = f"{path}: joint {joint.get('name')!r}"
-            found = found @ pose_of(joint.find("origin"), where)
-            if (value := values.get(str(joint.get("name")))) is not None:
-                found = found @ joint_motion(joint, value, where)
-            known[child] = found
-        return found
-
     rows = []
     for element in root.findall("link"):
         name = str(element.get("name"))
@@ -164,7 +142,7 @@ def _links(
                 "" if joint is None else str(joint.get("name")),
                 "flange" if name == flange else "tool" if name in tool else "arm",
                 len(element.findall("collision")),
-                pose(name),
+                pose_in_root(name, above, values, str(path)),
             )
         )
     return tuple(rows)

@@ -46,6 +46,7 @@ from planning.robots.descriptions.xml_files import (
     joint_link,
     kept_folder,
     numbers_text,
+    pose_in_root,
     pose_of,
     search_folders,
     without_prefixes,
@@ -382,12 +383,7 @@ def _tcp(body: Element, top: str, tool: Tool) -> Transform:
             f" from link {top!r}: no link of it is named as one"
         )
     joints = {joint_link(joint, "child"): joint for joint in body.findall("joint")}
-    pose = np.eye(4)
-    while tip in joints:
-        origin = joints[tip].find("origin")
-        pose = pose_of(origin, str(tool.description)) @ pose
-        tip = joint_link(joints[tip], "parent")
-    return pose
+    return pose_in_root(tip, joints, {}, str(tool.description))
 
 
 def _rename(body: Element, prefix: str) -> None:

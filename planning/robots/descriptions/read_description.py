@@ -95,27 +95,23 @@ def _with_followers(
     joints: Mapping[str, Element], values: Mapping[str, float], path: Path
 ) -> dict[str, float]:
     """Return the values of the joints that are held and of those that mimic them."""
-    out = dict(values)
-    for name in joints:
-        way: list[tuple[str, float, float]] = []
-        at = name
-        while at not in out:
-            mimic = joints[at].find("mimic") if at in joints else None
-            if mimic is None or joints[at].get("type") == "fixed":
-                break
-            if any(at == seen for seen, _, _ in way):
-                raise RobotModelError(f"{path}: joint {at!r} mimics itself")
-            where = f"{path}: joint {at!r}, <mimic>"
-            factor = number(mimic.get("multiplier", "1"), f"{where} multiplier")
-            offset = number(mimic.get("offset", "0"), f"{where} offset")
-            way.append((at, factor, offset))
-            at = str(mimic.get("joint"))
-        if at in out:
-            value = out[at]
-            for follower, factor, offset in reversed(way):
-                value = factor * value + offset
-                out[follower] = value
-    return out
+
+    def value_of(name: str, followed: tuple[str, ...]) -> float | None:
+        if name in values:
+            return values[name]
+        mimic = joints[name].find("mimic") if name in joints else None
+        if mimic is None or joints[name].get("type") == "fixed":
+            return None
+        if name in followed:
+            raise RobotModelError(f"{path}: joint {name!r} mimics itself")
+        where = f"{path}: joint {name!r}, <mimic>"
+        factor = number(mimic.get("multiplier", "1"), f"{where} multiplier")
+        offset = number(mimic.get("offset", "0"), f"{where} offset")
+        leader = value_of(str(mimic.get("joint")), (*followed, name))
+        return None if leader is None else factor * leader + offset
+
+    found = {name: value_of(name, ()) for name in joints}
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def _range(joint: Element, where: str) -> tuple[float, float]:

@@ -257,6 +257,28 @@ def joint_link(joint: Element, tag: str) -> str:
     return "" if end is None else str(end.get("link"))
 
 
+def pose_in_root(
+    link: str, above: Mapping[str, Element], values: Mapping[str, float], where: str
+) -> Transform:
+    """Return the pose of a link in the frame of the root of its description.
+
+    Args:
+        link: its name.
+        above: the joint that each link hangs on.
+        values: of the joints that are not at zero [rad or m].
+        where: description, for messages.
+    """
+    pose = np.eye(4)
+    while link in above:
+        joint = above[link]
+        name = str(joint.get("name"))
+        if name in values:
+            pose = joint_motion(joint, values[name], f"{where}: joint {name!r}") @ pose
+        pose = pose_of(joint.find("origin"), f"{where}: joint {name!r}") @ pose
+        link = joint_link(joint, "parent")
+    return pose
+
+
 def attribute(element: Element, key: str, path: Path) -> str:
     """Return an attribute that an element must have."""
     value = element.get(key)
