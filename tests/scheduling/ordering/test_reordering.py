@@ -21,11 +21,12 @@ from scheduling.ordering.beam_search import (
     put_in_order,
     reorder_tasks,
 )
-from scheduling.ordering.relations import TaskRelations
+from scheduling.ordering.relations import TaskRelations, connect_in_order
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import check_conflicts_are_ordered
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.two_arms import random_turns
+from tests.shipped_runs import ShippedRuns
 from twin.trial.simulation import audit_standing_states
 
 
@@ -153,3 +154,29 @@ def test_one_robot_is_left_alone() -> None:
     tpg = build_tpg(random_plan(2, 5, rounds=1, step=0.5))
     alone = replace(tpg, chains=tpg.chains[:1])
     assert reorder_tasks(alone) is alone
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lego/cliff",
+        "multi_arm/tray",
+        pytest.param("multi_arm/assembly", marks=pytest.mark.nightly),
+    ],
+)
+def test_edges_are_those_of_a_search_among_all_nodes(
+    name: str, shipped: ShippedRuns
+) -> None:
+    planned = shipped(name).planned
+    tpg = planned.turns or planned.tpg
+    relations = TaskRelations(DerivedTpg(tpg))
+    blocks = find_blocks(tpg.chains, relations)
+    way = TaskOrderSearch(relations, blocks).best_way(8)
+    order = [blocks[b] for b in way.order()]
+    assert order != blocks
+    chains = put_in_order(tpg.chains, relations, order)
+    found = connect_in_order(chains, relations, order)
+    searched = connect_nodes(DerivedTpg(replace(tpg, chains=chains)))
+    assert np.array_equal(found.edges, searched.edges)
+    makespan = float(DerivedTpg(found).rollout.makespan)
+    assert makespan == pytest.approx(max(way.clocks), abs=1e-6)
