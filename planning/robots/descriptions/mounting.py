@@ -22,16 +22,14 @@ from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.robots.descriptions.fitting import (
     Fitting,
     Tool,
+    free_kinds,
+    hold_all,
+    hold_joints,
     weigh,
     write_options,
     written_options,
 )
-from planning.robots.descriptions.read_description import (
-    free_kinds,
-    hold_all,
-    hold_joints,
-    read_description,
-)
+from planning.robots.descriptions.read_description import read_description
 from planning.robots.descriptions.urdf_file import (
     GivenLimits,
     UrdfOptions,

@@ -1,156 +1,330 @@
-"""Reads the description of a robot or a tool, whatever it is written in, as URDF.
+"""Reads the description of a robot or a tool, in URDF or in MJCF, as URDF.
 
-Joints of a description that are held at values: they become fixed, and what mimics them too.
+MJCF is the format of MuJoCo: bodies become links, their joints joints. pinocchio reads MJCF too, but takes ranges of slides for angles, mixes
+classes, and knows neither ``limited: false`` nor the value that a joint has as it is drawn.
 """
 
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+import numpy as np
+
 from planning.errors import RobotModelError
-from planning.files import read_file
-from planning.robots.descriptions.mjcf import urdf_of_mjcf
+from planning.files import is_file, read_file
+from planning.robots.descriptions.mjcf_settings import MjcfSettings, turn_from_z
 from planning.robots.descriptions.xml_files import (
-    TURNING,
     find_mesh,
     joint_motion,
     number,
+    numbers_text,
     pose_of,
     read_xml,
     search_folders,
+    vector,
     write_pose,
 )
-from planning.transforms import translation
+from planning.transforms import Transform, identity, translation
 
-_SLACK = 1e-6
-"""A value may be past a limit by this: rounding of files [rad or m]."""
+_MOST_INCLUDES = 100
+"""Depth of files that include files: a deeper one includes itself."""
+
+_NUMBERS = {"pos", "quat", "axisangle", "euler", "xyaxes", "zaxis", "axis", "size"}
+_NUMBERS |= {"fromto", "range", "scale", "polycoef", "ref"}
+_LARGEST = 1e5
+"""Largest number that a body is believed to have."""
+
+_LOOKS = 3
+"""Geoms of groups from this one on are not drawn where they can be touched."""
+
+_URDF_KINDS = {"slide": "prismatic", "hinge": "revolute"}
 
 
-def hold_joints(root: Element, path: Path, values: Mapping[str, float]) -> None:
-    """Fix joints where they are held, and all that mimic one of them.
+def urdf_of_mjcf(root: Element, path: Path) -> Element:
+    """Return the bodies, joints and geoms of an MJCF file as URDF.
+
+    A joint that an equality ties to another mimics it. Planes are left out: they are floors.
+    Speeds are not known: MJCF has none.
 
     Args:
-        root: of a URDF, changed.
-        path: its file, for messages.
-        values: joint names and values [rad or m]; what mimics one of them may be named too.
+        root: of its XML, changed.
+        path: the file.
 
     Raises:
-        RobotModelError: there is no such joint, it cannot be held, or a value is past its limits.
+        RobotModelError: it cannot be read, or holds what URDF has no words for.
     """
-    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
-    for name, value in values.items():
-        if name not in joints or joints[name].get("type") == "fixed":
-            choices = free_joints(root)
+    _include(root, path, 0)
+    _check_values(root, path)
+    _check_references(root, path)
+    settings = MjcfSettings(root, path)
+    world = root.find("worldbody")
+    if world is None or world.find("body") is None:
+        raise RobotModelError(f"{path} has no <body> in its <worldbody>")
+    urdf = Element("robot", name=root.get("model", path.stem))
+    writer = _UrdfWriter(urdf, settings, _meshes(root, settings), {}, path)
+    link = SubElement(urdf, "link", name="world")
+    writer.fill(link, world, identity(), "main")
+    writer.tie(root)
+    return urdf
+
+
+def _include(root: Element, path: Path, depth: int) -> None:
+    """Put the content of included files where they are named."""
+    for element in list(root.iter()):
+        for at, child in reversed(list(enumerate(element))):
+            if child.tag != "include":
+                continue
+            if depth >= _MOST_INCLUDES:
+                raise RobotModelError(f"{path} includes itself")
+            content = read_xml(path.parent / child.get("file", ""))
+            _include(content, path, depth + 1)
+            element[at : at + 1] = list(content)
+
+
+def _check_values(root: Element, path: Path) -> None:
+    """Require numbers to be numbers of a magnitude that bodies have, and directions to have one."""
+    for element in root.iter():
+        for key in _NUMBERS & element.attrib.keys():
+            name = element.get("name") or element.get("class") or ""
+            where = f"{path}: {key} of <{element.tag}> {name!r}"
+            text = element.get(key, "")
+            values = [number(part, where) for part in text.split()]
+            if not values or any(abs(value) > _LARGEST for value in values):
+                raise RobotModelError(
+                    f"{where} must be numbers of at most {_LARGEST:g}, is {text[:60]!r}"
+                )
+            if key in ("quat", "axis", "zaxis") and not any(values):
+                raise RobotModelError(f"{where} must not be zero")
+
+
+def _check_references(root: Element, path: Path) -> None:
+    """Require classes and meshes that are named to be there."""
+    classes = {item.get("class", "main") for item in root.iter("default")} | {"main"}
+    meshes = {_mesh_name(item) for item in root.findall("asset/mesh")}
+    for key, valid in (("class", classes), ("childclass", classes), ("mesh", meshes)):
+        for element in root.iter():
+            name = element.get(key)
+            if name is None or (element.tag == "default" or name in valid):
+                continue
             raise RobotModelError(
-                f"{path} has no joint {name!r} to hold"
-                + ("" if choices else ": it has none that moves"),
-                choices=choices,
+                f"{path}: {key} {name!r} of a <{element.tag}> is not there",
+                choices=tuple(sorted(valid)),
             )
-        _require_within(joints[name], value, f"{path}: joint {name!r}")
-    for name, value in _with_followers(joints, values, path).items():
-        _fix(joints[name], value, f"{path}: joint {name!r}")
 
 
-def hold_all(root: Element, path: Path, values: Mapping[str, float]) -> None:
-    """Fix all joints: those without a value at zero, or at the limit that is nearest to it."""
-    held = dict(values)
-    for joint in root.findall("joint"):
-        name = str(joint.get("name"))
-        if joint.get("type") == "fixed" or joint.find("mimic") is not None:
-            continue
-        lower, upper = _range(joint, f"{path}: joint {name!r}")
-        held.setdefault(name, min(max(0.0, lower), upper))
-    hold_joints(root, path, held)
-    for name in free_joints(root):
-        raise RobotModelError(
-            f"{path}: joint {name!r} mimics a joint that is not there; name it among the joints that"
-            " are held"
+def _mesh_name(mesh: Element) -> str:
+    return mesh.get("name") or Path(mesh.get("file", "")).stem
+
+
+def _meshes(root: Element, settings: MjcfSettings) -> dict[str, dict[str, str]]:
+    """Return the attributes that URDF has of each mesh, by its name."""
+    found = {}
+    for mesh in root.findall("asset/mesh"):
+        given, name = settings.attributes(mesh, "main"), mesh.get("file", "")
+        file = settings.mesh_folder / name
+        if not name or not is_file(file):
+            raise RobotModelError(
+                f"{settings.path}: mesh {name or mesh.get('name')!r} was not found in"
+                f" {settings.mesh_folder}"
+            )
+        where = f"{settings.path}: scale of mesh {name!r}"
+        scale = numbers_text(vector(given.get("scale", "1 1 1"), where))
+        found[_mesh_name(mesh)] = {"filename": str(file.resolve()), "scale": scale}
+    return found
+
+
+@dataclass(frozen=True)
+class _UrdfWriter:
+    """Writes what is in bodies to a URDF.
+
+    Attributes:
+        urdf: what is written.
+        settings: of the file.
+        meshes: by name, see ``_meshes``.
+        drawn: values of joints as they are drawn, where these are not 0 [rad or m].
+        path: the file, for messages.
+    """
+
+    urdf: Element
+    settings: MjcfSettings
+    meshes: Mapping[str, dict[str, str]]
+    drawn: dict[str, float]
+    path: Path
+
+    def fill(self, link: Element, body: Element, pose: Transform, around: str) -> None:
+        """Write what is in a body, or in a frame of it.
+
+        Args:
+            link: of the body.
+            body: the body or frame.
+            pose: of its frame in the frame of the link.
+            around: class of all in it that name none.
+        """
+        around = body.get("childclass", around)
+        for index, child in enumerate(body):
+            given = self.settings.attributes(child, around)
+            if child.tag == "geom":
+                self._geom(link, given, pose)
+            elif child.tag == "body":
+                name = child.get("name") or f"{link.get('name')}.body{index}"
+                self._body(link, child, name, pose @ self._pose(child, given), around)
+            elif child.tag == "frame":
+                if child.find("joint") is not None:
+                    raise RobotModelError(
+                        f"{self.path}: a <frame> of body {link.get('name')!r} has a joint; put the"
+                        " joint into the body"
+                    )
+                self.fill(link, child, pose @ self._pose(child, given), around)
+
+    def _body(
+        self, parent: Element, body: Element, name: str, pose: Transform, around: str
+    ) -> None:
+        joints = [child for child in body if child.tag in ("joint", "freejoint")]
+        own = body.get("childclass", around)
+        given = [self.settings.attributes(joint, own) for joint in joints]
+        for joint, keys in zip(joints, given, strict=True):
+            if joint.tag == "freejoint":
+                keys["type"] = "free"
+        if parent.get("name") == "world":  # a thing that may be anywhere is put here
+            given = [keys for keys in given if keys.get("type") != "free"]
+        if len(given) > 1:
+            raise RobotModelError(
+                f"{self.path}: body {name!r} has several joints; give each a body of its own"
+            )
+        if given:
+            parent, pose = self._joint(parent, given[0], name, pose)
+        if parent.get("name") != name:
+            parent = self._hang(parent, f"{name}.fixed", name, pose, "fixed")
+        self.fill(parent, body, identity(), around)
+
+    def _joint(
+        self, parent: Element, given: Mapping[str, str], name: str, pose: Transform
+    ) -> tuple[Element, Transform]:
+        """Write the joint of a body; return the link that it moves, and where the body is in that."""
+        joint = self.settings.joint(given, f"{name}Joint_0")
+        pivot = vector(given.get("pos", "0 0 0"), f"{self.path}: joint {joint.name!r}")
+        moved = name if not any(pivot) else f"{name}.moved"
+        placed = pose @ translation(*pivot)
+        kind = _URDF_KINDS.get(joint.kind, "floating")
+        if kind == "revolute" and joint.limits is None:
+            kind = "continuous"
+        link = self._hang(parent, joint.name, moved, placed, kind)
+        element = self.urdf[-1]
+        if kind != "floating":
+            axis = vector(given.get("axis", "0 0 1"), f"{self.path}: {joint.name!r}")
+            unit = np.array(axis) / np.linalg.norm(axis)
+            SubElement(element, "axis", xyz=numbers_text(unit))
+        if kind != "floating" and joint.limits is not None:
+            low, high = joint.limits
+            SubElement(element, "limit", lower=repr(low), upper=repr(high))
+        if joint.drawn:
+            self.drawn[joint.name] = joint.drawn
+            write_pose(
+                element, placed @ joint_motion(element, -joint.drawn, str(self.path))
+            )
+        return link, translation(*(-value for value in pivot))
+
+    def _hang(
+        self, parent: Element, joint: str, name: str, pose: Transform, kind: str
+    ) -> Element:
+        """Write a link on a joint of its own, which comes last."""
+        link = SubElement(self.urdf, "link", name=name)
+        element = SubElement(self.urdf, "joint", name=joint, type=kind)
+        SubElement(element, "parent", link=str(parent.get("name")))
+        SubElement(element, "child", link=name)
+        write_pose(element, pose)
+        return link
+
+    def _pose(self, element: Element, given: Mapping[str, str]) -> Transform:
+        return self.settings.pose(given, f"<{element.tag}> {element.get('name', '')!r}")
+
+    def _geom(self, link: Element, given: Mapping[str, str], pose: Transform) -> None:
+        where = f"{self.path}: geom {given.get('name', '')!r}"
+        group, *masks = (
+            number(given.get(key, usual), f"{where}, {key}")
+            for key, usual in (("group", "0"), ("contype", "1"), ("conaffinity", "1"))
         )
+        touched = any(masks)
+        seen = not touched or group < _LOOKS
+        kind = given.get("type", "sphere")
+        if kind == "plane":
+            return
+        if kind not in ("box", "sphere", "cylinder", "capsule", "mesh"):
+            if touched:
+                raise RobotModelError(
+                    f"{where} is of a kind that cannot be read ({kind}); give it another, or"
+                    " contype and conaffinity 0",
+                    choices=("box", "sphere", "cylinder", "capsule", "mesh"),
+                )
+            return
+        place, keys = self._shape(kind, given, where)
+        for tag, wanted in (("collision", touched), ("visual", seen)):
+            if not wanted:
+                continue
+            element = SubElement(link, tag)
+            write_pose(element, pose @ place)
+            SubElement(SubElement(element, "geometry"), kind, keys)
+            if tag == "visual":
+                rgba = vector(given.get("rgba", "1 1 1 1"), f"{where}, rgba", 4)
+                material = SubElement(element, "material", name="")
+                SubElement(material, "color", rgba=numbers_text(rgba))
 
+    def _shape(
+        self, kind: str, given: Mapping[str, str], where: str
+    ) -> tuple[Transform, dict[str, str]]:
+        """Return the pose of a geom, and the attributes that URDF has of its shape."""
+        if kind == "mesh":
+            if given.get("mesh") not in self.meshes:
+                raise RobotModelError(f"{where} has no mesh")
+            return self.settings.pose(given, where), self.meshes[given["mesh"]]
+        size = [
+            number(part, f"{where}, size") for part in given.get("size", "").split()
+        ]
+        if "fromto" in given and kind != "sphere":
+            ends = np.array(vector(given["fromto"], f"{where}, fromto", 6))
+            way = ends[3:] - ends[:3]
+            pose = translation(*(ends[:3] + 0.5 * way)) @ turn_from_z(way)
+            half = 0.5 * float(np.linalg.norm(way))
+            size = [*size[:1] * (2 if kind == "box" else 1), half]
+        else:
+            pose = self.settings.pose(given, where)
+        count = {"sphere": 1, "box": 3}.get(kind, 2)
+        if len(size) < count:
+            raise RobotModelError(
+                f"{where}: a {kind} needs {count} sizes, has {len(size)}"
+            )
+        if kind == "box":
+            return pose, {"size": numbers_text(2.0 * np.array(size[:3]))}
+        keys = {"radius": repr(size[0])}
+        return pose, keys if kind == "sphere" else keys | {
+            "length": repr(2.0 * size[1])
+        }
 
-def free_joints(root: Element) -> tuple[str, ...]:
-    """Return the names of the joints that are not fixed."""
-    return tuple(
-        str(joint.get("name"))
-        for joint in root.findall("joint")
-        if joint.get("type") != "fixed"
-    )
+    def tie(self, root: Element) -> None:
+        """Write the joints that an equality ties to another one as joints that mimic it.
 
-
-def free_kinds(root: Element) -> frozenset[str]:
-    """Return the joints of kinds that cannot move here, but can be held at zero."""
-    return frozenset(
-        str(joint.get("name"))
-        for joint in root.findall("joint")
-        if joint.get("type") not in (*TURNING, "prismatic", "fixed")
-    )
-
-
-def _with_followers(
-    joints: Mapping[str, Element], values: Mapping[str, float], path: Path
-) -> dict[str, float]:
-    """Return the values of the joints that are held and of those that mimic them."""
-
-    def value_of(name: str, followed: tuple[str, ...]) -> float | None:
-        if name in values:
-            return values[name]
-        mimic = joints[name].find("mimic") if name in joints else None
-        if mimic is None or joints[name].get("type") == "fixed":
-            return None
-        if name in followed:
-            raise RobotModelError(f"{path}: joint {name!r} mimics itself")
-        where = f"{path}: joint {name!r}, <mimic>"
-        factor = number(mimic.get("multiplier", "1"), f"{where} multiplier")
-        offset = number(mimic.get("offset", "0"), f"{where} offset")
-        leader = value_of(str(mimic.get("joint")), (*followed, name))
-        return None if leader is None else factor * leader + offset
-
-    found = {name: value_of(name, ()) for name in joints}
-    return {name: value for name, value in found.items() if value is not None}
-
-
-def _range(joint: Element, where: str) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return -math.inf, math.inf
-    lower = number(limit.get("lower", "0"), f"{where}, lower limit")
-    upper = number(limit.get("upper", "0"), f"{where}, upper limit")
-    if lower > upper:
-        raise RobotModelError(f"{where} has an empty range: {lower:g} to {upper:g}")
-    return lower, upper
-
-
-def _require_within(joint: Element, value: float, where: str) -> None:
-    lower, upper = _range(joint, where)
-    if lower == upper:
-        return  # a range that was never filled in
-    if not lower - _SLACK <= value <= upper + _SLACK:
-        raise RobotModelError(
-            f"{where} cannot be held at {value:g}: its limits are {lower:g} and {upper:g} (rad or m)"
-        )
-
-
-def _fix(joint: Element, value: float, where: str) -> None:
-    kind = joint.get("type")
-    pose = pose_of(joint.find("origin"), where)
-    if kind in (*TURNING, "prismatic"):
-        pose = pose @ joint_motion(joint, value, where)
-    elif value != 0.0:
-        raise RobotModelError(
-            f"{where} is of type {kind!r}: it can be held at 0 only, not at {value:g}"
-        )
-    for child in list(joint):
-        if child.tag not in ("parent", "child", "origin"):
-            joint.remove(child)
-    joint.set("type", "fixed")
-    joint.set("held", repr(float(value)))  # for who reads it; programs pass over it
-    if kind != "fixed" and not (value == 0.0 and joint.find("origin") is None):
-        write_pose(joint, pose)
+        It ties what they have moved since they were drawn.
+        """
+        joints = {str(joint.get("name")): joint for joint in self.urdf.findall("joint")}
+        for tie in root.findall("equality/joint"):
+            first, second = tie.get("joint1", ""), tie.get("joint2", "")
+            if second not in joints or first not in joints:
+                continue
+            factors = [*map(float, tie.get("polycoef", "0 1 0 0 0").split())]
+            if any(factors[2:]):
+                raise RobotModelError(
+                    f"{self.path}: joint {first!r} follows {second!r} along a curve; only straight"
+                    " lines can be followed"
+                )
+            offset, factor = (*factors, 0.0, 0.0)[:2]
+            offset += self.drawn.get(first, 0.0) - factor * self.drawn.get(second, 0.0)
+            keys = {"multiplier": repr(factor), "offset": repr(offset)}
+            SubElement(joints[first], "mimic", {"joint": second} | keys)
 
 
 def read_description(path: Path) -> Element:

@@ -10,9 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from planning.errors import FittingError, RobotModelError
-from planning.robots.descriptions.fitting import Fitting, Tool
-from planning.robots.descriptions.mjcf import urdf_of_mjcf
-from planning.robots.descriptions.read_description import hold_joints
+from planning.robots.descriptions.fitting import Fitting, Tool, hold_joints
+from planning.robots.descriptions.read_description import urdf_of_mjcf
 from planning.robots.descriptions.urdf_file import GivenLimits
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.registry import robot_model
