@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.timing.rounded_path import BlendedPath, ordered_windows
+from planning.timing.rounded_path import BlendedPath, longest_window, ordered_windows
 from planning.timing.stretch import RoundedStretch
 from planning.transforms import Array, Indices
 from scheduling.graph.drive import RoundedCorners
@@ -17,6 +18,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.motion_times import node_ends
 from scheduling.pace import Pace
 from scheduling.shortcuts.candidates import Span
+from scheduling.shortcuts.replacement_check import Swap
 
 _APART = 1e-3
 """Zones of corners that are nearer to each other are of one bend [s]."""
@@ -33,7 +35,8 @@ class Run:
     """Straight ways of a robot, one after another, between whose ends corners may be rounded.
 
     Attributes:
-        chain: index of the robot's chain.
+        pace: of the robot.
+        chain: index of its chain.
         room: nodes that may be replaced.
         begins: first node of each way, and the node after the last one.
         at: where ways begin and end at full speed, shape (ways + 1,) [s].
@@ -41,12 +44,23 @@ class Run:
         way: where nodes begin and end, shape (begins[-1] - begins[0] + 1,) [s].
     """
 
+    pace: Pace
     chain: int
     room: range
     begins: list[int]
     at: Array
     points: Array
     way: Array
+
+    @cached_property
+    def longest(self) -> Array:
+        """The longest windows at the ends of all ways, shape (ways + 1,) [s]."""
+        speed = np.diff(self.points, axis=0) / np.diff(self.at)[:, None]
+        longest = np.zeros(len(self.points))
+        for k in range(1, len(speed)):
+            turn = speed[k] - speed[k - 1]
+            longest[k] = longest_window(self.pace.limits, turn)
+        return longest
 
     def windows(self, first: int, last: int, most: Array) -> Array:
         """Return the windows at the corners of some ways, if the robot rests at both ends of them.
@@ -65,6 +79,24 @@ class Run:
         """Return the way from an end to another one; it counts from the beginning of the run."""
         own = slice(first, last + 1)
         return BlendedPath(self.at[own], self.points[own], windows)
+
+    def rounded(
+        self, first: int, last: int, windows: Array
+    ) -> tuple[BlendedPath, RoundedStretch | None]:
+        """Return the way from an end to another one, and how it is passed, None where it cannot be."""
+        path = self.path(first, last, windows)
+        return path, self.pace.rounded(self.begins[first], path)
+
+    def seconds(self, first: int, last: int, windows: Array) -> float:
+        """Return how long some ways take without a rest, infinite where they cannot be taken so."""
+        if last - first == 1:
+            way = self.points[last] - self.points[first]
+            start = self.points[first]
+            return self.pace.stretch(self.begins[first], start, way)[0].seconds
+        if np.min(windows) <= 0.0:
+            return float(np.inf)
+        _, found = self.rounded(first, last, windows)
+        return float(np.inf) if found is None else found.seconds
 
     def bends(
         self, path: BlendedPath, pace: RoundedStretch
@@ -147,7 +179,7 @@ def _runs_of(
         nodes = begins[a : b + 1]
         room = range(max(nodes[0], span.first), min(nodes[-1], span.last + 1))
         at = np.array(way)[[node - nodes[0] for node in nodes]]
-        yield Run(span.chain, room, nodes, at, points[a : b + 1], np.array(way))
+        yield Run(pace, span.chain, room, nodes, at, points[a : b + 1], np.array(way))
 
 
 _SAME = 1e-9
@@ -161,18 +193,45 @@ class BentNodes(NamedTuple):
     """Nodes along a bend.
 
     Attributes:
-        first: the first node that they replace.
+        swap: the nodes that they replace.
         nodes: as many others, as a chain of their own.
         way: where they begin and end, shape (nodes + 1,) [s].
     """
 
-    first: int
+    swap: Swap
     nodes: NodeChain
     way: Array
 
 
+class NodesLeft:
+    """Nodes of a run that are left while its bends are made, one after another.
+
+    Args:
+        run: the run.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run, self._start, self._way = run, run.room.start, run.way
+
+    def bent(
+        self, chain: NodeChain, path: BlendedPath, low: float, high: float
+    ) -> BentNodes | None:
+        """Return nodes along a bend, see ``bent_nodes``; others are left then."""
+        begin, room = self._run.begins[0], range(self._start, self._run.room.stop)
+        own = self._way[room.start - begin : room.stop - begin + 1]
+        found = bent_nodes(chain, self._run.chain, room, own, path, low, high)
+        if found is not None:
+            at = found.swap.first - begin
+            self._way = self._way.copy()
+            self._way[at : at + len(found.way)] = found.way
+            assert found.nodes.corners is not None
+            self._start = found.swap.first + int(found.nodes.corners.stop[0])
+        return found
+
+
 def bent_nodes(
     chain: NodeChain,
+    index: int,
     room: range,
     way: Array,
     path: BlendedPath,
@@ -185,6 +244,7 @@ def bent_nodes(
 
     Args:
         chain: whose nodes are to be replaced.
+        index: of it.
         room: nodes that may be: on the straight ways of ``path``.
         way: where they begin and end, shape (len(room) + 1,) [s].
         path: the whole way.
@@ -242,4 +302,5 @@ def bent_nodes(
             path.points[1:-1][corners],
         ),
     )
-    return BentNodes(nodes.start, bend, np.array(edges))
+    swap = Swap(index, nodes.start, nodes.stop - 1)
+    return BentNodes(swap, bend, np.array(edges))

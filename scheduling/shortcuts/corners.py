@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 
 from planning.progress import Progress, no_progress
-from planning.timing.rounded_path import longest_window
 from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg, nodes_stretch
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -24,8 +23,8 @@ from scheduling.motion_times import (
     stretch_numbers,
     within_limits,
 )
-from scheduling.pace import Pace, paces
-from scheduling.shortcuts.bends import BentNodes, Run, bent_nodes, find_runs
+from scheduling.pace import paces
+from scheduling.shortcuts.bends import BentNodes, NodesLeft, Run, find_runs
 from scheduling.shortcuts.candidates import find_spans
 from scheduling.shortcuts.replacement_check import (
     GraphPieces,
@@ -100,94 +99,71 @@ class _Rounder:
 
     def __init__(self, tpg: TemporalPlanGraph) -> None:
         self.graph = DerivedTpg(tpg)
-        self._paces = list(paces(tpg))
         self._scenery = Scenery()
         spans = find_spans(self.graph)
         self._pieces = GraphPieces(tpg, spans)
         self.runs: list[Run] = []
-        for k, (chain, own) in enumerate(zip(tpg.chains, self._paces, strict=True)):
+        for k, (chain, pace) in enumerate(zip(tpg.chains, paces(tpg), strict=True)):
             mine = [span for span in spans if span.chain == k]
-            if own is not None and mine:
-                self.runs += find_runs(chain, mine, stretch_numbers(tpg, k), own)
+            if pace is not None and mine:
+                self.runs += find_runs(chain, mine, stretch_numbers(tpg, k), pace)
 
     def round_run(self, run: Run) -> None:
         """Round the corners of a run where it pays; the plan does not end later."""
-        pace = self._paces[run.chain]
-        assert pace is not None
-        before = self.graph
-        speed = np.diff(run.points, axis=0) / np.diff(run.at)[:, None]
-        longest = np.zeros(len(run.points))
-        for k in range(1, len(speed)):
-            longest[k] = longest_window(pace.limits, speed[k] - speed[k - 1])
-        choice = _Choice(pace, run)
-        most = longest.copy()
+        before, choice, most = self.graph, _Choice(run), run.longest.copy()
         for _ in range(_TRIES):
-            most[most < _SHORTEST * longest] = 0.0
+            most[most < _SHORTEST * run.longest] = 0.0
             rests = choice.rests(most)
-            swaps = self._round(run, pace, rests, most)
+            swaps = self._round(run, rests, most)
             if swaps is None:
                 continue
             if not swaps:
                 return
-            quicker = self._time(run, rests, pace)
-            if (
-                quicker
-                and self.graph.rollout.makespan <= before.rollout.makespan + _LATER
-            ):
+            latest = before.rollout.makespan + _LATER
+            if self._time(run, rests) and self.graph.rollout.makespan <= latest:
                 return
             self._undo(before, swaps)
             most *= _SHORTER
 
-    def _round(
-        self, run: Run, pace: Pace, rests: list[int], most: Array
-    ) -> list[Swap] | None:
+    def _round(self, run: Run, rests: list[int], most: Array) -> list[Swap] | None:
         """Round all corners of a run but some; return what was replaced.
 
         Args:
             run: the run.
-            pace: of its robot.
             rests: ends of ways at which the robot rests, from first to last.
             most: longest windows at the ends of ways; where one is in the way it is made shorter.
 
         Returns:
             None where something is in the way of a bend: then nothing is replaced.
         """
-        before, swaps, way = self.graph, list[Swap](), run.way.copy()
-        start = run.room.start
+        before, swaps, left = self.graph, list[Swap](), NodesLeft(run)
         for first, last in pairwise(rests):
             if last - first < 2:
                 continue
             windows = run.windows(first, last, most)
-            path = run.path(first, last, windows)
-            curve = pace.rounded(run.begins[first], path)
+            path, curve = run.rounded(first, last, windows)
             assert curve is not None
             for low, high in run.bends(path, curve):
-                room = range(start, run.room.stop)
-                offset = way[start - run.begins[0] : room.stop - run.begins[0] + 1]
                 chain = self.graph.tpg.chains[run.chain]
-                found = bent_nodes(chain, room, offset, path, low, high)
-                blocked = (low, high) if found is None else self._take(run, found)
+                found = left.bent(chain, path, low, high)
+                blocked = (low, high) if found is None else self._take(found)
                 if found is None or blocked is not None:
                     _shorten(run, most, windows, first, blocked or (low, high))
                     self._undo(before, swaps)
                     return None
-                swaps.append(_swap(run, found))
-                at = found.first - run.begins[0]
-                way[at : at + len(found.way)] = found.way
-                assert found.nodes.corners is not None
-                start = found.first + int(found.nodes.corners.stop[0])
+                swaps.append(found.swap)
         return swaps
 
-    def _take(self, run: Run, found: BentNodes) -> tuple[float, float] | None:
+    def _take(self, found: BentNodes) -> tuple[float, float] | None:
         """Take the nodes of a bend, or return the part of the way that is in somebody's way."""
-        graph, nodes, swap = self.graph, found.nodes, _swap(run, found)
-        amid = self._scenery.amid(graph, run.chain, swap.first, swap.last)
+        graph, nodes, swap = self.graph, found.nodes, found.swap
+        amid = self._scenery.amid(graph, swap.chain, swap.first, swap.last)
         chords = np.vstack([nodes.start[None], nodes.waypoints])
         for k, (a, b) in enumerate(pairwise(chords)):
             if not amid.checker.motion_free(a, b):
                 node = int(np.searchsorted(nodes.first, k, side="right")) - 1
                 return float(found.way[node]), float(found.way[node + 1])
-        stretch = nodes_stretch(graph, run.chain, swap.first, swap.last + 1, nodes)
+        stretch = nodes_stretch(graph, swap.chain, swap.first, swap.last + 1, nodes)
         rivals = Rivals(graph, self._pieces, swap, stretch)
         candidate = rewire(graph, swap, nodes, rivals.edges(graph))
         if not stands_stay_clear(candidate, self._pieces, swap, stretch):
@@ -201,14 +177,14 @@ class _Rounder:
         for swap in swaps:
             self._pieces.splice(swap)
 
-    def _time(self, run: Run, rests: list[int], pace: Pace) -> bool:
+    def _time(self, run: Run, rests: list[int]) -> bool:
         """Give the nodes of a run the times that limits ask for; tell whether it takes less time."""
         graph = self.graph
         chain = graph.tpg.chains[run.chain]
         duration = chain.duration.copy()
         for first, last in pairwise(rests):
             begin, stop = run.begins[first], run.begins[last]
-            drive = stretch_drive(pace, chain, begin, stop)
+            drive = stretch_drive(run.pace, chain, begin, stop)
             duration[begin:stop] = nominal_durations(drive)
         chains = list(graph.tpg.chains)
         chains[run.chain] = replace(chain, duration=duration)
@@ -223,12 +199,11 @@ class _Choice:
     """At which corners of a run a robot rests, such that the run takes the least time.
 
     Args:
-        pace: of the robot.
-        run: its ways.
+        run: the run.
     """
 
-    def __init__(self, pace: Pace, run: Run) -> None:
-        self._pace, self._run = pace, run
+    def __init__(self, run: Run) -> None:
+        self._run = run
         self._known: dict[tuple[int, int, bytes], float] = {}
 
     def rests(self, most: Array) -> list[int]:
@@ -254,31 +229,14 @@ class _Choice:
         return rests[::-1]
 
     def _seconds(self, first: int, last: int, most: Array) -> float:
-        """Return how long some ways take without a rest, infinite where they cannot be taken so."""
+        """Return how long some ways take without a rest, see ``Run.seconds``."""
         run, windows = self._run, np.empty(0)
         if last - first > 1:
             windows = run.windows(first, last, most)
         key = first, last, windows.tobytes()
         if key not in self._known:
-            self._known[key] = _least_seconds(self._pace, run, first, last, windows)
+            self._known[key] = run.seconds(first, last, windows)
         return self._known[key]
-
-
-def _least_seconds(
-    pace: Pace, run: Run, first: int, last: int, windows: Array
-) -> float:
-    node = run.begins[first]
-    if last - first == 1:
-        way = run.points[last] - run.points[first]
-        return pace.stretch(node, run.points[first], way)[0].seconds
-    if np.min(windows) <= 0.0:
-        return float(np.inf)
-    found = pace.rounded(node, run.path(first, last, windows))
-    return float(np.inf) if found is None else found.seconds
-
-
-def _swap(run: Run, found: BentNodes) -> Swap:
-    return Swap(run.chain, found.first, found.first + len(found.nodes) - 1)
 
 
 def _shorten(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,10 +13,10 @@ from hypothesis import strategies as st
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import stretch_numbers, within_limits
-from scheduling.pace import Pace, paces
-from scheduling.shortcuts.bends import Run, bent_nodes, find_runs
+from scheduling.pace import paces
+from scheduling.shortcuts.bends import NodesLeft, Run, find_runs
 from scheduling.shortcuts.candidates import Span
-from scheduling.shortcuts.replacement_check import Swap, rewire
+from scheduling.shortcuts.replacement_check import rewire
 from tests.twin.driven_toys import with_limits
 from tests.twin.twin_toys import random_tpg
 
@@ -42,7 +43,7 @@ def bent_tpg(
         assert pace is not None
         spans = list(_spans(chain, k))
         for run in find_runs(chain, spans, stretch_numbers(tpg, k), pace):
-            graph = _bent(graph, run, pace, rng)
+            graph = _bent(graph, run, rng)
     return within_limits(graph.tpg)
 
 
@@ -65,39 +66,28 @@ def _spans(chain: NodeChain, index: int) -> Iterator[Span]:
             yield Span(index, first, int(nodes[-1]))
 
 
-def _bent(
-    graph: DerivedTpg, run: Run, pace: Pace, rng: np.random.Generator
-) -> DerivedTpg:
+def _bent(graph: DerivedTpg, run: Run, rng: np.random.Generator) -> DerivedTpg:
     """Return a graph with some corners of a run rounded."""
     most = 10.0 ** rng.uniform(-2.5, 0.5, len(run.at))
     rests = np.flatnonzero(rng.random(len(run.at)) < 0.2)
     rests = np.unique([0, *rests, len(run.at) - 1])
-    start, way = run.room.start, run.way.copy()
+    left = NodesLeft(run)
     for first, last in pairwise(rests.tolist()):
         if last - first < 2:
             continue
         windows = run.windows(first, last, most)
         if np.min(windows) <= 1e-4:
             continue
-        path = run.path(first, last, windows)
-        curve = pace.rounded(run.begins[first], path)
+        path, curve = run.rounded(first, last, windows)
         assert curve is not None
-        tried, kept = graph, (start, way.copy())
+        tried, before = graph, copy(left)
         for low, high in run.bends(path, curve):
-            room = range(start, run.room.stop)
-            own = way[start - run.begins[0] : room.stop - run.begins[0] + 1]
-            chain = tried.tpg.chains[run.chain]
-            found = bent_nodes(chain, room, own, path, low, high)
+            found = left.bent(tried.tpg.chains[run.chain], path, low, high)
             if found is None:
                 # Corners that share a stretch are rounded together or not at all.
-                tried, (start, way) = graph, kept
+                tried, left = graph, before
                 break
-            at, count = found.first - run.begins[0], len(found.nodes)
-            way[at : at + count + 1] = found.way
-            swap = Swap(run.chain, found.first, found.first + count - 1)
-            tried = rewire(tried, swap, found.nodes, [])
-            assert found.nodes.corners is not None
-            start = found.first + int(found.nodes.corners.stop[0])
+            tried = rewire(tried, found.swap, found.nodes, [])
         graph = tried
     return graph
 
