@@ -5,11 +5,12 @@ changes hands, the robot is at rest. In between, gentle corners are rounded, wit
 polyline, which is far within what collision checks allow for, and the curve is passed in an S-curve over
 time: its speed rises, stays and falls with bounded jerk. Where a stop at a corner is quicker, it stops.
 
-The motion is a uniform cubic spline over time. The way along the path is an S-curve: pieces of constant jerk whose lengths are whole numbers of time
-steps. Its control points are ways; the points of the curve there are control points of the motion. A
-spline is in the hull of its control points, so it stays by the curve; and its speeds, accelerations
-and jerks are differences of control points over powers of the time step. Hence the least step that
-keeps all limits is found at once, and the best lengths of the pieces by trying.
+The motion is a uniform cubic spline over time. The way along the path is an S-curve: pieces of constant
+jerk whose lengths are whole numbers of time steps. Its control points are ways; the points of the curve
+there are control points of the motion. A spline is in the hull of its control points, so it stays by the
+curve; and its speeds, accelerations and jerks are differences of control points over powers of the time
+step. Hence the least step that keeps all limits is found at once, and the best lengths of the pieces by
+trying.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Anytime search for a better plan, from the one that the integer program chose.
 
-That program adds up distances; it does not see who waits for whom. Here a plan is worth the
-makespan of its own graph, with its own motions, the best order of its tasks that is found, and
-transits smoothed past HOME. A plan next to the present one is drawn, mostly where the makespan hangs on, and becomes the present
-one unless it is clearly worse than the best so far (record-to-record travel, Dueck 1993).
+That program adds up distances; it does not see who waits for whom. Here a plan is worth the makespan of
+its own graph, with its own motions, the best order of its tasks that is found, and transits smoothed
+past HOME. A plan next to the present one is drawn, mostly where the makespan hangs on, and becomes the
+present one unless it is clearly worse than the best so far (record-to-record travel, Dueck 1993).
 
 Plans and what they are worth: the makespan of their graphs, in order and past HOME.
 

@@ -1,8 +1,9 @@
 """Conflicts of replacement nodes with other robots' nodes, and the edges they require.
 
 New nodes are checked against every node of another robot that is not ordered with all of them
-already, against robots that stand meanwhile and objects at rest; ``scenery`` knows what never moves. Of two that conflict, the one that is earlier in the total order goes
-first; a new node has the place of the one that it replaces.
+already, against robots that stand meanwhile and objects at rest; ``scenery`` knows what never
+moves. Of two that conflict, the one that is earlier in the total order goes first; a new node has
+the place of the one that it replaces.
 
 Edges and chains after nodes were replaced (APEX-MR IV-C, extended to N robots).
 

@@ -200,7 +200,7 @@ def _amid(
     attachments = {
         item.name: Attachment(None, item.start)
         for item in tpg.cell.objects
-        if item.name not in handled and item.start is not None
+        if item.name not in handled
     }
     for rest in present:
         attachments[rest.object] = Attachment(None, rest.pose)

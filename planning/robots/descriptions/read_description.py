@@ -1,7 +1,8 @@
 """Reads the description of a robot or a tool, in URDF or in MJCF, as URDF.
 
-MJCF is the format of MuJoCo: bodies become links, their joints joints. pinocchio reads MJCF too, but takes ranges of slides for angles, mixes
-classes, and knows neither ``limited: false`` nor the value that a joint has as it is drawn.
+MJCF is the format of MuJoCo: bodies become links, their joints joints. pinocchio reads MJCF too, but
+takes ranges of slides for angles, mixes classes, and knows neither ``limited: false`` nor the value that
+a joint has as it is drawn.
 """
 
 from __future__ import annotations
