@@ -346,9 +346,21 @@ def _borne(slowing: Slowing, borne: Bearing, factor: float) -> Slowing:
 
 def paces(tpg: TemporalPlanGraph) -> Iterator[Pace | None]:
     """Yield the pace of each chain's robot; None where it keeps to no limits, and for machines."""
-    for chain, loads in zip(tpg.chains, hand_loads(tpg), strict=True):
-        robot = tpg.cell.robot(chain.robot)
+    robots = [tpg.cell.robot(chain.robot) for chain in tpg.chains]
+    # Where nothing but limits of joints bounds motions it does not matter what is in hands.
+    bounded = any(_is_bounded(robot) for robot in tpg.cell.robots)
+    known = hand_loads(tpg) if bounded else [HandLoads(tpg, r, ()) for r in robots]
+    for robot, loads in zip(robots, known, strict=True):
         yield None if robot.limits is None else Pace(robot, robot.limits, loads)
+
+
+def _is_bounded(robot: PlacedRobot) -> bool:
+    """Tell whether anything but limits of joints bounds the motions of a robot."""
+    limits = robot.limits
+    if limits is None:
+        return False
+    caps = limits.tool_speed, limits.loaded_tool_speed
+    return bool(np.isfinite(caps).any()) or why_unchecked(robot) is None
 
 
 def slowed_motions(tpg: TemporalPlanGraph) -> dict[str, dict[str, Any]]:
