@@ -26,7 +26,7 @@ from benchmarks.timing_graphs import load_timing_graph, save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.bulk.max_plus import completions, makespans
+from twin.engine.bulk.max_plus import completions
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageDisplay, StageWatch
@@ -242,8 +242,7 @@ def _everything(bulk: BulkEngine, replications: range) -> None:
 
 
 def _makespans_ns(bulk: BulkEngine, count: int) -> Nanoseconds:
-    times = bulk.sample(seed=0, replications=range(count))
-    return makespans(bulk.graph, times.busy_ns)
+    return bulk.makespans(bulk.sample(seed=0, replications=range(count)))
 
 
 def _seconds(work: Callable[[], object]) -> float:

@@ -32,7 +32,7 @@ from twin.study.plans import (
     possible_policies,
     with_baselines,
 )
-from twin.study.replications.statistics import Experiment, Precision
+from twin.study.replications.statistics import Experiment, Interval, Precision
 from twin.study.replications.workload import check_cluster, open_executor
 from twin.study.report.report import write_report
 from twin.study.study import StudyResult, start_study
@@ -72,7 +72,7 @@ class Study:
     @property
     def summary(self) -> Mapping[str, Any]:
         """All figures, the content of ``summary.json``."""
-        return self.result.summary
+        return self.result.summary.content()
 
     @property
     def cells(self) -> pa.Table:
@@ -80,16 +80,11 @@ class Study:
         import pyarrow as pa
 
         rows = []
-        for cell in self.summary["cells"]:
-            row = {
-                "policy": cell["policy"],
-                **cell["variant"],
-                "n": cell["replications"],
-            }
-            for key in ("makespan_s", "makespan_p50_s", "makespan_p90_s"):
-                found = cell.get(key) or {}
-                row |= {key: found.get("estimate")}
-                row |= {f"{key}_{side}": found.get(side) for side in ("low", "high")}
+        for cell in self.result.summary.cells:
+            row = {"policy": cell.policy, **cell.variant, "n": cell.replications}
+            row |= _bounds("makespan_s", cell.makespan_s)
+            row |= _bounds("makespan_p50_s", cell.makespan_p50_s)
+            row |= _bounds("makespan_p90_s", cell.makespan_p90_s)
             rows.append(row)
         return pa.Table.from_pylist(rows)
 
@@ -99,11 +94,9 @@ class Study:
         import pyarrow as pa
 
         rows = []
-        for row in self.summary["ranking"]:
-            behind = row["behind_s"] or {}
-            found = {"rank": row["rank"], "policy": row["policy"], **row["variant"]}
-            found |= {"mean_s": row["mean_s"], "behind_s": behind.get("estimate")}
-            found |= {f"behind_s_{side}": behind.get(side) for side in ("low", "high")}
+        for row in self.result.summary.ranking:
+            found = {"rank": row.rank, "policy": row.policy, **row.variant}
+            found |= {"mean_s": row.mean_s, **_bounds("behind_s", row.behind_s)}
             rows.append(found)
         return pa.Table.from_pylist(rows)
 
@@ -112,7 +105,10 @@ class Study:
         """A row a layout that cannot be planned: its values, and why not."""
         import pyarrow as pa
 
-        rows = [{**r["layout"], "reason": r["reason"]} for r in self.summary["refused"]]
+        rows = [
+            {**item.layout, "reason": item.reason}
+            for item in self.result.summary.refused
+        ]
         return pa.Table.from_pylist(rows)
 
     @property
@@ -139,9 +135,17 @@ class Study:
         from twin.drawing.markup import card, shown
         from twin.study.report.fixing import differences, makespans_table
 
-        table = makespans_table(self.summary) + differences(self.summary)
+        table = makespans_table(self.result.summary)
+        table += differences(self.result.summary)
         chart = shown(self.folder / "makespan.png")
         return table + chart + card("Report", [("page", str(self.report))])
+
+
+def _bounds(key: str, found: Interval | None) -> dict[str, float | None]:
+    """Return an estimate and the bounds of its interval as entries of a row."""
+    told = {} if found is None else found.content()
+    sides = {f"{key}_{side}": told.get(side) for side in ("low", "high")}
+    return {key: told.get("estimate"), **sides}
 
 
 def study(

@@ -1,4 +1,4 @@
-"""Pieces of pages in HTML: tables, lists, estimates with intervals, pictures, titled cards."""
+"""Pieces of pages in HTML: tables, lists, pictures, titled cards."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ import base64
 import html
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-
-Entry = Mapping[str, Any]
-"""An estimate with its bounds, as ``summary.json`` has it."""
 
 
 def text(words: object) -> str:
@@ -44,7 +40,7 @@ def bullets(title: str, texts: Sequence[str]) -> str:
 
 
 def table(
-    caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = ""
+    caption: str, head: Sequence[str], rows: Iterable[Iterable[str]], kind: str = ""
 ) -> str:
     """Return a table of cells that are HTML already; nothing where there are no rows."""
     body = "".join(
@@ -67,26 +63,6 @@ def pairs(rows: Iterable[tuple[str, str]]) -> str:
     return f'<table class="pairs"><tbody>{body}</tbody></table>'
 
 
-def estimate(entry: Entry | None, *, factor: float = 1.0, unit: str = "") -> str:
-    """Return an estimate with its interval in small letters under it."""
-    if entry is None:
-        return "-"
-    value = f"<span>{_digits(factor * entry['estimate'])}{unit}</span>"
-    if entry["low"] is None or entry["high"] is None:
-        return value
-    low, high = (_digits(factor * entry[side]) for side in ("low", "high"))
-    return f'{value}<br><span class="interval">{low} to {high}</span>'
-
-
-def span(entry: Entry, form: str, factor: float = 1.0) -> str:
-    """Return an estimate with its interval in one line."""
-    words = form.format(factor * entry["estimate"])
-    if entry["low"] is None:
-        return words
-    low, high = (f"{factor * entry[side]:.1f}" for side in ("low", "high"))
-    return f"{words} ({low} to {high})"
-
-
 def picture(figure: Figure, name: str) -> str:
     """Return a picture as an SVG element, the same bytes for the same picture.
 
@@ -99,12 +75,6 @@ def picture(figure: Figure, name: str) -> str:
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     svg = out.getvalue()
     return f"<figure>{svg[svg.index('<svg') :]}</figure>"
-
-
-def _digits(value: float) -> str:
-    """Return a number with as many digits as say something."""
-    digits = 1 if abs(value) >= 9.995 else 2
-    return f"{value:.{digits}f}".replace("-0.00", "0.00")
 
 
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:

@@ -20,7 +20,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations import Nanoseconds
 from twin.engine.driven import DrivenExecution
-from twin.engine.execution_model import ExecutionModel
+from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.narrator import failure_text
 from twin.engine.processes import Execution
 from twin.recorders.observers import Observers, Recorder
@@ -34,6 +34,10 @@ _Times = tuple[Nanoseconds, ...]
 
 class Simulator:
     """Executes one TPG as often as asked.
+
+    Attributes:
+        tpg: what is executed, with what the policy adds to it.
+        contraction: of it, where whole segments give the same times; None where each node counts.
 
     Args:
         tpg: what to execute.
@@ -59,13 +63,13 @@ class Simulator:
             at_full_speed(tpg), model.durations, model.disturbances
         )
         self._dispatcher = Dispatcher(tpg)
-        self._contraction: Contraction | None = None
+        self.contraction: Contraction | None = None
         self._planned: _Times | None = None
         if policy == "open-loop":
             self._planned = tuple(earliest_times(tpg, nominal_ns(tpg)).start)
         elif model.messages.instant and not self.driven:
-            self._contraction = contract(tpg)
-            self._contracted_dispatcher = Dispatcher(self._contraction.tpg)
+            self.contraction = contract(tpg)
+            self._contracted_dispatcher = Dispatcher(self.contraction.tpg)
 
     def run(
         self, *, seed: int, replication: int = 0, recorders: Sequence[Recorder] = ()
@@ -89,8 +93,13 @@ class Simulator:
                 brings about.
         """
         times = self._sampler.sample(seed=seed, replication=replication)
-        contraction = None if recorders else self._contraction
-        execution = self._execution(times, contraction, Observers(recorders))
+        contraction = None if recorders else self.contraction
+        execution = self._execution(
+            times if contraction is None else _segment_times(contraction, times),
+            self._model.messages,
+            contracted=contraction is not None,
+            observers=Observers(recorders),
+        )
         outcome = execution.execute()
         start, end = _arrays(execution.start), _arrays(execution.end)
         if contraction is not None:
@@ -136,15 +145,34 @@ class Simulator:
             raise DeadlockError(execution.deadlock(), run)
         return run
 
+    def execute(self, times: NodeTimes, messages: Messages) -> Execution:
+        """Execute the TPG once, unwatched.
+
+        Args:
+            times: of each segment of the contraction, or of each node where there is none.
+            messages: between robots and dispatcher.
+
+        Returns:
+            The cell when nothing can go on any more.
+        """
+        contracted = self.contraction is not None
+        execution = self._execution(times, messages, contracted=contracted)
+        execution.execute()
+        return execution
+
     def _execution(
-        self, times: NodeTimes, contraction: Contraction | None, observers: Observers
+        self,
+        times: NodeTimes,
+        messages: Messages,
+        *,
+        contracted: bool,
+        observers: Observers | None = None,
     ) -> Execution:
-        """Return the cell at time 0; its nodes are whole segments where they are contracted."""
+        """Return the cell at time 0."""
         tpg, dispatcher = self.tpg, self._dispatcher
-        if contraction is not None:
-            tpg, dispatcher = contraction.tpg, self._contracted_dispatcher
-            times = _segment_times(contraction, times)
-        given = tpg, times, dispatcher.copy(), self._model.messages
+        if contracted and self.contraction is not None:
+            tpg, dispatcher = self.contraction.tpg, self._contracted_dispatcher
+        given = tpg, times, dispatcher.copy(), messages
         if self.driven:
             return DrivenExecution(*given, planned=self._planned, observers=observers)
         return Execution(

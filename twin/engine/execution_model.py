@@ -46,6 +46,15 @@ class Messages(NamedTuple):
         report, release = to_nanoseconds([report_s, release_s]).tolist()
         return cls(queue_depth, report, release)
 
+    def under(self, policy: Policy) -> Messages:
+        """Return what is left of them under a policy where robots have no limits.
+
+        By the planned clock nobody talks to anybody, and one task at a time is one node at a time.
+        """
+        if policy == "open-loop":
+            return Messages()
+        return self._replace(queue_depth=1) if policy == "sequential" else self
+
     def ahead(self, *, driven: bool) -> int:
         """Return how many nodes a robot may have been given that are not reported complete.
 

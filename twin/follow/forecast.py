@@ -23,7 +23,7 @@ from twin.durations import (
     to_nanoseconds,
 )
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
-from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.execution_model import ExecutionModel
 from twin.follow.state import FollowedRun, RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
@@ -91,11 +91,7 @@ class Forecaster:
         """
         self._tpg = tpg
         self._graph = policy_graph(tpg, model.policy)
-        self._messages = model.messages
-        if model.policy == "open-loop":
-            self._messages = Messages()
-        elif model.policy == "sequential":
-            self._messages = model.messages._replace(queue_depth=1)
+        self._messages = model.messages.under(model.policy)
         self._durations = model.durations
         self._disturbances = model.disturbances
         self._least = least_ns(tpg)

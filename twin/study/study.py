@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from planning.errors import RequestError
-from planning.transforms import Array
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
 from twin.audit.worlds.world import Engine, engine_named
@@ -20,6 +18,7 @@ from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
+from twin.engine.execution_model import Messages
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
@@ -43,8 +42,8 @@ from twin.study.folder import (
     write_request,
 )
 from twin.study.gains.gains import CellGains, study_gains, write_gains
-from twin.study.layouts import plan_layouts, rank_layouts
-from twin.study.line import line_content, product_times
+from twin.study.layouts import plan_layouts
+from twin.study.line import product_columns, product_times
 from twin.study.plans import (
     Plans,
     load_plans,
@@ -53,21 +52,20 @@ from twin.study.plans import (
     save_plans,
     workloads,
 )
-from twin.study.replications.block_results import cell_blocks, cell_tally
+from twin.study.replications.block_results import cell_tally
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload
+from twin.study.summary import StudySummary, summarise_study
 from twin.study.tables import (
     cell_table,
     edge_columns,
-    product_columns,
-    summarise_study,
     task_columns,
     write_cells,
     write_replications,
     write_tables,
 )
-from twin.trial.simulation import doubts_about_stalls, skill_durations
+from twin.trial.simulation import skill_durations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "open-loop audit"
@@ -81,7 +79,7 @@ class StudyResult:
     Attributes:
         folder: of its files.
         request: what was asked.
-        summary: the content of ``summary.json``.
+        summary: its figures.
         loads: the work of its cells.
         gains: what is worth fixing, by cell.
         raised_skills: skills of replication 0 that were drawn shorter than joints' speed limits
@@ -90,7 +88,7 @@ class StudyResult:
 
     folder: Path
     request: StudyRequest
-    summary: Mapping[str, Any]
+    summary: StudySummary
     loads: Sequence[Workload]
     gains: Sequence[CellGains]
     raised_skills: int
@@ -169,28 +167,10 @@ def _run(
     tallies = [cell_tally(blocks, cell) for cell in range(len(loads))]
     write_cells(folder / TASKS, experiment, map(task_columns, loads, tallies))
     write_cells(folder / EDGES, experiment, map(edge_columns, loads, tallies))
-    summary = summarise_study(
-        experiment,
-        blocks,
-        scenario=request.scenario.name,
-        deadline_s=request.deadline_s,
-        engines=[load.reasons for load in loads],
-        audits=audits,
-    )
-    _add_lines(request, folder, summary)
-    samples = [makespans_s(blocks, cell) for cell in range(len(loads))]
-    summary["ranking"] = rank_layouts(experiment, samples)
-    summary["refused"] = [
-        {"layout": dict(item.layout), "reason": item.reason} for item in request.refused
-    ]
-    doubts = (
-        doubt
-        for (_, variant), load in zip(experiment.cells, loads, strict=True)
-        for doubt in doubts_about_stalls(varied(request.scenario, variant), load.tpg)
-    )
-    summary["warnings"] = list(dict.fromkeys(doubts))
-    write_json(folder / SUMMARY, summary)
-    counts = [cell["replications"] for cell in summary["cells"]]
+    _write_products(request, folder)
+    summary = summarise_study(request, blocks, loads, audits)
+    write_json(folder / SUMMARY, summary.content())
+    counts = [cell.replications for cell in summary.cells]
     gains = study_gains(experiment, loads, counts, progress)
     write_gains(folder, experiment, gains)
     raised_skills = max(
@@ -200,25 +180,17 @@ def _run(
     return StudyResult(folder, request, summary, loads, gains, raised_skills)
 
 
-def _add_lines(request: StudyRequest, folder: Path, summary: Mapping[str, Any]) -> None:
-    """Write what is found of products, where there are several, and add figures to cells."""
-    experiment = request.experiment
+def _write_products(request: StudyRequest, folder: Path) -> None:
+    """Write what is found of products, where there are several."""
     rows = []
-    for cell, (policy, variant) in enumerate(experiment.cells):
+    for cell, (policy, variant) in enumerate(request.experiment.cells):
         times = product_times(folder / BLOCKS, cell)
-        if times is None:
-            continue
-        due = assembly_kind(varied(request.scenario, variant).assembly).due()
-        entry = summary["cells"][cell]
-        entry["line"] = line_content(times, due, summary["confidence"])
-        rows.append(cell_table(policy, variant, product_columns(times, due[0])))
+        if times is not None:
+            kind = assembly_kind(varied(request.scenario, variant).assembly)
+            columns = product_columns(times, kind.due()[0])
+            rows.append(cell_table(policy, variant, columns))
     if rows:
         write_tables(folder / PRODUCTS, rows)
-
-
-def makespans_s(blocks: Path, cell: int) -> Array:
-    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
-    return np.concatenate([b.rows.makespans_s() for b in cell_blocks(blocks, cell)])
 
 
 def _require_fitting(scenario: Scenario, base: Path) -> None:
@@ -296,7 +268,9 @@ def _check_possible(deadline_s: float | None, loads: Sequence[Workload]) -> None
     if deadline_s is None:
         return
     bounds = [
-        BulkEngine(load.tpg, load.execution).least_makespan_ns()
+        BulkEngine(
+            load.tpg, replace(load.execution, messages=Messages())
+        ).least_makespan_ns()
         for load in loads
         # A controller may be faster than planned: then there is no such bound.
         if load.execution.disturbances.speed == Speed()

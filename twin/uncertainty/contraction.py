@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
@@ -73,14 +74,28 @@ class Contraction:
         return tuple(starts), tuple(ends)
 
 
-def contract(tpg: TemporalPlanGraph) -> Contraction:
+def uncontracted(tpg: TemporalPlanGraph) -> Contraction:
+    """Return a graph with every node as a segment of its own."""
+    return Contraction(tpg, tuple(np.arange(len(own) + 1) for own in tpg.chains))
+
+
+def contract(
+    tpg: TemporalPlanGraph, apart: Sequence[npt.NDArray[np.bool_]] | None = None
+) -> Contraction:
     """Join every node to its predecessor where start and end times provably stay the same.
 
     Nodes of different tasks are never joined, so a segment belongs to one task.
+
+    Args:
+        tpg: the graph.
+        apart: True for nodes that are not joined to their predecessor whatever they wait for, one
+            array a chain.
     """
     chains, firsts, segment_of = [], [], []
     for k, chain in enumerate(tpg.chains):
         opens = np.zeros(len(chain) + 1, dtype=bool)
+        if apart is not None:
+            opens[:-1] = apart[k]
         opens[0] = True
         opens[tpg.edges[tpg.edges[:, 2] == k, 3]] = True
         opens[tpg.edges[tpg.edges[:, 0] == k, 1] + 1] = True

@@ -124,11 +124,16 @@ class SegmentTimes:
             )
         return SegmentTimes(self.busy_ns[:, well], self.fails[well], tuple(kept))
 
-    def stood_ns(self) -> Nanoseconds:
-        """Return for how long robots stand in each segment, shaped as ``busy_ns`` [ns]."""
+    def stood_ns(self, cause: Cause | None = None) -> Nanoseconds:
+        """Return for how long robots stand in each segment, shaped as ``busy_ns`` [ns].
+
+        Args:
+            cause: of the standstills that count; None for all.
+        """
         stood = np.zeros_like(self.busy_ns)
         for group in self.standstills:
-            np.add.at(stood, (group.node, group.column), group.duration_ns)
+            if cause in (None, group.cause):
+                np.add.at(stood, (group.node, group.column), group.duration_ns)
         return stood
 
 

@@ -1,12 +1,17 @@
-"""Small workloads for the tests of studies."""
+"""Small workloads and summaries for the tests of studies."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 from tests.twin.twin_toys import random_tpg
 from twin.durations import Lognormal, Uniform
 from twin.engine.execution_model import ExecutionModel
 from twin.run.events import Policy
+from twin.study.replications.statistics import Interval
 from twin.study.replications.workload import Workload, timing_graph
+from twin.study.summary import CellSummary, StudySummary
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -18,6 +23,33 @@ DURATIONS = SkillDurations(
         "support-top": Uniform(low_s=1.0, high_s=9.0),
     }
 )
+
+
+def toy_summary(cells: Sequence[CellSummary], **known: Any) -> StudySummary:
+    """Return the figures of a study of some cells, with nothing else in them."""
+    none: dict[str, Any] = {"differences": (), "ranking": (), "refused": ()}
+    known = {"confidence": 0.9, "deadline_s": None, **known}
+    return StudySummary(
+        scenario="toy", antithetic=False, cells=cells, warnings=(), **none, **known
+    )
+
+
+def toy_cell_summary(
+    policy: str, variant: dict[str, Any], makespan_s: Interval, **known: Any
+) -> CellSummary:
+    """Return the figures of a cell of a hundred replications."""
+    return CellSummary(
+        policy=policy,
+        variant=variant,
+        replications=100,
+        outcomes={"completed": 100},
+        not_completed=Interval(0.0, 0.0, 0.02, 100),
+        errors=0,
+        makespan_s=makespan_s,
+        engine="bulk",
+        event_engine_because=(),
+        **known,
+    )
 
 
 def toy_workload(

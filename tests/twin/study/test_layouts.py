@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,9 @@ from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
 from scheduling.graph.plan_files import plan_sha256
 from twin.cli import app
-from twin.study.layouts import rank_layouts
 from twin.study.replications.statistics import Experiment, Precision, mean_interval
+from twin.study.report.report import shown_cell
+from twin.study.summary import rank_layouts
 
 X = "cell.robots.right.base.xyz_m.0"
 PICK = "skills.pick.scale"
@@ -73,8 +73,8 @@ def test_each_layout_is_what_a_study_of_it_alone_finds(
 
 
 def test_layouts_are_ranked_by_paired_differences(study: twin.Study) -> None:
-    rows = study.summary["ranking"]
-    assert [(r["policy"], r["variant"][PICK], r["rank"]) for r in rows] == [
+    rows = study.result.summary.ranking
+    assert [(r.policy, r.variant[PICK], r.rank) for r in rows] == [
         (policy, pick, rank)
         for policy in ("sequential", "asynchronous")
         for pick in (1, 3)
@@ -82,18 +82,17 @@ def test_layouts_are_ranked_by_paired_differences(study: twin.Study) -> None:
     ]
     for first, second in zip(rows[::2], rows[1::2], strict=True):
         samples = [
-            makespans(
-                study, policy=r["policy"], x=r["variant"][X], pick=r["variant"][PICK]
-            )
+            makespans(study, policy=r.policy, x=r.variant[X], pick=r.variant[PICK])
             for r in (first, second)
         ]
-        assert first["mean_s"] == pytest.approx(samples[0].mean())
-        assert first["mean_s"] <= second["mean_s"]
-        assert first["behind_s"] is None
+        assert first.mean_s == pytest.approx(samples[0].mean())
+        assert first.mean_s <= second.mean_s
+        assert first.behind_s is None
         expected = mean_interval(samples[1] - samples[0]).content()
-        assert second["behind_s"] == pytest.approx(expected)
+        assert second.behind_s is not None
+        assert second.behind_s.content() == pytest.approx(expected)
     table = study.ranking.to_pylist()
-    assert [row["rank"] for row in table] == [row["rank"] for row in rows]
+    assert [row["rank"] for row in table] == [row.rank for row in rows]
 
 
 def test_a_layout_without_a_plan_is_a_row_with_its_reason(study: twin.Study) -> None:
@@ -109,13 +108,10 @@ def test_a_layout_without_a_plan_is_a_row_with_its_reason(study: twin.Study) -> 
 
 
 def test_the_cell_on_the_first_page_is_the_best_layout(study: twin.Study) -> None:
-    from twin.study.report.report import shown_cell
-
-    summary, policies = study.summary, study.result.request.experiment.policies
-    cell = summary["cells"][shown_cell(summary, policies)]
-    best = summary["ranking"][4]
-    assert best["policy"] == "asynchronous" == cell["policy"]
-    assert best["variant"] == cell["variant"]
+    summary = study.result.summary
+    cell, best = summary.cells[shown_cell(study.result)], summary.ranking[4]
+    assert best.policy == "asynchronous" == cell.policy
+    assert best.variant == cell.variant
 
 
 @pytest.mark.usefixtures("no_report")
@@ -193,22 +189,22 @@ def test_ranks_of_samples() -> None:
         np.full(400, np.nan),
     ]
     samples[1][7] = np.nan
-    rows = rank_layouts(experiment, samples)
+    rows = list(rank_layouts(experiment, samples))
     # What never completes has no rank; the common noise does not blur the differences.
-    assert [row["cell"] for row in rows][-1] == 0
+    assert [row.cell for row in rows][-1] == 0
     assert len(rows) == 3
-    behind = {row["cell"]: row["behind_s"] for row in rows}
-    assert behind[0]["low"] > 0.0
-    assert behind[2] is None or behind[2]["low"] < 0.0 < behind[2]["high"]
-    reference = min(
-        behind, key=lambda cell: [r["rank"] for r in rows if r["cell"] == cell]
-    )
+    behind = {row.cell: row.behind_s for row in rows}
+    assert behind[0] is not None
+    assert behind[0].low > 0.0
+    assert behind[2] is None or behind[2].low < 0.0 < behind[2].high
+    reference = rows[0].cell
     both = np.isfinite(samples[0]) & np.isfinite(samples[reference])
     wide = mean_interval((samples[0] - samples[reference])[both], confidence=0.95)
-    assert behind[0] == pytest.approx(wide.content())
-    assert math.isclose(behind[0]["count"], both.sum())
-    assert json.loads(json.dumps(rows)) == rows
-    assert rank_layouts(Experiment(("sequential",)), samples[:1]) == []
+    assert behind[0].content() == pytest.approx(wide.content())
+    assert behind[0].count == both.sum()
+    content = [row.content() for row in rows]
+    assert json.loads(json.dumps(content)) == content
+    assert not list(rank_layouts(Experiment(("sequential",)), samples[:1]))
 
 
 @pytest.mark.parametrize(

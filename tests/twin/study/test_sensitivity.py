@@ -56,7 +56,7 @@ def test_motions_within_limits_count_as_they_do_in_what_is_worth_fixing() -> Non
     gains = cell_gains(Experiment(("asynchronous",), replications=1), load, 1).gains
     (every,) = (one for one in gains if one.lever.name == "every motion")
     assert motions.less_s < -0.1
-    assert motions.less_s == pytest.approx(-every.shorter.mean.estimate, abs=1e-6)
+    assert motions.less_s == pytest.approx(-every.shorter.mean_s.estimate, abs=1e-6)
     assert motions.more_s == pytest.approx(-motions.less_s, rel=0.2)
 
 

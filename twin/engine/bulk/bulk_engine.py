@@ -1,8 +1,8 @@
 """Bulk engine: many replications of a plan at once, without events.
 
-It gives the same integer nanoseconds as the event engine wherever messages take no time and nothing
-happens at times of the run's clock: completion times are longest paths then, or follow node by node
-from what robots know at the borders (``driven_times``). What the policies make of a plan is in
+It gives the same integer nanoseconds as the event engine wherever nothing happens at times of the
+run's clock: completion times are longest paths then, or follow node by node from what robots know at
+the borders (``driven_times``), if messages take no time. What the policies make of a plan is in
 ``policy_graph``.
 """
 
@@ -23,14 +23,14 @@ from twin.engine.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
     completions,
+    end_times,
     explain,
     makespans,
-    makespans_of_ends,
     policy_graph,
 )
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.uncertainty.contraction import Contraction, contract
-from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.contraction import Contraction, contract, uncontracted
+from twin.uncertainty.disturbances import Disturbances, Speed
 from twin.uncertainty.node_times import NodeTimeSampler, SegmentTimes
 from twin.uncertainty.skill_durations import (
     SkillDraws,
@@ -59,7 +59,8 @@ class BulkEngine:
 
     Args:
         tpg: what to execute.
-        model: how it is executed, and what varies; messages take no time, whatever it says.
+        model: how it is executed, and what varies. Messages take no time, whatever it says, where
+            robots keep to limits of acceleration.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
@@ -68,12 +69,13 @@ class BulkEngine:
     def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
         free = at_full_speed(tpg)
         self._sampler = NodeTimeSampler(free, model.durations, model.disturbances)
-        self.contraction: Contraction = bulk_contraction(tpg)
+        self.contraction: Contraction = bulk_contraction(tpg, model)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
         self._drive = drive_arrays(tpg, self.graph) if is_driven(tpg) else None
         # By the planned clock nobody asks for anything.
-        messages = Messages() if model.policy == "open-loop" else model.messages
-        self._ahead = messages.ahead(driven=True)
+        asking = Messages() if model.policy == "open-loop" else model.messages
+        self._ahead = asking.ahead(driven=True)
+        self.messages = model.messages.under(model.policy)
         self._draws = model.durations.bind(free)
         self._shares = _shares(self._draws, self.contraction)
         self._undisturbed = model.disturbances == Disturbances()
@@ -92,15 +94,22 @@ class BulkEngine:
     def execute(self, times: SegmentTimes) -> Completions:
         """Return when everything happens in replications in which no task fails."""
         if self._drive is None:
-            return completions(self.graph, times.busy_ns)
+            return completions(self.graph, times.busy_ns, self.messages)
         return explain(self.graph, *self._driven(times))
 
-    def makespans(self, times: SegmentTimes) -> Nanoseconds:
-        """Return the makespan of every such replication, shape (replications,) [ns]."""
+    def makespans(
+        self, times: SegmentTimes, messages: Messages | None = None
+    ) -> Nanoseconds:
+        """Return the makespan of every such replication, shape (replications,) [ns].
+
+        Args:
+            times: of the segments.
+            messages: in place of the model's.
+        """
         if self._drive is None:
-            return makespans(self.graph, times.busy_ns)
-        _, end = self._driven(times)
-        return makespans_of_ends(self.graph, end)
+            said = self.messages if messages is None else messages
+            return makespans(self.graph, end_times(self.graph, times.busy_ns, said))
+        return makespans(self.graph, self._driven(times)[1])
 
     def _driven(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
         """Return start and end of every node, shape (nodes, replications) [ns]."""
@@ -129,11 +138,19 @@ class BulkEngine:
         return int(self.makespans(times)[0])
 
 
-def bulk_contraction(tpg: TemporalPlanGraph) -> Contraction:
-    """Return a graph as the bulk engine executes it: joined nodes, where robots pass no borders at speed."""
-    if not is_driven(tpg):
+def bulk_contraction(tpg: TemporalPlanGraph, model: ExecutionModel) -> Contraction:
+    """Return a graph as the bulk engine executes it: nodes joined where that changes no time.
+
+    Where robots pass borders at speed, or messages take time, every node counts. By the planned clock
+    a node that is done before its time is up keeps the next one waiting.
+    """
+    if is_driven(tpg) or not model.messages.under(model.policy).instant:
+        return uncontracted(tpg)
+    if model.policy != "open-loop":
         return contract(tpg)
-    return Contraction(tpg, tuple(np.arange(len(chain) + 1) for chain in tpg.chains))
+    if model.disturbances.speed != Speed():
+        return uncontracted(tpg)
+    return contract(tpg, apart=[chain.skill for chain in tpg.chains])
 
 
 def _shares(draws: SkillDraws, contraction: Contraction) -> _Shares:

@@ -179,36 +179,67 @@ class Completions:
         return np.asarray(self.chain_end_ns.max(axis=0, initial=0), dtype=np.int64)
 
 
-def makespans(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Nanoseconds:
-    """Return the makespan of every replication.
-
-    Args:
-        graph: what must wait for what.
-        busy_ns: stall and duration of each node together, shape (nodes, replications) [ns].
-
-    Returns:
-        Shape (replications,) [ns].
-    """
-    end = _end_times(graph, np.ascontiguousarray(busy_ns, dtype=np.int64))
-    return makespans_of_ends(graph, end)
-
-
-def makespans_of_ends(graph: PrecedenceArrays, end_ns: Nanoseconds) -> Nanoseconds:
+def makespans(graph: PrecedenceArrays, end_ns: Nanoseconds) -> Nanoseconds:
     """Return the makespan of every replication from the ends of all nodes, shape (replications,) [ns]."""
     ends = _last_ends(graph, end_ns)
     return np.asarray(ends.max(axis=0, initial=0), dtype=np.int64)
 
 
-def completions(graph: PrecedenceArrays, busy_ns: Nanoseconds) -> Completions:
-    """Return when everything happens in every replication, and what decided it.
+class Past(NamedTuple):
+    """State of a run in progress, by node; nodes are numbered through, chain by chain.
+
+    Attributes:
+        now_ns: the time; what has not started starts no earlier [ns].
+        start_ns: -1 for a node that has not started, shape (nodes,) [ns].
+        end_ns: -1 for a node that is not complete, shape (nodes,) [ns].
+        not_before_ns: when each robot can go on, shape (chains, replications) [ns].
+    """
+
+    now_ns: int
+    start_ns: Nanoseconds
+    end_ns: Nanoseconds
+    not_before_ns: Nanoseconds
+
+
+AT_ONCE = Messages()
+"""Messages that take no time."""
+
+
+def end_times(
+    graph: PrecedenceArrays,
+    busy_ns: Nanoseconds,
+    messages: Messages = AT_ONCE,
+    past: Past | None = None,
+) -> Nanoseconds:
+    """Return when every node is complete, in every replication.
 
     Args:
-        graph: what must wait for what.
-        busy_ns: stall and duration of each node together, shape (nodes, replications) [ns].
+        graph: what must wait for what; contracted only if messages take no time.
+        busy_ns: stall and duration of each node together, for a node under way what is left
+            of it from now on, shape (nodes, replications) [ns].
+        messages: between robots and dispatcher.
+        past: what has happened already, None for nothing.
+
+    Returns:
+        Shape (nodes, replications) [ns].
     """
     busy = np.ascontiguousarray(busy_ns, dtype=np.int64)
-    end = _end_times(graph, busy)
-    return explain(graph, end - busy, end)
+    if past is None:
+        if messages.instant:
+            return _end_times(graph, busy)
+        never = np.full(len(graph.order), -1, dtype=np.int64)
+        free = np.zeros((len(graph.last), busy.shape[1]), dtype=np.int64)
+        past = Past(0, never, never, free)
+    ahead = messages.ahead(driven=False)
+    return _message_end_times(graph, busy, messages._replace(queue_depth=ahead), past)
+
+
+def completions(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages = AT_ONCE
+) -> Completions:
+    """Return when everything happens in every replication, and what decided it; see ``end_times``."""
+    end = end_times(graph, busy_ns, messages)
+    return explain(graph, end - busy_ns, end)
 
 
 @kernel
@@ -229,6 +260,44 @@ def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
                     end[n, r] = max(end[n, r], end[source, r])
             for r in range(low, high):
                 end[n, r] += busy[n, r]
+    return end
+
+
+@kernel
+def _message_end_times(
+    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
+) -> Nanoseconds:
+    end, released = np.empty_like(busy_ns), np.empty_like(busy_ns)
+    now = np.int64(past.now_ns)
+    for n in graph.order:
+        chain = graph.chain[n]
+        own = n - 1 if n > graph.first[chain] else -1
+        ahead = n - messages.queue_depth
+        known_start, known_end = past.start_ns[n], past.end_ns[n]
+        for r in range(busy_ns.shape[1]):
+            if known_start >= 0:
+                released[n, r] = known_start - messages.release_ns
+                if known_end >= 0:
+                    end[n, r] = known_end
+                else:
+                    end[n, r] = max(now, past.not_before_ns[chain, r])
+                    end[n, r] += busy_ns[n, r]
+                continue
+            t = np.int64(0)
+            if own >= 0:
+                t = released[own, r]
+            if ahead >= graph.first[chain]:
+                t = max(t, end[ahead, r] + messages.report_ns)
+            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+                t = max(t, end[graph.source[e], r] + messages.report_ns)
+            released[n, r] = t
+            t += messages.release_ns
+            if own >= 0:
+                t = max(t, end[own, r])
+            t = max(t, now)
+            t = max(t, graph.not_before[n])
+            t = max(t, past.not_before_ns[chain, r])
+            end[n, r] = t + busy_ns[n, r]
     return end
 
 
@@ -350,78 +419,3 @@ def _last_ends(graph: PrecedenceArrays, end: Nanoseconds) -> Nanoseconds:
     done = graph.last >= 0
     out[done] = end[graph.last[done]]
     return out
-
-
-class Past(NamedTuple):
-    """State of a run in progress, by node; nodes are numbered through, chain by chain.
-
-    Attributes:
-        now_ns: the time; what has not started starts no earlier [ns].
-        start_ns: -1 for a node that has not started, shape (nodes,) [ns].
-        end_ns: -1 for a node that is not complete, shape (nodes,) [ns].
-        not_before_ns: when each robot can go on, shape (chains, replications) [ns].
-    """
-
-    now_ns: int
-    start_ns: Nanoseconds
-    end_ns: Nanoseconds
-    not_before_ns: Nanoseconds
-
-
-def end_times(
-    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
-) -> Nanoseconds:
-    """Return when every node is complete, for several replications.
-
-    Args:
-        graph: what must wait for what, not contracted.
-        busy_ns: stall and duration of each node together, for a node under way what is left
-            of it from now on, shape (nodes, replications) [ns].
-        messages: between robots and dispatcher.
-        past: what has happened already.
-
-    Returns:
-        Shape (nodes, replications) [ns].
-    """
-    ahead = messages.ahead(driven=False)
-    return _message_end_times(
-        graph, busy_ns, messages._replace(queue_depth=ahead), past
-    )
-
-
-@kernel
-def _message_end_times(
-    graph: PrecedenceArrays, busy_ns: Nanoseconds, messages: Messages, past: Past
-) -> Nanoseconds:
-    end, released = np.empty_like(busy_ns), np.empty_like(busy_ns)
-    now = np.int64(past.now_ns)
-    for n in graph.order:
-        chain = graph.chain[n]
-        own = n - 1 if n > graph.first[chain] else -1
-        ahead = n - messages.queue_depth
-        known_start, known_end = past.start_ns[n], past.end_ns[n]
-        for r in range(busy_ns.shape[1]):
-            if known_start >= 0:
-                released[n, r] = known_start - messages.release_ns
-                if known_end >= 0:
-                    end[n, r] = known_end
-                else:
-                    end[n, r] = max(now, past.not_before_ns[chain, r])
-                    end[n, r] += busy_ns[n, r]
-                continue
-            t = np.int64(0)
-            if own >= 0:
-                t = released[own, r]
-            if ahead >= graph.first[chain]:
-                t = max(t, end[ahead, r] + messages.report_ns)
-            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-                t = max(t, end[graph.source[e], r] + messages.report_ns)
-            released[n, r] = t
-            t += messages.release_ns
-            if own >= 0:
-                t = max(t, end[own, r])
-            t = max(t, now)
-            t = max(t, graph.not_before[n])
-            t = max(t, past.not_before_ns[chain, r])
-            end[n, r] = t + busy_ns[n, r]
-    return end

@@ -71,7 +71,7 @@ def candidates(
         model: how the plan is executed.
         most: of each kind.
     """
-    work = np.where(found.critical, replay.draws.work_ns, 0).mean(axis=1)
+    work = np.where(found.critical, replay.work_ns, 0).mean(axis=1)
     levers = _best(_tasks(replay, work), most.tasks)
     levers += _best(_robots(replay, work), most.robots)
     levers += _best(_skills(replay, work), most.skills)
@@ -163,14 +163,13 @@ def _waits(replay: Replay, found: Completions) -> Scored:
 
 def _standstills(replay: Replay, found: Completions, cause: Cause) -> Scored:
     """Yield the standstills of a cause of all robots, then of each."""
-    rows = np.arange(len(found.critical))
-    every = Lever("stall", f"{_STANDS[cause]} of {_EVERYONE}", "", None, rows, (cause,))
-    stood = np.where(found.critical, replay.draws.stood_ns(every), 0).mean(axis=1)
-    yield float(stood.sum()), every
-    for robot, own in _rows_of_robots(replay):
-        name = f"{_STANDS[cause]} of {robot}"
-        lever = Lever("stall", name, robot, None, own, (cause,))
-        yield float(stood[own].sum()), lever
+    stood_ns = replay.times.stood_ns(cause)
+    stood = np.where(found.critical, stood_ns, 0).mean(axis=1)
+    every = ("", np.arange(len(stood)))
+    for robot, rows in (every, *_rows_of_robots(replay)):
+        name = f"{_STANDS[cause]} of {robot or _EVERYONE}"
+        lever = Lever("stall", name, robot, None, rows, (cause,))
+        yield float(stood[rows].sum()), lever
 
 
 def _rows_of_robots(replay: Replay) -> Iterator[tuple[str, Nanoseconds]]:

@@ -11,6 +11,7 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,14 @@ from twin.host.guard import write_json, write_text
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.candidates import FEW, MANY, candidates
 from twin.study.gains.lever import Lever
-from twin.study.gains.replays import Replay, needs_events, replay_cost, replay_of
-from twin.study.replications.statistics import Experiment, Interval, mean_interval
+from twin.study.gains.replays import Replay, needs_events, replay_cost
+from twin.study.replications.statistics import (
+    Experiment,
+    Figures,
+    Interval,
+    Told,
+    mean_interval,
+)
 from twin.study.replications.workload import Workload
 
 _DRAWS = 1000
@@ -127,17 +134,16 @@ _MOST_VALUES = 8_000_000
 """Nodes and edges times replications that are in memory at once."""
 
 
-@dataclass(frozen=True)
-class Saving:
+class Saving(Figures):
     """Fall of the makespan.
 
     Attributes:
-        mean: of its mean [s].
-        p90: of its P90 [s].
+        mean_s: of its mean [s].
+        p90_s: of its P90 [s].
     """
 
-    mean: Interval
-    p90: Interval
+    mean_s: Told
+    p90_s: Told
 
 
 @dataclass(frozen=True)
@@ -215,8 +221,8 @@ def cell_gains(
     engine = "events" if needs_events(load) else "paths"
     if len(numbers) == 0:
         return CellGains(0, engine, ())
-    replay = replay_of(load, numbers)
-    if len(replay.draws.numbers) == 0:
+    replay = Replay(load, numbers)
+    if len(replay.numbers) == 0:
         return CellGains(0, engine, ())
     most = FEW if engine == "events" else MANY
     found = replay.base()
@@ -224,9 +230,9 @@ def cell_gains(
     base = _seconds(found.makespan_ns)
     del found  # as large as all draws, several times
     gains = list(_gains(experiment, load, replay, base, levers))
-    gains.sort(key=lambda gain: -gain.shorter.mean.estimate)
-    helpful = tuple(gain for gain in gains if gain.gone.mean.estimate > 0)
-    return CellGains(len(replay.draws.numbers), engine, helpful)
+    gains.sort(key=lambda gain: -gain.shorter.mean_s.estimate)
+    helpful = tuple(gain for gain in gains if gain.gone.mean_s.estimate > 0)
+    return CellGains(len(replay.numbers), engine, helpful)
 
 
 def _gains(
@@ -238,7 +244,7 @@ def _gains(
 ) -> Iterator[Gain]:
     confidence = experiment.precision.confidence
     # Mirror images stay together only where none of them is left out.
-    numbers = replay.draws.numbers
+    numbers = replay.numbers
     mirrored = (
         experiment.antithetic and len(numbers) == int(numbers[-1]) + 1 and len(base) > 1
     )
@@ -252,7 +258,7 @@ def _gains(
             mean = mean_interval(
                 base - changed, confidence=confidence, antithetic=mirrored
             )
-            savings.append(Saving(mean, p90.fall(changed)))
+            savings.append(Saving(mean_s=mean, p90_s=p90.fall(changed)))
         yield Gain(lever, *savings)
 
 
@@ -279,6 +285,9 @@ def _seconds(nanoseconds: Indices) -> Array:
 
 JSON, CSV = "gains.json", "gains.csv"
 
+_LEVER = ("kind", "many", "name", "robot", "task")
+"""What both files say of a lever."""
+
 
 def write_gains(
     folder: Path, experiment: Experiment, cells: Sequence[CellGains]
@@ -288,40 +297,7 @@ def write_gains(
     Raises:
         OutputError: a file cannot be written.
     """
-    write_json(folder / JSON, _content(experiment, cells))
-    text = io.StringIO()
-    rows = list(_rows(experiment, cells))
-    varied = list(experiment.variants[0])
-    names = ["policy", *varied, "replications", "rank", "kind", "many"]
-    names += ["name", "robot", "task"]
-    for less in ("shorter", "gone"):
-        for statistic in ("mean", "p90"):
-            name = f"{less}_{statistic}_s"
-            names += [name, f"{name}_low", f"{name}_high"]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)
-    write_text(folder / CSV, text.getvalue())
-
-
-def _rows(
-    experiment: Experiment, cells: Sequence[CellGains]
-) -> Iterator[list[str | int | float | None]]:
-    for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
-        for rank, gain in enumerate(cell.gains, start=1):
-            lever = gain.lever
-            row: list[str | int | float | None] = [policy, *map(str, variant.values())]
-            row += [cell.replications, rank, lever.kind, str(lever.many).lower()]
-            row += [lever.name, lever.robot, lever.task]
-            for saving in (gain.shorter, gain.gone):
-                for interval in (saving.mean, saving.p90):
-                    content = interval.content()
-                    row += [content[key] for key in ("estimate", "low", "high")]
-            yield row
-
-
-def _content(experiment: Experiment, cells: Sequence[CellGains]) -> dict[str, Any]:
-    return {
+    content = {
         "confidence": experiment.precision.confidence,
         "shorter": SHORTER,
         "cells": [
@@ -330,25 +306,31 @@ def _content(experiment: Experiment, cells: Sequence[CellGains]) -> dict[str, An
                 "variant": dict(variant),
                 "replications": cell.replications,
                 "engine": cell.engine,
-                "gains": [_gain(gain) for gain in cell.gains],
+                "gains": [_content(gain) for gain in cell.gains],
             }
             for (policy, variant), cell in zip(experiment.cells, cells, strict=True)
         ],
     }
+    write_json(folder / JSON, content)
+    names = ["policy", *experiment.variants[0], "replications", "rank", *_LEVER]
+    for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
+        names += [f"{less}_{statistic}{bound}" for bound in ("", "_low", "_high")]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for (policy, variant), cell in zip(experiment.cells, cells, strict=True):
+        own = [policy, *map(str, variant.values()), cell.replications]
+        for rank, gain in enumerate(cell.gains, start=1):
+            told = _content(gain)
+            row = [*own, rank, *(told[key] for key in _LEVER)]
+            row[len(own) + 2] = str(gain.lever.many).lower()
+            for less, statistic in product(("shorter", "gone"), ("mean_s", "p90_s")):
+                interval = told[less][statistic]
+                row += [interval[key] for key in ("estimate", "low", "high")]
+            writer.writerow(row)
+    write_text(folder / CSV, text.getvalue())
 
 
-def _gain(gain: Gain) -> dict[str, Any]:
-    lever = gain.lever
-    return {
-        "kind": lever.kind,
-        "many": lever.many,
-        "name": lever.name,
-        "robot": lever.robot,
-        "task": lever.task,
-        "shorter": _saving(gain.shorter),
-        "gone": _saving(gain.gone),
-    }
-
-
-def _saving(saving: Saving) -> dict[str, Any]:
-    return {"mean_s": saving.mean.content(), "p90_s": saving.p90.content()}
+def _content(gain: Gain) -> dict[str, Any]:
+    lever = {key: getattr(gain.lever, key) for key in _LEVER}
+    return {**lever, "shorter": gain.shorter.content(), "gone": gain.gone.content()}

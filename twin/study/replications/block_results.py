@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz
 from planning.transforms import Indices
+from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -27,6 +28,7 @@ from scheduling.graph.temporal_plan_graph import (
 from twin.durations import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
 from twin.host.guard import replacing
+from twin.run.throughput import product_nodes
 from twin.study.replications.statistics import Block
 
 COMPLETED, ERROR = "completed", "error"
@@ -83,23 +85,21 @@ class ReplicationRows:
         self,
         which: npt.NDArray[np.bool_],
         found: Completions,
-        chains: Sequence[int] | slice = slice(None),
-        machines: Sequence[int] = (),
+        tpg: TemporalPlanGraph,
     ) -> None:
         """Enter what came of replications that completed.
 
         Args:
             which: those rows, shape (r,).
             found: their times.
-            chains: of the robots.
-            machines: chains of the machines that work at parts.
+            tpg: what was executed.
         """
+        robots, machines = worker_chains(tpg)
         self.outcome[which] = COMPLETED
         self.makespan_ns[which] = found.makespan_ns
-        waited = found.waited_ns[chains]
         busy = found.chain_end_ns - found.waited_ns.sum(axis=1)
-        self.busy_ns[:, which] = np.vstack([busy[chains], busy[list(machines)]])
-        self.waited_ns[:, which] = waited.sum(axis=0)
+        self.busy_ns[:, which] = busy[[*robots, *machines]]
+        self.waited_ns[:, which] = found.waited_ns[robots].sum(axis=0)
 
     def makespans_s(self) -> npt.NDArray[np.float64]:
         """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
@@ -212,21 +212,53 @@ class BlockResult:
     products: ProductTimes | None = None
 
 
-def empty_rows(
-    replications: Indices, robots: tuple[str, ...], *, engine: str
-) -> ReplicationRows:
-    """Return rows to be filled."""
-    count = len(replications)
+def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
+    """Return the chains of the robots, and those of the machines that work at parts."""
+    machines = machine_chains(tpg)
+    robots = [k for k in range(len(tpg.chains)) if k not in machines]
+    return robots, working_machines(tpg)
+
+
+def empty_rows(block: Block, tpg: TemporalPlanGraph, *, engine: str) -> ReplicationRows:
+    """Return rows to be filled, of those robots that have work."""
+    count = block.count
+    robots, machines = worker_chains(tpg)
+    names = tuple(tpg.chains[k].robot for k in (*robots, *machines))
     return ReplicationRows(
-        replication=replications,
+        replication=np.asarray(block.replications, dtype=np.int64),
         outcome=np.full(count, "", dtype=object),
         makespan_ns=np.full(count, -1, dtype=np.int64),
-        busy_ns=np.full((len(robots), count), -1, dtype=np.int64),
+        busy_ns=np.full((len(names), count), -1, dtype=np.int64),
         waited_ns=np.full((3, count), -1, dtype=np.int64),
         engine=engine,
         error=np.full(count, "", dtype=object),
-        robots=robots,
+        robots=names,
     )
+
+
+def block_result(
+    block: Block,
+    rows: ReplicationRows,
+    well: npt.NDArray[np.bool_],
+    found: Completions,
+    tpg: TemporalPlanGraph,
+) -> BlockResult:
+    """Return the result of a block, with the rows of what completed filled.
+
+    Args:
+        block: which.
+        rows: of all its replications.
+        well: those that completed, shape (r,).
+        found: their times.
+        tpg: what was executed, contracted or not.
+    """
+    rows.fill(well, found, tpg)
+    tally = task_groups(tpg).tally(rows.replication[well], found)
+    nodes = product_nodes(tpg)
+    if nodes is None:
+        return BlockResult(block, rows, tally)
+    products = ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
+    return BlockResult(block, rows, tally, products)
 
 
 def task_groups(tpg: TemporalPlanGraph) -> TaskGroups:

@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import ceil
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, PlainSerializer
 from scipy import stats
 
 from planning.errors import RequestError, TwinError
@@ -60,6 +61,20 @@ class Interval:
             "high": finite(self.high),
             "count": self.count,
         }
+
+
+Told = Annotated[Interval, PlainSerializer(Interval.content)]
+"""An estimate with its interval; a bound that is infinite is None in the file."""
+
+
+class Figures(BaseModel):
+    """Some figures of the file; those that were never set are not in it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def content(self) -> dict[str, Any]:
+        """Return them for JSON."""
+        return self.model_dump(exclude_unset=True)
 
 
 def mean_interval(

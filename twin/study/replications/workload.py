@@ -27,14 +27,12 @@ from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.parallel import usable_cores
-from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.cluster.certificates import Cluster
 from twin.cluster.client import ANSWER_WITHIN_S, cluster_executor
 from twin.durations import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import (
-    Completions,
     PrecedenceArrays,
     explain,
     policy_graph,
@@ -42,15 +40,13 @@ from twin.engine.bulk.max_plus import (
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.events import DeadlockError, ExecutionRecord
-from twin.run.throughput import ProductNodes, product_nodes
 from twin.study.replications.block_results import (
+    COMPLETED,
     ERROR,
     BlockResult,
-    ProductTimes,
     ReplicationRows,
-    TaskGroups,
+    block_result,
     empty_rows,
-    task_groups,
 )
 from twin.study.replications.statistics import Block
 from twin.uncertainty.skill_durations import least_seconds
@@ -109,80 +105,45 @@ class Engines:
     def compute(self, block: Block) -> BlockResult:
         """Execute a block, side by side where that is possible."""
         if self.workload.reasons:
-            return self.by_events(block)
+            return self._by_events(block)
         try:
-            return self.in_bulk(block)
+            return self._in_bulk(block)
         except Exception:
             # One of many replications: find out which, and lose no other.
-            return self.by_events(block)
+            return self._by_events(block)
 
-    def in_bulk(self, block: Block) -> BlockResult:
+    def _in_bulk(self, block: Block) -> BlockResult:
         """Execute a block side by side; replications in which a task fails go by events."""
-        load = self.workload
-        bulk = self.bulk
-        robots = worker_names(load.tpg)
-        numbers = np.asarray(block.replications, dtype=np.int64)
-        times = bulk.sample(seed=load.seed, replications=numbers)
-        well = ~times.fails
+        load, bulk = self.workload, self._bulk
+        rows = empty_rows(block, load.tpg, engine="bulk")
+        times = bulk.sample(seed=load.seed, replications=rows.replication)
         found = bulk.execute(times.completing())
-        rows = empty_rows(numbers, robots, engine="bulk")
-        rows.fill(well, found, *self._workers)
-        for place in np.flatnonzero(~well).tolist():
+        for place in np.flatnonzero(times.fails).tolist():
             self._by_event(rows, place)
-        tally = self._segment_groups.tally(numbers[well], found)
-        products = _product_times(self._segment_products, found)
-        return BlockResult(block, rows, tally, products)
+        tpg = bulk.contraction.tpg
+        return block_result(block, rows, ~times.fails, found, tpg)
 
-    def by_events(self, block: Block) -> BlockResult:
+    def _by_events(self, block: Block) -> BlockResult:
         """Execute a block with the event engine, one replication after the other."""
-        load = self.workload
-        graph = self._node_graph
-        robots = worker_names(load.tpg)
-        numbers = np.asarray(block.replications, dtype=np.int64)
-        rows = empty_rows(numbers, robots, engine="events")
-        runs = [self._by_event(rows, place) for place in range(len(numbers))]
-        done = [r for r in runs if r is not None and r.outcome == "completed"]
-        well = np.array(
-            [r is not None and r.outcome == "completed" for r in runs], dtype=np.bool_
+        tpg = self.workload.tpg
+        rows = empty_rows(block, tpg, engine="events")
+        runs = [self._by_event(rows, place) for place in range(block.count)]
+        done = [run for run in runs if run is not None and run.outcome == "completed"]
+        well = rows.outcome == COMPLETED
+        found = explain(
+            self._node_graph,
+            _columns([run.start_ns for run in done], len(self._node_graph.order)),
+            _columns([run.end_ns for run in done], len(self._node_graph.order)),
         )
-        start = _columns([run.start_ns for run in done], len(graph.order))
-        end = _columns([run.end_ns for run in done], len(graph.order))
-        found = explain(graph, start, end)
-        rows.fill(well, found, *self._workers)
-        tally = self._node_groups.tally(numbers[well], found)
-        products = _product_times(self._node_products, found)
-        return BlockResult(block, rows, tally, products)
+        return block_result(block, rows, well, found, tpg)
 
     @cached_property
-    def bulk(self) -> BulkEngine:
-        """The engine that computes many replications side by side."""
+    def _bulk(self) -> BulkEngine:
         return BulkEngine(self.workload.tpg, self.workload.execution)
 
     @cached_property
-    def simulator(self) -> Simulator:
-        """The event engine."""
+    def _simulator(self) -> Simulator:
         return Simulator(self.workload.tpg, self.workload.execution)
-
-    @cached_property
-    def _workers(self) -> tuple[Sequence[int], Sequence[int]]:
-        """Chains of the robots, and of the machines that work at parts."""
-        return robot_chains(self.workload.tpg), working_machines(self.workload.tpg)
-
-    @cached_property
-    def _segment_groups(self) -> TaskGroups:
-        return task_groups(self.bulk.contraction.tpg)
-
-    @cached_property
-    def _node_groups(self) -> TaskGroups:
-        return task_groups(self.workload.tpg)
-
-    @cached_property
-    def _segment_products(self) -> ProductNodes | None:
-        return product_nodes(self.bulk.contraction.tpg)
-
-    @cached_property
-    def _node_products(self) -> ProductNodes | None:
-        return product_nodes(self.workload.tpg)
 
     @cached_property
     def _node_graph(self) -> PrecedenceArrays:
@@ -190,10 +151,9 @@ class Engines:
 
     def _by_event(self, rows: ReplicationRows, place: int) -> ExecutionRecord | None:
         """Execute one replication with the event engine; enter its outcome and end."""
-        load = self.workload
         try:
             number = int(rows.replication[place])
-            run = self.simulator.run(seed=load.seed, replication=number)
+            run = self._simulator.run(seed=self.workload.seed, replication=number)
         except DeadlockError as error:
             run = error.run
             rows.error[place] = str(error)
@@ -204,26 +164,6 @@ class Engines:
         rows.outcome[place] = run.outcome
         rows.makespan_ns[place] = run.makespan_ns
         return run
-
-
-def worker_names(tpg: TemporalPlanGraph) -> tuple[str, ...]:
-    """Return the names of the robots that have work, then of the machines that work at parts."""
-    chains = (*robot_chains(tpg), *working_machines(tpg))
-    return tuple(tpg.chains[k].robot for k in chains)
-
-
-def robot_chains(tpg: TemporalPlanGraph) -> list[int]:
-    """Return the chains that are no machines'."""
-    machines = machine_chains(tpg)
-    return [k for k in range(len(tpg.chains)) if k not in machines]
-
-
-def _product_times(
-    nodes: ProductNodes | None, found: Completions
-) -> ProductTimes | None:
-    if nodes is None:
-        return None
-    return ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
 
 
 def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanoseconds:

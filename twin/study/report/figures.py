@@ -5,9 +5,8 @@ What a study rests on: times, speeds, disturbances, replications, versions.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from textwrap import fill
 from typing import Any
 
@@ -25,9 +24,12 @@ from twin.host.guard import versions
 from twin.host.pictures import INK
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.study.replications.block_results import WAIT_COLUMNS
+from twin.study.replications.statistics import Interval
 from twin.study.report.layout import bar_chart, legend_below, one_chart
 from twin.study.study import StudyResult
-from twin.study.tables import cell_label
+from twin.study.summary import StudySummary, cell_label
+from twin.study.tables import plain
+from twin.uncertainty.disturbances import MachineBreakdowns, Stalls
 
 COLOURS = (
     *("#1f5f9e", "#d97b29", "#2f7f66", "#9c4a8f", "#7a8592", "#b8433a"),
@@ -42,34 +44,33 @@ _DASHES = ("-", "--", ":", "-.")
 
 
 def draw_ecdf(
-    summary: Mapping[str, Any], samples: Sequence[Array], policies: Sequence[str]
+    summary: StudySummary, samples: Sequence[Array], policies: Sequence[str]
 ) -> Figure:
     """Draw the share of replications that are over by a time, for every cell.
 
     Args:
-        summary: the content of ``summary.json``.
+        summary: of the study.
         samples: makespans of each cell, NaN where it did not complete [s].
         policies: in the order of their colours.
     """
     figure, axes = one_chart(4.6)
-    for k, (cell, sample) in enumerate(zip(summary["cells"], samples, strict=True)):
+    for k, (cell, sample) in enumerate(zip(summary.cells, samples, strict=True)):
         ordered = np.sort(sample[np.isfinite(sample)])
         if len(ordered) == 0:
             continue
-        policy = policies.index(cell["policy"])
         variant = k // len(policies)
+        lines = len(samples) // len(policies)
         axes.step(
             np.concatenate([ordered[:1], ordered]),
             np.arange(len(ordered) + 1) / len(sample) * 100,
             where="post",
-            color=_shade(policy, variant, len(samples) // len(policies)),
-            linestyle=_DASHES[variant % len(_DASHES)],
             linewidth=1.8,
-            label=cell_label(cell),
+            label=cell.label,
+            **_line_style(policies.index(cell.policy), variant, lines),
         )
-    if summary["deadline_s"] is not None:
-        deadline = f"deadline {summary['deadline_s']:g} s"
-        axes.axvline(summary["deadline_s"], color=INK, linewidth=1.0, label=deadline)
+    if summary.deadline_s is not None:
+        deadline = f"deadline {summary.deadline_s:g} s"
+        axes.axvline(summary.deadline_s, color=INK, linewidth=1.0, label=deadline)
     axes.set_xlabel("makespan [s]")
     axes.set_ylabel("replications that are over [%]")
     axes.set_ylim(0, 100.5)
@@ -77,13 +78,13 @@ def draw_ecdf(
     return figure
 
 
-def draw_waits(summary: Mapping[str, Any]) -> Figure:
+def draw_waits(summary: StudySummary) -> Figure:
     """Draw what the robots waited for, by cause, a bar a cell."""
-    cells = [cell for cell in summary["cells"] if "wait_s" in cell]
-    figure, axes = bar_chart([cell_label(cell) for cell in cells], 0.42)
+    cells = [cell for cell in summary.cells if cell.wait_s]
+    figure, axes = bar_chart([cell.label for cell in cells], 0.42)
     left = np.zeros(len(cells))
     for cause, (colour, label) in CAUSE_STYLE.items():
-        values = np.array([cell["wait_s"][WAIT_COLUMNS[cause]] for cell in cells])
+        values = np.array([cell.wait_s[WAIT_COLUMNS[cause]] for cell in cells])
         axes.barh(range(len(cells)), values, left=left, color=colour, label=label)
         left = left + values
     for k, total in enumerate(left.tolist()):
@@ -94,44 +95,41 @@ def draw_waits(summary: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def draw_response(
-    summary: Mapping[str, Any], key: str, policies: Sequence[str]
-) -> Figure:
+def draw_response(summary: StudySummary, key: str, policies: Sequence[str]) -> Figure:
     """Draw the mean makespan, with its interval, over an input that is varied.
 
     Where other inputs are varied too, each of their combinations is a line.
     """
     figure, axes = one_chart(4.2)
-    lines: dict[tuple[str, str], list[tuple[Any, Mapping[str, Any]]]] = {}
-    for cell in summary["cells"]:
-        if "makespan_s" not in cell:
+    lines: dict[tuple[str, str], list[tuple[Any, Interval]]] = {}
+    for cell in summary.cells:
+        if cell.makespan_s is None:
             continue
-        others = {k: v for k, v in cell["variant"].items() if k != key}
-        label = cell_label({"policy": cell["policy"], "variant": others})
-        entry = (_plain(cell["variant"][key]), cell["makespan_s"])
-        lines.setdefault((cell["policy"], label), []).append(entry)
-    values = list(dict.fromkeys(_plain(c["variant"][key]) for c in summary["cells"]))
+        others = {k: v for k, v in cell.variant.items() if k != key}
+        line = (cell.policy, cell_label(cell.policy, others))
+        entry = (plain(cell.variant[key]), cell.makespan_s)
+        lines.setdefault(line, []).append(entry)
+    values = list(dict.fromkeys(plain(cell.variant[key]) for cell in summary.cells))
     numeric = all(isinstance(value, int | float) for value in values)
     lines_each = max([1, *Counter(policy for policy, _ in lines).values()])
-    seen: dict[str, int] = {}
+    seen: Counter[str] = Counter()
     for (policy, label), entries in lines.items():
         place = [value if numeric else values.index(value) for value, _ in entries]
-        mean = np.array([entry["estimate"] for _, entry in entries])
-        low = np.array([_known(entry["low"], entry) for _, entry in entries])
-        high = np.array([_known(entry["high"], entry) for _, entry in entries])
-        line = seen.get(policy, 0)
-        seen[policy] = line + 1
+        mean = np.array([found.estimate for _, found in entries])
+        below = mean - [found.low for _, found in entries]
+        above = [found.high for _, found in entries] - mean
         axes.errorbar(
             place,
             mean,
-            yerr=[mean - low, high - mean],
-            color=_shade(list(policies).index(policy), line, lines_each),
-            linestyle=_DASHES[line % len(_DASHES)],
+            # Where nothing is known of the spread there is no bar.
+            yerr=np.where(np.isfinite([below, above]), [below, above], 0.0),
             marker="o",
             markersize=4,
             capsize=3,
             label=label,
+            **_line_style(list(policies).index(policy), seen[policy], lines_each),
         )
+        seen[policy] += 1
     if not numeric:
         texts = [fill(str(value), 90 // len(values)) for value in values]
         axes.set_xticks(range(len(values)), texts)
@@ -142,20 +140,14 @@ def draw_response(
     return figure
 
 
-def _plain(value: Any) -> Any:
-    """Return a value that has a place on an axis: what is no number or word as text."""
-    return value if isinstance(value, int | float | str) else json.dumps(value)
-
-
-def _known(bound: float | None, entry: Mapping[str, Any]) -> float:
-    return float(entry["estimate"] if bound is None else bound)
-
-
-def _shade(policy: int, line: int, lines: int) -> tuple[float, ...]:
-    """Return the colour of a policy, paler for each of its further lines."""
+def _line_style(policy: int, line: int, lines: int) -> dict[str, Any]:
+    """Return the colour of a policy, paler for each of its further lines, and dashes that tell these apart."""
     pale = 0.6 * line / max(lines - 1, 1)
     own = to_rgb(COLOURS[policy % len(COLOURS)])
-    return tuple(pale + (1.0 - pale) * value for value in own)
+    return {
+        "color": tuple(pale + (1.0 - pale) * value for value in own),
+        "linestyle": _DASHES[line % len(_DASHES)],
+    }
 
 
 def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
@@ -177,9 +169,7 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
     for key in experiment.variants[0]:
         values = dict.fromkeys(str(variant[key]) for variant in experiment.variants)
         yield f"Varied: {key}", ", ".join(values)
-    counts = dict.fromkeys(
-        str(cell["replications"]) for cell in result.summary["cells"]
-    )
+    counts = dict.fromkeys(str(cell.replications) for cell in result.summary.cells)
     how = "in mirrored pairs" if experiment.antithetic else "independent of each other"
     yield (
         "Replications",
@@ -271,30 +261,14 @@ def _disturbances(own: ExecutionSection) -> Iterator[str]:
         yield f"speed factor of {robot} {_model(factor.model)}"
     if own.jitter is not None:
         yield f"jitter of every node {_model(own.jitter)}"
-    stalls = own.stalls
-    length = _model(stalls.model)
-    if stalls.rate_per_h:
-        yield f"{stalls.rate_per_h:g} stalls an hour of a robot's work, each {length}"
-    if stalls.count_per_robot:
-        yield f"{stalls.count_per_robot} stalls a robot, each {length}"
+    yield from _stalls(own.stalls, "a robot", "a robot")
     if own.breakdowns is not None:
         who = ", ".join(own.breakdowns.robots or ("every robot",))
-        yield (
-            f"breakdowns of {who} every {own.breakdowns.mtbf_s:g} s of {own.breakdowns.clock}"
-            f" time, repaired in {own.breakdowns.mttr_s:g} s (means)"
-        )
+        yield _breakdowns(own.breakdowns, who)
     for name, machine in own.machines.items():
-        breaks, stalls = machine.breakdowns, machine.stalls
-        if breaks is not None:
-            yield (
-                f"breakdowns of {name} every {breaks.mtbf_s:g} s of {breaks.clock} time, repaired"
-                f" in {breaks.mttr_s:g} s (means)"
-            )
-        length = _model(stalls.model)
-        if stalls.rate_per_h:
-            yield f"{stalls.rate_per_h:g} stalls an hour of {name}'s work, each {length}"
-        if stalls.count_per_robot:
-            yield f"{stalls.count_per_robot} stalls of {name}, each {length}"
+        if machine.breakdowns is not None:
+            yield _breakdowns(machine.breakdowns, name)
+        yield from _stalls(machine.stalls, name, f"of {name}")
     for skill, failure in own.failures.items():
         yield (
             f"{100 * failure.probability:g} % of attempts at {skill} fail, {failure.retries}"
@@ -303,6 +277,21 @@ def _disturbances(own: ExecutionSection) -> Iterator[str]:
     for stop in own.emergency_stops:
         who = stop.robot or "every robot"
         yield f"emergency stop of {who} at {stop.at_s:g} s for {stop.duration_s:g} s"
+
+
+def _stalls(stalls: Stalls, who: str, each: str) -> Iterator[str]:
+    length = _model(stalls.model)
+    if stalls.rate_per_h:
+        yield f"{stalls.rate_per_h:g} stalls an hour of {who}'s work, each {length}"
+    if stalls.count_per_robot:
+        yield f"{stalls.count_per_robot} stalls {each}, each {length}"
+
+
+def _breakdowns(breaks: MachineBreakdowns, who: str) -> str:
+    return (
+        f"breakdowns of {who} every {breaks.mtbf_s:g} s of {breaks.clock} time, repaired in"
+        f" {breaks.mttr_s:g} s (means)"
+    )
 
 
 def _messages(own: ExecutionSection) -> str:

@@ -7,30 +7,23 @@ Makespans of all policies and variants, as tables and lists of the report.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from math import isfinite
 
-from twin.drawing.markup import (
-    breakable,
-    bullets,
-    estimate,
-    paragraph,
-    span,
-    table,
-    text,
-)
+import numpy as np
+
+from twin.drawing.markup import breakable, bullets, paragraph, table, text
+from twin.study.gains.candidates import task_names
 from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
+from twin.study.replications.block_results import TaskTally
+from twin.study.replications.statistics import Interval
+from twin.study.replications.workload import Workload
 from twin.study.study import StudyResult
-from twin.study.tables import cell_label, collisions
+from twin.study.summary import CellSummary, StudySummary
+from twin.study.tables import task_columns
 
-KINDS = {
-    "task": "task",
-    "skill": "skill",
-    "robot": "robot",
-    "wait": "wait",
-    "stall": "standstill",
-    "message": "messages",
-}
+KINDS = {"stall": "standstill", "message": "messages"}
+"""What kinds of levers are called where that is not their name."""
 
 _LEAST_S = 0.005
 """Gains that are worth a line [s]."""
@@ -68,7 +61,7 @@ def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -
     tables = []
     for what, many in (("one thing", False), ("many at once", True)):
         found = cell.best(most, many=many)
-        shown = [gain for gain in found if gain.gone.mean.estimate >= _LEAST_S]
+        shown = [gain for gain in found if gain.gone.mean_s.estimate >= _LEAST_S]
         tables.append(_table(f"{label}: {what}, {made}", shown))
     if not any(tables):
         return paragraph(f"{label}: nothing that was tried gains anything.")
@@ -81,77 +74,83 @@ def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -
 def _table(caption: str, gains: Sequence[Gain]) -> str:
     """Return gains as a table, nothing where there are none."""
     head = ["", "", "what", f"mean, {LESS}", f"{P90}, {LESS}", "mean, gone"]
-    longest = max([gain.shorter.mean.estimate for gain in gains], default=0.0)
+    longest = max([gain.shorter.mean_s.estimate for gain in gains], default=0.0)
     rows = []
     for rank, gain in enumerate(gains, start=1):
-        width = 100.0 * max(gain.shorter.mean.estimate, 0.0) / max(longest, 1e-12)
+        width = 100.0 * max(gain.shorter.mean_s.estimate, 0.0) / max(longest, 1e-12)
         bar = f'<div class="bar" style="width:{width:.0f}%"></div>'
-        kind = f'<span class="kind">{KINDS[gain.lever.kind]}</span>'
+        kind = (
+            f'<span class="kind">{KINDS.get(gain.lever.kind, gain.lever.kind)}</span>'
+        )
         row = [str(rank), kind, text(gain.lever.name) + bar]
         for saving in (gain.shorter, gain.gone):
-            row += [estimate(one.content()) for one in (saving.mean, saving.p90)]
+            row += [estimate(one) for one in (saving.mean_s, saving.p90_s)]
         rows.append(row)
     return table(caption, [*head, f"{P90}, gone"], rows, "gains")
 
 
-def critical_tasks_table(rows: list[Mapping[str, Any]], label: str, most: int) -> str:
+def critical_tasks_table(
+    load: Workload, tally: TaskTally, label: str, most: int
+) -> str:
     """Return the tasks that were critical most often, by name.
 
     Args:
-        rows: of the table of tasks, with the ``name`` of each.
+        load: the work of a cell.
+        tally: of its tasks.
         label: of the cell.
         most: rows that are shown.
     """
-    ordered = sorted(rows, key=lambda row: (-row["criticality"], -row["time_p50_s"]))
-    shown = [row for row in ordered if row["criticality"] > 0][:most]
-    critical = sum(row["criticality"] > 0 for row in rows)
+    columns, names = task_columns(load, tally), task_names(load.tpg.tasks)
+    share, slack_s = columns["criticality"], columns["slack_mean_s"]
+    time_s = columns["end_p50_s"] - columns["start_p50_s"]
+    order = np.lexsort((-time_s, -share))[: np.count_nonzero(share > 0)]
     caption = f"{label}: tasks that were on the critical path most often"
-    if critical > len(shown):
-        caption += f", {len(shown)} of {critical}; all are in tasks.parquet"
-    return table(
-        caption,
-        ["", "task", "on the critical path", "mean slack [s]", "median time [s]"],
-        [
-            [
-                str(rank),
-                text(row["name"]),
-                f"{100 * row['criticality']:.0f} %",
-                f"{row['slack_mean_s']:.1f}",
-                f"{row['time_p50_s']:.1f}",
-            ]
-            for rank, row in enumerate(shown, start=1)
-        ],
-        "named",
-    )
-
-
-def busy_rows(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table of all cells in which something was complete."""
-    cells = [cell for cell in summary["cells"] if "utilisation" in cell]
-    names = list(dict.fromkeys(name for cell in cells for name in cell["utilisation"]))
+    if len(order) > most:
+        caption += f", {most} of {len(order)}; all are in tasks.parquet"
     rows = [
-        [cell_label(cell), *(_share(cell["utilisation"].get(name)) for name in names)]
+        [
+            str(rank),
+            text(names[columns["task"][k]]),
+            f"{100 * share[k]:.0f} %",
+            f"{slack_s[k]:.1f}",
+            f"{time_s[k]:.1f}",
+        ]
+        for rank, k in enumerate(order[:most].tolist(), start=1)
+    ]
+    head = ["", "task", "on the critical path", "mean slack [s]", "median time [s]"]
+    return table(caption, head, rows, "named")
+
+
+def busy_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of all cells in which something was complete."""
+    cells = [cell for cell in summary.cells if cell.utilisation]
+    names = list(dict.fromkeys(name for cell in cells for name in cell.utilisation))
+    rows = [
+        [
+            cell.label,
+            *(
+                f"{100 * cell.utilisation[name]:.1f} %"
+                if name in cell.utilisation
+                else "-"
+                for name in names
+            ),
+        ]
         for cell in cells
     ]
     return ["busy", *names], rows
 
 
-def busy_table(summary: Mapping[str, Any]) -> str:
+def busy_table(summary: StudySummary) -> str:
     """Return the table for the report, nothing where no replication was complete."""
     head, rows = busy_rows(summary)
-    shown = [[text(value) for value in row] for row in rows]
     words = "share of the time at work, standstills in it included"
-    return table(words, head, shown)
-
-
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.1f} %"
+    return table(words, head, [map(text, row) for row in rows])
 
 
 def lead(result: StudyResult) -> str:
     """Return in words how much was replicated."""
     experiment, summary = result.request.experiment, result.summary
-    counts = sorted({cell["replications"] for cell in summary["cells"]})
+    counts = sorted({cell.replications for cell in summary.cells})
     many = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     words = (
         f"{many} replications of {len(experiment.policies)} policies"
@@ -159,7 +158,7 @@ def lead(result: StudyResult) -> str:
     )
     if experiment.replications is None:
         words += (
-            f" Sampling went on until the {100 * summary['confidence']:g} % interval of"
+            f" Sampling went on until the {100 * summary.confidence:g} % interval of"
             f" every mean was within {100 * experiment.precision.relative_half_width:g} %,"
             f" or {experiment.precision.most} replications were done."
         )
@@ -167,48 +166,77 @@ def lead(result: StudyResult) -> str:
 
 
 def makespans_table(
-    summary: Mapping[str, Any], cells: Sequence[Mapping[str, Any]] | None = None
+    summary: StudySummary, cells: Sequence[CellSummary] | None = None
 ) -> str:
     """Return the makespans of some cells, by default all, as a table."""
-    varied = list(summary["cells"][0]["variant"])
-    deadline = summary["deadline_s"]
-    head = ["policy", *varied, "n", "mean", "P50", "P90", "P95", "P99"]
+    keys, deadline = list(summary.cells[0].variant), summary.deadline_s
+    head = ["policy", *keys, "n", "mean", "P50", "P90", "P95", "P99"]
     head += ["not completed"] + ([f"within {deadline:g} s"] if deadline else [])
     rows = []
-    for cell in summary["cells"] if cells is None else cells:
-        row = [
-            text(cell["policy"]),
-            *(breakable(cell["variant"][key]) for key in varied),
-        ]
-        row.append(str(cell["replications"]))
-        for key in ("makespan_s", *(f"makespan_p{p}_s" for p in (50, 90, 95, 99))):
-            row.append(estimate(cell.get(key)))
-        row.append(estimate(cell["not_completed"], factor=100.0, unit=" %"))
+    for cell in summary.cells if cells is None else cells:
+        row = [text(cell.policy), *(breakable(cell.variant[key]) for key in keys)]
+        row.append(str(cell.replications))
+        row += map(
+            estimate,
+            (
+                cell.makespan_s,
+                cell.makespan_p50_s,
+                cell.makespan_p90_s,
+                cell.makespan_p95_s,
+                cell.makespan_p99_s,
+            ),
+        )
+        row.append(estimate(cell.not_completed, percent=True))
         if deadline:
-            row.append(estimate(cell.get("in_time"), factor=100.0, unit=" %"))
+            row.append(estimate(cell.in_time, percent=True))
         rows.append(row)
-    share = f"{100 * summary['confidence']:g} %"
+    share = f"{100 * summary.confidence:g} %"
     return table(f"Makespan in seconds, with {share} intervals", head, rows)
 
 
-def differences(summary: Mapping[str, Any]) -> str:
+def differences(summary: StudySummary) -> str:
     """Return a list of the policies against the first one."""
     texts = []
-    for entry in summary["differences"]:
-        difference = span(entry["makespan_s"], "{:+.1f} s")
-        where = "".join(f", {key} = {value}" for key, value in entry["variant"].items())
+    for entry in summary.differences:
+        where = "".join(f", {key} = {value}" for key, value in entry.variant.items())
         texts.append(
-            f"{entry['policy']} against {entry['reference']}{where}: {difference},"
-            f" {100 * entry['relative']:+.1f} %"
+            f"{entry.policy} against {entry.reference}{where}:"
+            f" {_span(entry.makespan_s, '{:+.1f} s')}, {100 * entry.relative:+.1f} %"
         )
     return bullets("Differences, replication by replication", texts)
 
 
-def collided(summary: Mapping[str, Any]) -> str:
+def collided(summary: StudySummary) -> str:
     """Return a list of what happens when nobody waits for anybody; nothing if not studied."""
-    texts = []
-    for cell in summary["cells"]:
-        if "collided" in cell:
-            share = span(cell["collided"], "{:.0f} %", 100.0)
-            texts.append(f"{cell_label(cell)}: {collisions(cell)}, {share}")
+    texts = [
+        f"{cell.label}: {cell.collisions}, {_span(cell.collided, '{:.0f} %', 100.0)}"
+        for cell in summary.cells
+        if cell.collided is not None
+    ]
     return bullets("When nobody waits for anybody", texts)
+
+
+def estimate(found: Interval | None, *, percent: bool = False) -> str:
+    """Return an estimate with its interval in small letters under it."""
+    if found is None:
+        return "-"
+    factor, unit = (100.0, " %") if percent else (1.0, "")
+    value = f"<span>{_digits(factor * found.estimate)}{unit}</span>"
+    if not isfinite(found.half_width):
+        return value
+    low, high = _digits(factor * found.low), _digits(factor * found.high)
+    return f'{value}<br><span class="interval">{low} to {high}</span>'
+
+
+def _digits(value: float) -> str:
+    """Return a number with as many digits as say something."""
+    digits = 1 if abs(value) >= 9.995 else 2
+    return f"{value:.{digits}f}".replace("-0.00", "0.00")
+
+
+def _span(found: Interval, form: str, factor: float = 1.0) -> str:
+    """Return an estimate with its interval in one line."""
+    words = form.format(factor * found.estimate)
+    if not isfinite(found.low):
+        return words
+    return f"{words} ({factor * found.low:.1f} to {factor * found.high:.1f})"

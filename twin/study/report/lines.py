@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -14,8 +11,9 @@ from twin.host.pictures import INK
 from twin.run.throughput import takts_s
 from twin.study.line import Due
 from twin.study.replications.block_results import ProductTimes
+from twin.study.replications.statistics import Interval
 from twin.study.report.layout import one_chart
-from twin.study.tables import cell_label
+from twin.study.summary import StudySummary
 
 HEAD = (
     *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),
@@ -24,56 +22,52 @@ HEAD = (
 LATE = "late products"
 
 
-def line_rows(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+def line_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
     """Return the head and the rows of the table of all cells that make several products."""
-    cells = [cell for cell in summary["cells"] if "line" in cell]
-    due = any(cell["line"]["due"] for cell in cells)
+    lines = [(cell.label, cell.line) for cell in summary.cells if cell.line]
+    due = any(line.due for _, line in lines)
     rows = []
-    for cell in cells:
-        line = cell["line"]
+    for label, line in lines:
         row = [
-            cell_label(cell),
-            _mean(line["throughput_per_h"], 1),
-            _mean(line["takt_s"]),
-            _quantile(line["takt_quantiles_s"]),
-            _mean(line["cycle_time_s"]),
-            _quantile(line["cycle_time_quantiles_s"]),
-            _mean(line["work_in_progress"]),
+            label,
+            _mean(line.throughput_per_h, 1),
+            _mean(line.takt_s),
+            _p99(line.takt_quantiles_s),
+            _mean(line.cycle_time_s),
+            _p99(line.cycle_time_quantiles_s),
+            _mean(line.work_in_progress),
         ]
         if due:
-            late = line["due"]
-            share = "-" if not late else f"{100 * late['late']['estimate']:.1f} %"
-            row.append(share)
+            late = line.due and line.due.late
+            row.append(f"{100 * late.estimate:.1f} %" if late else "-")
         rows.append(row)
     return ["policy", *HEAD, *([LATE] if due else [])], rows
 
 
-def lines_table(summary: Mapping[str, Any]) -> str:
+def lines_table(summary: StudySummary) -> str:
     """Return the table for the report, nothing where nothing is made several times."""
     head, rows = line_rows(summary)
-    if not rows:
-        return ""
-    shown = [[text(value) for value in row] for row in rows]
-    line = next(cell["line"] for cell in summary["cells"] if "line" in cell)
-    words = f"{line['products']} products"
-    if line["start_up"]:
-        words += f"; takt and work in progress without the first {line['start_up']}"
-    return table(words, head, shown)
+    words = ""
+    for line in (cell.line for cell in summary.cells if cell.line):
+        words = f"{line.products} products"
+        if line.start_up:
+            words += f"; takt and work in progress without the first {line.start_up}"
+        break
+    return table(words, head, [map(text, row) for row in rows])
 
 
-def lateness_list(summary: Mapping[str, Any]) -> str:
+def lateness_list(summary: StudySummary) -> str:
     """Return in words how late products are, nothing where none is due."""
     texts = []
-    for cell in summary["cells"]:
-        late = cell.get("line", {}).get("due")
-        if late:
-            anyone = 100 * late["any_late"]["estimate"]
-            worst = late["lateness_quantiles_s"]["p99"]
+    for cell in summary.cells:
+        due = cell.line and cell.line.due
+        if due and due.late and due.lateness_s:
+            worst = due.lateness_quantiles_s["p99"]
             texts.append(
-                f"{cell_label(cell)}: a product is late with probability"
-                f" {late['late']['estimate']:.3f}, any of them in {anyone:.1f} % of the"
-                f" replications; mean lateness {late['lateness_s']['estimate']:.1f} s,"
-                f" P99 {worst:.1f} s"
+                f"{cell.label}: a product is late with probability"
+                f" {due.late.estimate:.3f}, any of them in"
+                f" {100 * due.any_late.estimate:.1f} % of the replications; mean lateness"
+                f" {due.lateness_s.estimate:.1f} s, P99 {worst:.1f} s"
             )
     return bullets("Lateness", texts)
 
@@ -112,14 +106,9 @@ def draw_line(times: ProductTimes, due: Due) -> Figure:
     return figure
 
 
-def _mean(interval: Mapping[str, Any] | None, digits: int = 2) -> str:
-    return "-" if interval is None else f"{interval['estimate']:.{digits}f}"
+def _mean(found: Interval | None, digits: int = 2) -> str:
+    return "-" if found is None else f"{found.estimate:.{digits}f}"
 
 
-def _quantile(values: Mapping[str, float]) -> str:
-    return f"{values['p99']:.2f}" if values else "-"
-
-
-def has_lines(cells: Sequence[Mapping[str, Any]]) -> bool:
-    """Tell whether any cell makes several products."""
-    return any("line" in cell for cell in cells)
+def _p99(quantiles: dict[str, float]) -> str:
+    return f"{quantiles['p99']:.2f}" if quantiles else "-"

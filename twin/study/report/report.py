@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -21,9 +21,8 @@ from twin.planning.kind import assembly_kind
 from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
-from twin.study.gains.candidates import task_names
 from twin.study.line import product_times
-from twin.study.replications.block_results import TaskTally, cell_tally
+from twin.study.replications.block_results import cell_tally
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import (
     assumptions,
@@ -43,16 +42,11 @@ from twin.study.report.fixing import (
     makespans_table,
 )
 from twin.study.report.layout import WIDTH_IN
-from twin.study.report.lines import (
-    draw_line,
-    has_lines,
-    lateness_list,
-    lines_table,
-)
+from twin.study.report.lines import draw_line, lateness_list, lines_table
 from twin.study.report.ranking import draw_ranking, ranking_table, refused_table
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
-from twin.study.study import StudyResult, makespans_s
-from twin.study.tables import cell_label, task_columns
+from twin.study.study import StudyResult
+from twin.study.summary import CellSummary, makespans_s
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -81,7 +75,7 @@ def write_report(result: StudyResult, progress: Report) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    cells = len(result.summary["cells"])
+    cells = len(result.summary.cells)
     progress(DRAWING, 0, cells + 2)
     pieces = [*_first_page(result), *_whole_study(result)]
     progress(DRAWING, 1, cells + 2)
@@ -95,9 +89,8 @@ def write_report(result: StudyResult, progress: Report) -> None:
 
 def _in_order(result: StudyResult) -> list[int]:
     """Return the cells, first that of the policy that coordinates best."""
-    shown = shown_cell(result.summary, result.request.experiment.policies)
-    others = (k for k in range(len(result.summary["cells"])) if k != shown)
-    return [shown, *others]
+    first = shown_cell(result)
+    return [first, *(k for k in range(len(result.loads)) if k != first)]
 
 
 def shown_policy(policies: Sequence[str]) -> str:
@@ -106,15 +99,12 @@ def shown_policy(policies: Sequence[str]) -> str:
     return next(policy for policy in order if policy in policies)
 
 
-def shown_cell(summary: Mapping[str, Any], policies: Sequence[str]) -> int:
+def shown_cell(result: StudyResult) -> int:
     """Return the cell that is shown first: of the policy that coordinates best, best layout."""
+    policies = result.request.experiment.policies
     policy = shown_policy(policies)
-    ranked = (row["cell"] for row in summary["ranking"] if row["policy"] == policy)
-    return int(next(ranked, policies.index(policy)))
-
-
-def _label(result: StudyResult, cell: int) -> str:
-    return cell_label(result.summary["cells"][cell])
+    ranked = (row.cell for row in result.summary.ranked(policy))
+    return next(ranked, policies.index(policy))
 
 
 def _file_name(label: str) -> str:
@@ -135,7 +125,7 @@ def _drawn(result: StudyResult, figure: Figure, name: str) -> str:
 
 
 def _page(result: StudyResult, pieces: Sequence[str]) -> str:
-    title = f"{result.summary['scenario']}: study"
+    title = f"{result.summary.scenario}: study"
     css = files("twin.study.report").joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         "<!doctype html>",
@@ -153,17 +143,17 @@ def _first_page(result: StudyResult) -> Pieces:
     """Yield results, what is worth fixing, the cell, and what all that rests on."""
     request, summary = result.request, result.summary
     yield paragraph(lead(result))
-    cell = _in_order(result)[0]
-    scenario = varied(request.scenario, summary["cells"][cell]["variant"])
+    cell = shown_cell(result)
+    scenario = varied(request.scenario, summary.cells[cell].variant)
     subject = Subject(scenario, request.base)
-    doubts = [*warnings(subject), *summary["warnings"]]
+    doubts = [*warnings(subject), *summary.warnings]
     if doubts:
         yield paragraph(f"Warning: {' Warning: '.join(doubts)}", "warning")
     policies = len(request.experiment.policies)
-    many = len(summary["cells"]) > _AT_ONCE
+    many = len(summary.cells) > _AT_ONCE
     yield from _layouts(result)
     start = cell - cell % policies
-    shown = summary["cells"][start : start + policies]
+    shown = summary.cells[start : start + policies]
     yield makespans_table(summary, shown if many else None)
     if many:
         yield paragraph("The other variants are in a table further down.", "note")
@@ -172,11 +162,11 @@ def _first_page(result: StudyResult) -> Pieces:
     yield paragraph(HONEST, "note")
     yield gains_tables(
         result.gains[cell],
-        _label(result, cell),
-        confidence=summary["confidence"],
+        summary.cells[cell].label,
+        confidence=summary.confidence,
         most=_FIRST,
     )
-    if len(summary["cells"]) > 1:
+    if len(summary.cells) > 1:
         yield paragraph("The other policies and variants follow one by one.", "note")
     yield heading("The cell")
     yield _drawn(result, cell_figure(subject, width_in=WIDTH_IN), "cell")
@@ -187,15 +177,14 @@ def _first_page(result: StudyResult) -> Pieces:
 def _lines(result: StudyResult, cell: int) -> Pieces:
     """Yield throughput, takt and lateness, where several products are made."""
     summary = result.summary
-    if not has_lines(summary["cells"]):
+    if not any(own.line for own in summary.cells):
         return
     yield heading("What the line achieves")
     yield lines_table(summary)
     yield lateness_list(summary)
     times = product_times(result.folder / BLOCKS, cell)
     if times is not None:
-        variant = summary["cells"][cell]["variant"]
-        scenario = varied(result.request.scenario, variant)
+        scenario = varied(result.request.scenario, summary.cells[cell].variant)
         due = assembly_kind(scenario.assembly).due()
         yield _drawn(result, draw_line(times, due), "products")
 
@@ -203,7 +192,7 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
 def _layouts(result: StudyResult) -> Pieces:
     """Yield which layout is quickest, and which have no plan."""
     summary, policies = result.summary, result.request.experiment.policies
-    if summary["ranking"]:
+    if summary.ranking:
         yield heading("Which layout")
         policy = shown_policy(policies)
         yield ranking_table(summary, policy)
@@ -215,7 +204,7 @@ def _whole_study(result: StudyResult) -> Pieces:
     """Yield what compares policies and variants."""
     experiment, summary = result.request.experiment, result.summary
     policies = experiment.policies
-    if len(summary["cells"]) > _AT_ONCE:
+    if len(summary.cells) > _AT_ONCE:
         yield heading("All policies and variants")
         yield makespans_table(summary)
     yield differences(summary)
@@ -237,26 +226,26 @@ def _whole_study(result: StudyResult) -> Pieces:
 def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
     """Yield what decides in one cell: tasks, inputs, and what is worth fixing."""
     order = _in_order(result)
-    label, load = _label(result, cell), result.loads[cell]
+    found, load = result.summary.cells[cell], result.loads[cell]
     drawn, first = order.index(cell) < _DRAWN, cell == order[0]
+    label = found.label
     name = _file_name(label)
     yield heading(f"What decides: {label}")
-    summary = result.summary["cells"][cell]
-    if "makespan_s" not in summary:
+    if found.makespan_s is None:
         yield paragraph("No replication was completed.")
         return
     tally = cell_tally(result.folder / BLOCKS, cell)
     if drawn:
         yield heading("When tasks are done, and which are critical", 3)
         yield _drawn(result, draw_bands(load.tpg, tally), f"gantt-{name}")
-    yield critical_tasks_table(_task_rows(result, cell, tally), label, _CRITICAL)
-    found = influences(load)
-    mean = summary["makespan_s"]["estimate"]
+    yield critical_tasks_table(load, tally, label, _CRITICAL)
+    inputs = influences(load)
     yield heading("Which inputs the makespan hangs on", 3)
     if drawn:
-        yield _drawn(result, draw_tornado(found, mean), f"tornado-{name}")
+        figure = draw_tornado(inputs, found.makespan_s.estimate)
+        yield _drawn(result, figure, f"tornado-{name}")
     else:
-        yield _tornado_table(found, label)
+        yield _tornado_table(inputs, label)
     points = result.request.sobol_points
     if points and first:
         yield heading("Which inputs it hangs on when all vary at once", 3)
@@ -264,31 +253,10 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
         indices = sobol_indices(load, points, seed=seed, progress=progress)
         yield _drawn(result, draw_sobol(indices), "sobol")
     if not first:
-        confidence = result.summary["confidence"]
+        confidence = result.summary.confidence
         gains = result.gains[cell]
         yield heading("What is worth fixing", 3)
         yield gains_tables(gains, label, confidence=confidence, most=_LATER)
-
-
-def _task_rows(
-    result: StudyResult, cell: int, tally: TaskTally
-) -> list[Mapping[str, Any]]:
-    load = result.loads[cell]
-    columns = task_columns(load, tally)
-    names = task_names(load.tpg.tasks)
-    rows: list[Mapping[str, Any]] = []
-    for k, task in enumerate(columns["task"].tolist()):
-        rows.append(
-            {
-                "name": names[task],
-                "criticality": float(columns["criticality"][k]),
-                "slack_mean_s": float(columns["slack_mean_s"][k]),
-                "time_p50_s": float(
-                    columns["end_p50_s"][k] - columns["start_p50_s"][k]
-                ),
-            }
-        )
-    return rows
 
 
 def _tornado_table(found: Sequence[Influence], label: str) -> str:
@@ -309,13 +277,13 @@ def _made(result: StudyResult) -> Pieces:
         "variants": experiment.variants,
         "replications": experiment.replications,
         "antithetic": experiment.antithetic,
-        "engines": [_engine(cell) for cell in result.summary["cells"]],
+        "engines": [_engine(cell) for cell in result.summary.cells],
     }
     yield heading("How it was made")
     yield f"<pre>{text(json.dumps(design, indent=2, ensure_ascii=False))}</pre>"
 
 
-def _engine(cell: Mapping[str, Any]) -> dict[str, Any]:
-    because = cell["event_engine_because"]
-    own = {"cell": cell_label(cell), "engine": cell["engine"]}
+def _engine(cell: CellSummary) -> dict[str, Any]:
+    because = cell.event_engine_because
+    own = {"cell": cell.label, "engine": cell.engine}
     return own | ({"because": because} if because else {})

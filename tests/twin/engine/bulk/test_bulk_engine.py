@@ -13,12 +13,13 @@ from planning.errors import PlanInvariantError
 from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import run_bulk
-from tests.twin.twin_toys import random_tpg
+from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations import Lognormal, Uniform
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.events import Policy
+from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
 from twin.uncertainty.skill_durations import SkillDurations
 
 DURATIONS = SkillDurations(
@@ -39,17 +40,24 @@ def _in_slots(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     return replace(tpg, slots=slots, edges=none, cause=np.empty(0, dtype=np.uint8))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     st.integers(0, 10**6),
     st.integers(1, 4),
-    st.sampled_from(["asynchronous", "sequential"]),
+    st.sampled_from(["asynchronous", "sequential", "open-loop"]),
+    st.sampled_from([0.5, 1.0, 2.0]),
+    st.booleans(),
 )
 def test_engines_agree_to_the_nanosecond(
-    seed: int, robots: int, policy: Policy
+    seed: int, robots: int, policy: Policy, speed: float, cut: bool
 ) -> None:
-    tpg = random_tpg(seed, dofs=(2,) * robots, edges=10 if robots > 1 else 0)
-    model = ExecutionModel(DURATIONS, policy)
+    """Whoever is early by the planned clock waits for it in every node."""
+    edges = 10 if robots > 1 and not cut else 0
+    tpg = random_tpg(seed, dofs=(2,) * robots, edges=edges)
+    tpg = with_cut_skill(tpg) if cut else tpg
+    factor = FixedFactor(kind="fixed", value=speed)
+    quick = Disturbances(speed=Speed(factor=factor) if speed != 1.0 else Speed())
+    model = ExecutionModel(DURATIONS, policy, disturbances=quick)
     events, bulk = Simulator(tpg, model), BulkEngine(tpg, model)
     found = run_bulk(bulk, seed=seed, replications=range(5, 9))
     for column, replication in enumerate(range(5, 9)):

@@ -8,25 +8,13 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
-from twin.durations import to_nanoseconds
-from twin.engine.bulk.max_plus import Past, PrecedenceArrays, end_times, policy_graph
+from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.disturbances import Disturbances, Stalls
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.1, 0.7])
 POLICIES = st.sampled_from(["asynchronous", "sequential", "open-loop"])
-
-
-def nothing_yet(graph: PrecedenceArrays, replications: int) -> Past:
-    """Return the past of a run that has not begun."""
-    nodes, chains = len(graph.order), len(graph.first) - 1
-    return Past(
-        0,
-        np.full(nodes, -1, dtype=np.int64),
-        np.full(nodes, -1, dtype=np.int64),
-        np.zeros((chains, replications), dtype=np.int64),
-    )
 
 
 def simulator(
@@ -40,14 +28,6 @@ def simulator(
         Disturbances(stalls=stalls),
     )
     return Simulator(tpg, model)
-
-
-def messages(policy: str, depth: int, report: float, release: float) -> Messages:
-    if policy == "open-loop":
-        return Messages()
-    if policy == "sequential":
-        depth = 1
-    return Messages(depth, int(to_nanoseconds(report)), int(to_nanoseconds(release)))
 
 
 @settings(max_examples=80, deadline=None)
@@ -70,8 +50,8 @@ def test_end_times_are_those_of_the_event_engine(
         axis=1,
     )
     graph = policy_graph(tpg, policy)  # type: ignore[arg-type]
-    talk = messages(policy, depth, report, release)
-    end = end_times(graph, busy, talk, nothing_yet(graph, 3))
+    talk = Messages.of_seconds(depth, report, release).under(policy)  # type: ignore[arg-type]
+    end = end_times(graph, busy, talk)
     assert np.array_equal(end.T, [np.concatenate(run.end_ns) for run in runs])
 
 
@@ -101,5 +81,5 @@ def test_what_has_happened_changes_nothing_about_what_will(
         np.where(done, end, -1),
         np.zeros((len(tpg.chains), 1), dtype=np.int64),
     )
-    talk = messages("asynchronous", depth, report, release)
+    talk = Messages.of_seconds(depth, report, release)
     assert np.array_equal(end_times(graph, busy[:, None], talk, past)[:, 0], end)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.twin.study.study_toys import toy_workload
 from twin.study.gains.gains import PairedQuantiles, cell_gains, study_gains, write_gains
-from twin.study.gains.replays import replay_of
+from twin.study.gains.replays import Replay
 from twin.study.replications.statistics import Experiment, mean_interval
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
 
@@ -22,9 +22,9 @@ def test_gains_are_differences_of_the_same_replications() -> None:
     load = toy_workload(2)
     cell = cell_gains(ONE, load, 400)
     assert cell.replications == 400
-    replay = replay_of(load, np.arange(400))
+    replay = Replay(load, np.arange(400))
     base = replay.base().makespan_ns / 1e9
-    gains = [gain.shorter.mean.estimate for gain in cell.gains]
+    gains = [gain.shorter.mean_s.estimate for gain in cell.gains]
     assert gains == sorted(gains, reverse=True)
     assert {gain.lever.kind for gain in cell.gains} == {
         *("task", "skill", "robot", "wait")
@@ -32,10 +32,10 @@ def test_gains_are_differences_of_the_same_replications() -> None:
     for gain in cell.gains:
         for saving, share in ((gain.shorter, 0.2), (gain.gone, 1.0)):
             changed = replay.makespans_ns(gain.lever, share) / 1e9
-            assert saving.mean == mean_interval(base - changed)
+            assert saving.mean_s == mean_interval(base - changed)
             p90 = np.sort(base)[359] - np.sort(changed)[359]
-            assert saving.p90.estimate == pytest.approx(p90, abs=1e-12)
-            assert saving.p90.low <= saving.p90.high
+            assert saving.p90_s.estimate == pytest.approx(p90, abs=1e-12)
+            assert saving.p90_s.low <= saving.p90_s.high
 
 
 def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
@@ -57,7 +57,7 @@ def test_replications_that_are_tried_follow_from_sizes_alone() -> None:
 def test_a_plan_in_which_nothing_varies_has_exact_gains() -> None:
     cell = cell_gains(ONE, toy_workload(1), 1)
     assert cell.replications == 1
-    assert cell.gains[0].shorter.mean.content()["low"] is None
+    assert cell.gains[0].shorter.mean_s.content()["low"] is None
 
 
 @pytest.mark.parametrize("antithetic", [False, True])

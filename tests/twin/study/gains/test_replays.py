@@ -20,14 +20,7 @@ from twin.engine.processes import Execution
 from twin.run.events import Policy
 from twin.study.gains.candidates import candidates
 from twin.study.gains.lever import Lever
-from twin.study.gains.replays import (
-    EventReplay,
-    MessageReplay,
-    PathReplay,
-    Replay,
-    eased_makespans,
-    replay_of,
-)
+from twin.study.gains.replays import Replay, eased_makespans, needs_events
 from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.disturbances import (
@@ -59,8 +52,8 @@ def test_paths_give_the_nanoseconds_of_the_event_engine(
     seed: int, policy: Policy
 ) -> None:
     load = toy_workload(seed, policy=policy, disturbances=BUSY)
-    paths, events = PathReplay(load, NUMBERS), EventReplay(load, NUMBERS)
-    assert np.array_equal(paths.draws.numbers, events.draws.numbers)
+    paths, events = Replay(load, NUMBERS), Replay(load, NUMBERS, by_events=True)
+    assert np.array_equal(paths.numbers, events.numbers)
     kinds = set()
     for lever in levers(load, paths):
         if lever.kind == "wait":
@@ -79,8 +72,8 @@ def test_messages_give_the_nanoseconds_of_the_event_engine(policy: Policy) -> No
     load = toy_workload(2, policy=policy, reasons=LATE, disturbances=BUSY)
     late = replace(load.execution, messages=Messages.of_seconds(3, 0.3, 0.1))
     load = replace(load, execution=late)
-    quick, events = replay_of(load, NUMBERS), EventReplay(load, NUMBERS)
-    assert isinstance(quick, MessageReplay)
+    quick, events = Replay(load, NUMBERS), Replay(load, NUMBERS, by_events=True)
+    assert not needs_events(load)
     found = levers(load, quick)
     assert {lever.kind for lever in found} == {
         *("task", "skill", "robot", "stall", "message")
@@ -96,7 +89,7 @@ def test_messages_give_the_nanoseconds_of_the_event_engine(policy: Policy) -> No
 def test_a_task_that_is_gone_is_gone_node_by_node(policy: Policy) -> None:
     """The event engine executes every node; the nodes of one task take no time."""
     load = toy_workload(3, policy=policy)
-    replay = PathReplay(load, NUMBERS)
+    replay = Replay(load, NUMBERS)
     sampler = NodeTimeSampler(
         load.tpg, load.execution.durations, load.execution.disturbances
     )
@@ -122,7 +115,7 @@ def test_a_task_that_is_gone_is_gone_node_by_node(policy: Policy) -> None:
 def test_a_wait_that_is_gone_is_an_edge_that_is_gone() -> None:
     for seed in range(1, 6):
         load = toy_workload(seed)
-        replay = PathReplay(load, NUMBERS)
+        replay = Replay(load, NUMBERS)
         waits = [
             lever
             for lever in levers(load, replay)
@@ -139,7 +132,7 @@ def test_a_wait_that_is_gone_is_an_edge_that_is_gone() -> None:
             ]
             cut = replace(tpg, edges=tpg.edges[keep], cause=tpg.cause[keep])
             for number in NUMBERS.tolist():
-                busy = replay.draws.busy_ns[:, number]
+                busy = replay.times.busy_ns[:, number]
                 assert replay.makespans_ns(lever, 1.0)[number] == _executed(cut, busy)
 
 
@@ -148,7 +141,7 @@ def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
     seen = 0
     for seed in range(1, 6):
         load = toy_workload(seed)
-        replay = PathReplay(load, NUMBERS)
+        replay = Replay(load, NUMBERS)
         base = replay.base()
         every = np.concatenate([chain.task for chain in replay.tpg.chains])
         tried = {lever.task for lever in levers(load, replay) if lever.kind == "task"}
@@ -162,7 +155,7 @@ def test_what_robots_do_after_their_last_work_gains_nothing() -> None:
             if needed:
                 continue
             seen += 1
-            assert replay.draws.work_ns[rows].sum() > 0
+            assert replay.work_ns[rows].sum() > 0
             assert np.array_equal(replay.makespans_ns(home, 1.0), base.makespan_ns)
             assert task not in tried
     assert seen >= 2
@@ -211,13 +204,13 @@ def _by_hand(
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
 def test_eased_waits_are_what_they_are_by_hand(share: float) -> None:
     load = toy_workload(4)
-    replay = PathReplay(load, NUMBERS)
+    replay = Replay(load, NUMBERS)
     edges = np.arange(0, len(replay.graph.source), 2)
-    found = eased_makespans(replay.graph, replay.draws.busy_ns, edges, share)
+    found = eased_makespans(replay.graph, replay.times.busy_ns, edges, share)
     by_hand = [
         _by_hand(
             replay.graph,
-            replay.draws.busy_ns[:, r].tolist(),
+            replay.times.busy_ns[:, r].tolist(),
             set(edges.tolist()),
             share,
         )
@@ -236,8 +229,8 @@ def test_replays_begin_with_the_makespans_of_the_study() -> None:
         toy_workload(1, disturbances=clock, reasons=("stops by the clock",)),
     ):
         rows = Engines(load).compute(Block(0, 0, len(NUMBERS))).rows
-        replay = replay_of(load, NUMBERS)
-        kept = replay.draws.numbers
+        replay = Replay(load, NUMBERS)
+        kept = replay.numbers
         ends = replay.base().end_ns.max(axis=0)
         assert np.array_equal(ends, rows.makespan_ns[kept])
         done = rows.replication[rows.outcome == "completed"]
@@ -253,9 +246,9 @@ def test_replays_begin_with_the_makespans_of_the_study() -> None:
 
 def test_no_lever_gains_more_than_it_takes_on_the_critical_path() -> None:
     load = toy_workload(2, disturbances=BUSY)
-    replay = PathReplay(load, np.arange(200))
+    replay = Replay(load, np.arange(200))
     found = replay.base()
-    work = np.where(found.critical, replay.draws.work_ns, 0)
+    work = np.where(found.critical, replay.work_ns, 0)
     for lever in levers(load, replay):
         if lever.kind in ("task", "skill", "robot"):
             fall = found.makespan_ns - replay.makespans_ns(lever, 1.0)
@@ -265,13 +258,13 @@ def test_no_lever_gains_more_than_it_takes_on_the_critical_path() -> None:
 
 def test_what_was_shortened_is_whole_again() -> None:
     load = toy_workload(2, disturbances=BUSY)
-    replay = PathReplay(load, NUMBERS)
-    before = replay.draws.busy_ns.copy()
+    replay = Replay(load, NUMBERS)
+    before = replay.times.busy_ns.copy()
     for lever in levers(load, replay):
         replay.makespans_ns(lever, 0.2)
-    assert np.array_equal(replay.draws.busy_ns, before)
-    assert np.all(replay.draws.work_ns >= 0)
-    number = int(replay.draws.numbers[0])
+    assert np.array_equal(replay.times.busy_ns, before)
+    assert np.all(replay.work_ns >= 0)
+    number = int(replay.numbers[0])
     run = Simulator(load.tpg, load.execution).run(seed=load.seed, replication=number)
     work = sum(int(row.sum()) for row in run.duration_ns)
-    assert replay.draws.work_ns[:, 0].sum() == work
+    assert replay.work_ns[:, 0].sum() == work

@@ -17,7 +17,7 @@ from twin.study.replications.statistics import (
     quantile_interval,
     share_interval,
 )
-from twin.study.tables import _differences
+from twin.study.summary import policy_differences
 
 
 def test_the_mean_has_students_interval() -> None:
@@ -130,15 +130,15 @@ def test_shortcuts_are_compared_with_the_best_that_has_none() -> None:
     experiment = Experiment(policies, replications=4)
     noise = np.array([0.0, 1.0, 2.0, 3.0])
     samples = [noise + mean for mean in (100.0, 70.0, 60.0, 45.0)]
-    found = _differences(experiment, samples)
-    told = [(d["policy"], d["reference"], d["makespan_s"]["estimate"]) for d in found]
+    found = list(policy_differences(experiment, samples))
+    told = [(d.policy, d.reference, d.makespan_s.estimate) for d in found]
     assert told == [
         ("synchronous", "sequential", -30.0),
         ("asynchronous", "sequential", -40.0),
         ("asynchronous + shortcuts", "sequential", -55.0),
         ("asynchronous + shortcuts", "asynchronous", -15.0),
     ]
-    assert found[-1]["relative"] == pytest.approx(-15.0 / 61.5)
+    assert found[-1].relative == pytest.approx(-15.0 / 61.5)
     assert with_baselines("asynchronous + shortcuts") == (
         *("sequential", "asynchronous", "asynchronous + shortcuts"),
     )

@@ -1,8 +1,7 @@
-"""Pictures of a study: everything lies within the picture, and nothing on anything else."""
+"""Pictures of a study: everything lies within the picture, and nothing on anything else; its tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -15,14 +14,16 @@ from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from tests.twin.study.study_toys import toy_workload
+from tests.twin.study.study_toys import toy_cell_summary, toy_summary, toy_workload
 from tests.twin.twin_toys import random_tpg
 from twin.run.policies import NAMED_POLICIES
-from twin.study.replications.statistics import Block
+from twin.study.replications.statistics import Block, Interval
 from twin.study.replications.workload import Engines
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
+from twin.study.report.fixing import makespans_table
 from twin.study.sensitivity import Influence, SobolIndex
+from twin.study.summary import StudySummary
 
 LONG = "breakdowns.of_a_robot_with_a_rather_long_name"
 
@@ -66,30 +67,29 @@ def assert_legible(figure: Figure) -> None:
         assert shared is None or shared.width * shared.height < 1, (one, two)
 
 
-def cells(variants: int, *, policies: int = 7, name: str = LONG) -> Iterator[Any]:
-    for k in range(variants):
-        for policy in list(NAMED_POLICIES)[:policies]:
-            yield {
-                "policy": policy,
-                "variant": {name: 100.0 * k, "stalls.rate_per_h": 30} if name else {},
-                "makespan_s": {"estimate": 90.0 + k, "low": 89.0, "high": None},
-                "wait_s": {
-                    "wait_dependency_s": 10.0,
-                    "wait_conflict_s": 20.0 + k,
-                    "wait_other_s": 0.0,
-                },
-            }
+def summary_of(
+    variants: int, policies: int = 7, deadline_s: float | None = None
+) -> StudySummary:
+    waits = {"wait_dependency_s": 10.0, "wait_other_s": 0.0}
+    cells = [
+        toy_cell_summary(
+            policy,
+            {LONG: 100.0 * k, "stalls.rate_per_h": 30},
+            Interval(90.0 + k, 89.0, np.inf, 100),
+            wait_s={**waits, "wait_conflict_s": 20.0 + k},
+        )
+        for k in range(variants)
+        for policy in list(NAMED_POLICIES)[:policies]
+    ]
+    return toy_summary(cells, deadline_s=deadline_s)
 
 
 @pytest.mark.parametrize(("variants", "policies"), [(1, 7), (3, 2), (6, 7)])
 def test_comparisons_are_legible(variants: int, policies: int) -> None:
-    summary = {
-        "cells": list(cells(variants, policies=policies)),
-        "deadline_s": 95.0,
-    }
+    summary = summary_of(variants, policies, 95.0)
     names = list(NAMED_POLICIES)[:policies]
     rng = np.random.default_rng(0)
-    samples = [rng.normal(90.0, 3.0, 200) for _ in summary["cells"]]
+    samples = [rng.normal(90.0, 3.0, 200) for _ in summary.cells]
     for figure in (
         draw_ecdf(summary, samples, names),
         draw_waits(summary),
@@ -106,8 +106,7 @@ def test_comparisons_are_legible(variants: int, policies: int) -> None:
 
 
 def test_every_line_of_a_chart_differs_from_every_other() -> None:
-    summary = {"cells": list(cells(6)), "deadline_s": None}
-    figure = draw_ecdf(summary, [np.arange(5.0)] * 42, list(NAMED_POLICIES))
+    figure = draw_ecdf(summary_of(6), [np.arange(5.0)] * 42, list(NAMED_POLICIES))
     styles = {(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines}
     assert len(styles) == 42
 
@@ -127,3 +126,29 @@ def test_bands_are_legible(tasks: int) -> None:
     )
     tally = Engines(load).compute(Block(0, 0, 30)).tally
     assert_legible(draw_bands(load.tpg, tally))
+
+
+def _makespans(variants: int) -> StudySummary:
+    cells = [
+        toy_cell_summary(
+            policy,
+            {"stalls.rate_per_h": k},
+            Interval(100.04, 99.96, np.inf, 100),
+            makespan_p50_s=Interval(100.04, 99.96, 101.5, 100),
+        )
+        for k in range(variants)
+        for policy in ("sequential", "asynchronous")
+    ]
+    return toy_summary(cells)
+
+
+def test_a_table_has_the_rows_that_are_asked_for_and_long_names_may_be_broken() -> None:
+    summary = _makespans(5)
+    assert makespans_table(summary).count("<tr>") == 1 + 10
+    assert makespans_table(summary, summary.cells[:2]).count("<tr>") == 1 + 2
+    found = makespans_table(_makespans(1))
+    assert "<th>stalls.<wbr>rate_<wbr>per_<wbr>h</th>" in found
+    assert "<span>100.0</span></td>" in found  # a mean without an interval
+    assert '<span>100.0</span><br><span class="interval">100.0 to 101.5</span>' in found
+    assert "90 % intervals" in found
+    assert "<td>-</td>" in found  # no P90
