@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.machine import date_line, load_line, machine_line
 from benchmarks.timing_graphs import load_timing_graph, save_timing_graph
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import completions
 from twin.engine.engine import Simulator

@@ -40,7 +40,8 @@ from scheduling.motion_times import nominal_durations, within_limits
 from scheduling.shortcuts.corners import round_corners
 from twin.audit.audit import Auditor
 from twin.audit.motion.executed import read_recording
-from twin.durations import NANOSECONDS, Uniform
+from twin.durations.bounded import Uniform
+from twin.durations.model import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.guard import write_json

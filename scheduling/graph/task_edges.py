@@ -211,19 +211,23 @@ def sequential_order(tpg: TemporalPlanGraph) -> Iterator[int]:
             heappush(ready, (task[k][safe], k, safe))
 
 
-def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-    """Return the graph in which robots take their turns by edges of their own.
-
-    So a robot knows how far it may go before it is another one's turn.
-    """
+def turn_edges(tpg: TemporalPlanGraph) -> Indices:
+    """Return the edges by which robots wait for their turn, in the order of the sequential policy."""
     first = np.cumsum([0, *(len(chain) for chain in tpg.chains)])
     order = np.fromiter(sequential_order(tpg), dtype=np.int64)
     chain = np.searchsorted(first, order, side="right") - 1
     robots = ~np.isin(chain, list(machine_chains(tpg)))
     chain, node = chain[robots], (order - first[chain])[robots]
     rows = np.stack([chain[:-1], node[:-1], chain[1:], node[1:]], axis=1)
-    rows = rows[rows[:, 0] != rows[:, 2]]
-    edges = np.concatenate([tpg.edges, rows])
+    return np.asarray(rows[rows[:, 0] != rows[:, 2]])
+
+
+def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+    """Return the graph in which robots take their turns by edges of their own.
+
+    So a robot knows how far it may go before it is another one's turn.
+    """
+    edges = np.concatenate([tpg.edges, turn_edges(tpg)])
     unique, row = np.unique(edges, axis=0, return_index=True)
     cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
     cause[: len(tpg.edges)] = tpg.cause

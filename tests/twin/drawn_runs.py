@@ -5,7 +5,8 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed, Uniform, packaged_timings
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.measured import packaged_timings
 from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,

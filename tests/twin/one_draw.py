@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.draws import uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler

@@ -24,7 +24,8 @@ from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.timing.torque import ArmDynamics, Payload, too_weak, why_unchecked
 from planning.transforms import Array, from_rpy
 from twin.check.finding import Finding, Findings, Subject, millimetres
-from twin.durations import DurationModel, Packaged, PackagedSkill
+from twin.durations.measured import Packaged
+from twin.durations.model import DurationModel, PackagedSkill
 from twin.scenario.sections.parts import PartsSection
 from twin.uncertainty.skill_durations import SkillDurations
 

@@ -22,7 +22,7 @@ from planning.motion.speed import SpeedModel
 from planning.transforms import Array, Indices
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.kind import assembly_kind, timed
 from twin.planning.pipeline import (

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
+from scipy.special import betainc, betaincinv, betaln, xlog1py, xlogy
 
 from planning.transforms import Array
 from twin.durations.fittable import FittableModel, golden_section
@@ -204,8 +205,6 @@ class Pert(_Peaked):
         )
 
     def _ppf(self, u: Array) -> Array:
-        from scipy.special import betaincinv
-
         share = betaincinv(*self._shapes(), np.asarray(u))
         return np.asarray(self.low_s + share * (self.high_s - self.low_s))
 
@@ -215,8 +214,6 @@ class Pert(_Peaked):
 
     @classmethod
     def _log_density(cls, x: Array, low: Array, mode: Array, high: Array) -> Array:
-        from scipy.special import betaln, xlog1py, xlogy
-
         alpha, beta = _shapes_of(low, mode, high)
         share = (x - low) / (high - low)
         inside = (share >= 0) & (share <= 1)
@@ -227,8 +224,6 @@ class Pert(_Peaked):
 
     @classmethod
     def _cdf(cls, x: Array, low: Array, mode: Array, high: Array) -> Array:
-        from scipy.special import betainc
-
         share = np.clip((x - low) / (high - low), 0.0, 1.0)
         return np.asarray(betainc(*_shapes_of(low, mode, high), share))
 

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.special import digamma, gamma, gammainc, gammaincinv, gammaln, polygamma
 
 from planning.errors import ScenarioError
 from planning.transforms import Array, readonly
@@ -94,8 +95,6 @@ class Gamma(FittableModel):
         return 1 / self.cv**2, self.mean_s * self.cv**2
 
     def _ppf(self, u: Array) -> Array:
-        from scipy.special import gammaincinv
-
         shape, scale = self._shape_and_scale()
         return np.asarray(scale * gammaincinv(shape, np.asarray(u)))
 
@@ -106,8 +105,6 @@ class Gamma(FittableModel):
     @classmethod
     def fit(cls, x: Array) -> Array:
         """Return the likeliest parameters of each sample: Newton on log k - digamma(k)."""
-        from scipy.special import digamma, polygamma
-
         mean = x.mean(axis=1)
         gap = np.log(mean) - np.log(x).mean(axis=1)
         # Minka's start, within 1.5 % of the solution.
@@ -120,16 +117,12 @@ class Gamma(FittableModel):
 
     @classmethod
     def _log_density(cls, x: Array, shape: Array, scale: Array) -> Array:
-        from scipy.special import gammaln
-
         rise = (shape - 1) * log_of_positive(x)
         out = rise - x / scale - gammaln(shape) - shape * np.log(scale)
         return np.where(x > 0, out, -np.inf)
 
     @classmethod
     def _cdf(cls, x: Array, shape: Array, scale: Array) -> Array:
-        from scipy.special import gammainc
-
         return np.asarray(gammainc(shape, np.maximum(x, 0.0) / scale))
 
 
@@ -154,8 +147,6 @@ class Weibull(FittableModel):
         )
 
     def _mean(self) -> float:
-        from scipy.special import gamma
-
         return self.scale_s * float(gamma(1 + 1 / self.shape))
 
     @classmethod
@@ -212,7 +203,7 @@ class Shifted(DurationModel):
                 f"shifted: offset_s {self.offset_s} makes durations negative: the shortest "
                 f"of the model is {model.minimum:g} s"
             )
-        return self.model_copy(update={"model": model})
+        return self.changed(model=model)
 
     def _ppf(self, u: Array) -> Array:
         return np.maximum(self.model.ppf(u) + self.offset_s, 0.0)
@@ -264,8 +255,7 @@ class Retries(DurationModel):
     def located(self, folder: Path) -> Retries:
         """Return the model with its files read."""
         retry = None if self.retry is None else self.retry.located(folder)
-        update = {"attempt": self.attempt.located(folder), "retry": retry}
-        return self.model_copy(update=update)
+        return self.changed(attempt=self.attempt.located(folder), retry=retry)
 
     def _ppf(self, u: Array) -> Array:
         values, cumulative = _table(self)
@@ -340,6 +330,10 @@ class SkillOverride(Section):
         if self.robot is None and self.object is None:
             raise ValueError("name a robot, an object or both; else use 'skills'")
         return self
+
+    def located(self, folder: Path) -> SkillOverride:
+        """Return the exception with the file of its duration read; see DurationModel.located."""
+        return self.changed(duration=self.duration.located(folder))
 
 
 Shifted.model_rebuild()

@@ -73,7 +73,7 @@ class DurationModel(Section, ABC):
 
     def scaled(self, factor: float) -> DurationModel:
         """Return the same distribution with durations multiplied by a factor above 0."""
-        return self.model_copy(update={"scale": self.scale * factor})
+        return self.changed(scale=self.scale * factor)
 
     def located(self, folder: Path) -> DurationModel:
         """Return the model with its files read, once it is clear that it can be drawn from.

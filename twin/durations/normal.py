@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from planning.errors import ScenarioError
 from planning.transforms import Array
@@ -80,14 +81,10 @@ class TruncatedNormal(FittableModel):
 
     def _cut(self) -> tuple[float, float]:
         """Return the probability of being below the lower, and the upper bound."""
-        from scipy.special import ndtr
-
         low, high = self._bounds()
         return ndtr(low), ndtr(high)
 
     def _ppf(self, u: Array) -> Array:
-        from scipy.special import ndtri
-
         below, above = self._cut()
         z = ndtri(below + np.asarray(u) * (above - below))
         # Rounding must not lead past a bound.
@@ -126,16 +123,12 @@ class TruncatedNormal(FittableModel):
 
     @classmethod
     def _log_density(cls, x: Array, mean: Array, sd: Array) -> Array:
-        from scipy.special import log_ndtr
-
         z = (x - mean) / sd
         out = -0.5 * z**2 - LOG_ROOT_2PI - np.log(sd) - log_ndtr(mean / sd)
         return np.where(x >= 0, out, -np.inf)
 
     @classmethod
     def _cdf(cls, x: Array, mean: Array, sd: Array) -> Array:
-        from scipy.special import ndtr
-
         cut = ndtr(-mean / sd)
         return np.asarray(np.clip((ndtr((x - mean) / sd) - cut) / (1 - cut), 0.0, 1.0))
 
@@ -187,8 +180,6 @@ class Lognormal(FittableModel):
         return median, float(np.log(p95 / median)) / _Z95
 
     def _ppf(self, u: Array) -> Array:
-        from scipy.special import ndtri
-
         median, sigma = self._median_and_sigma()
         return np.asarray(median * np.exp(sigma * ndtri(np.asarray(u))))
 
@@ -214,8 +205,6 @@ class Lognormal(FittableModel):
 
     @classmethod
     def _cdf(cls, x: Array, mu: Array, sigma: Array) -> Array:
-        from scipy.special import ndtr
-
         return np.where(x > 0, ndtr((log_of_positive(x) - mu) / sigma), 0.0)
 
     @classmethod
@@ -236,8 +225,6 @@ def _density(z: float) -> float:
 
 def _hazard(bound: Array) -> Array:
     """Return the density over what is left above a bound, of the standard normal."""
-    from scipy.special import log_ndtr
-
     return np.asarray(np.exp(-0.5 * bound**2 - LOG_ROOT_2PI - log_ndtr(-bound)))
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import simpy
 from simpy.events import EventPriority
 
 from planning.timing.braking import StoppedPath
 from planning.transforms import Array
-from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
-from twin.engine.execution_model import Messages
+from twin.durations.model import NANOSECONDS
 from twin.engine.passage import Passage, drive_times
 from twin.engine.processes import Execution, Steps
-from twin.recorders.observers import Observers
 from twin.run.events import EventKind
 from twin.uncertainty.halts import stopped_skill
 from twin.uncertainty.node_times import NodeTimes, Standstill
@@ -34,25 +30,14 @@ class DrivenExecution(Execution):
     commanded, so a node counts as left, and is reported complete, that much later.
     """
 
+    driven = True
+
     def __init__(
-        self,
-        tpg: TemporalPlanGraph,
-        times: NodeTimes,
-        dispatcher: Dispatcher,
-        messages: Messages,
-        *,
-        planned: Sequence[Nanoseconds] | None = None,
-        observers: Observers | None = None,
+        self, tpg: TemporalPlanGraph, times: NodeTimes, *rest: Any, **options: Any
     ) -> None:
         """Set the cell up at time 0; see Execution, and ``at_full_speed`` for the durations."""
-        super().__init__(
-            tpg, times, dispatcher, messages, planned=planned, observers=observers
-        )
-        self.ahead = messages.ahead(driven=True)
-        self._drives = [
-            drive_times(chain, motion)
-            for chain, motion in zip(tpg.chains, times.motion, strict=True)
-        ]
+        super().__init__(tpg, times, *rest, **options)
+        self._drives = list(map(drive_times, tpg.chains, times.motion))
         self._passages = [Passage(drive) for drive in self._drives]
         self._given: list[dict[int, list[Standstill]]] = []
         for own in times.standstills:
@@ -124,21 +109,21 @@ class DrivenExecution(Execution):
                 self.queue[chain].popleft()
         elif opens or self.planned is None:
             yield from self._until_released(chain, node)
-        yield self._after_messages()
+        yield self._at_the_end_of_now(_AFTER_MESSAGES)
         if passage.speed <= 0.0:
             passage.rest(self.now_ns if halts is None else halts.after(self.now_ns))
         late = 0 if opens else lag
         self.start[chain][node] = passage.now_ns + late
-        self._soon(late + passage.now_ns - self.now_ns, "started", chain, node)
+        self._tell(late + passage.now_ns - self.now_ns, "started", chain, node)
         given = self._given[chain].get(node, ())
         stood = passage.go(node, self._cleared(chain, node), given, halts)
         self._stood[chain] += [item for _, item in stood]
         for begin, item in stood:
-            self._soon(begin + lag - self.now_ns, item, chain, node)
+            self._tell(begin + lag - self.now_ns, item, chain, node)
         if (wait := passage.now_ns - self.now_ns) > 0:
             yield env.timeout(wait)
         self._complete(chain, node, lag)
-        self._soon(lag, "completed", chain, node)
+        self._tell(lag, "completed", chain, node)
         if node == drive.last[node]:
             passage.speed = 0.0
             if lag:
@@ -165,38 +150,20 @@ class DrivenExecution(Execution):
             return int(self._drives[chain].last[node])
         return node + len(self.queue[chain])
 
-    def _after_messages(self) -> simpy.Event:
-        """Return an event after all others at this time."""
-        event = self.env.event()
-        event._ok, event._value = True, None
-        self.env.schedule(event, priority=_AFTER_MESSAGES)
-        return event
-
-    def _soon(
+    def _tell(
         self, delay_ns: int, what: EventKind | Standstill, chain: int, node: int
     ) -> None:
         """Tell of an event of a node, or of a standstill in it, when it is executed."""
         narrator = self.narrator
         if narrator is None:
             return
-
-        def tell(_: object = None) -> None:
-            if isinstance(what, Standstill):
-                narrator.stands(chain, node, what)
-                self._soon_over(what, chain, node)
-            else:
-                narrator.emit(what, chain, node)
-
-        if delay_ns <= 0:
-            tell()
-        else:
-            message = self.env.timeout(delay_ns)
-            message.callbacks.append(tell)
-
-    def _soon_over(self, item: Standstill, chain: int, node: int) -> None:
-        """Tell when a robot that stands goes on."""
-        narrator = self.narrator
-        if narrator is None:
+        if not isinstance(what, Standstill):
+            self._after(delay_ns, narrator.emit, what, chain, node)
             return
-        over = self.env.timeout(item.duration_ns)
-        over.callbacks.append(lambda _: narrator.goes_on(chain, node, item, 0))
+
+        def stands() -> None:
+            narrator.stands(chain, node, what)
+            over = self.env.timeout(what.duration_ns)
+            over.callbacks.append(lambda _: narrator.goes_on(chain, node, what, 0))
+
+        self._after(delay_ns, stands)

@@ -18,7 +18,7 @@ from scheduling.graph.dispatcher import Dispatcher, earliest_times
 from scheduling.graph.task_edges import with_barriers, with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.engine.driven import DrivenExecution
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.engine.narrator import failure_text

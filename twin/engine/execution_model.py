@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from planning.errors import TwinError
-from twin.durations import to_nanoseconds
+from twin.durations.model import to_nanoseconds
 from twin.run.events import Policy
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations

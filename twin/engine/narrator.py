@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from planning.tasks.task import DOOR, GONE
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.recorders.observers import Observers
 from twin.run.events import Event, EventKind, waypoint_offsets_ns
 from twin.uncertainty.halts import Halts

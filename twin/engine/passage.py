@@ -10,7 +10,7 @@ import numpy as np
 from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.commands import Commands
 from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import Standstill
@@ -122,7 +122,11 @@ class Passage:
             held = halts is not None and halts.after(self.now_ns) > self.now_ns
             if self.pending or held:
                 took, leave, way = braked(length - gone, self.speed, ramp)
-                self._tell(node, gone, -1.0 / ramp, took, leave)
+                if took > 0.0:
+                    begin = self.base_ns + self.passed
+                    self.commands.add(begin, node, gone, self.speed, -1.0 / ramp)
+                self.passed += took
+                self.speed = leave
                 gone += way
                 if self.speed > 0.0:
                     return stood
@@ -160,14 +164,6 @@ class Passage:
         self.speed = leave
         if leave <= 0.0:
             tell(self.base_ns + self.passed, node, gone + left, 0.0, 0.0)
-
-    def _tell(
-        self, node: int, gone: float, rate: float, took: float, leave: float
-    ) -> None:
-        if took > 0.0:
-            self.commands.add(self.base_ns + self.passed, node, gone, self.speed, rate)
-        self.passed += took
-        self.speed = leave
 
     def _stand(
         self, node: int, gone: float, halts: Halts | None

@@ -14,7 +14,7 @@ from simpy.events import EventPriority
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import machine_chains, sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
@@ -30,6 +30,9 @@ Steps = Generator[simpy.Event, Any, None]
 
 class Execution:
     """State of one run in progress."""
+
+    driven = False
+    """Whether robots keep to limits of acceleration."""
 
     def __init__(
         self,
@@ -57,7 +60,7 @@ class Execution:
         self.tpg = tpg
         self.times = times
         self.messages = messages
-        self.ahead = messages.ahead(driven=False)
+        self.ahead = messages.ahead(driven=self.driven)
         self.sequential = sequential
         self.halts = times.halts
         self.planned = None if planned is None else [row.tolist() for row in planned]
@@ -141,7 +144,8 @@ class Execution:
         if not queue:
             arrival = self.idle[chain] = self.env.event()
             if self.narrator is not None:
-                self._after_everything_else(self.narrator, chain, node)
+                check = self._at_the_end_of_now(_LAST)
+                check.callbacks.append(lambda _: self._tell_of_wait(chain, node))
             yield arrival
         queue.popleft()
 
@@ -169,7 +173,7 @@ class Execution:
         self.end[chain][node] = int(self.env.now) + late_ns
         if self.planned is None:
             delay = self.messages.report_ns + late_ns
-            self._deliver(delay, self._receive_report, chain, node)
+            self._after(delay, self._receive_report, chain, node)
 
     def _finish(self, chain: int) -> None:
         if self.narrator is not None:
@@ -236,17 +240,11 @@ class Execution:
             yield self.env.timeout(end - self.now_ns)
         narrator.emit("completed", chain, node)
 
-    def _after_everything_else(self, narrator: Narrator, chain: int, node: int) -> None:
-        """Tell that a robot waits unless a node reaches it at this very time."""
-
-        def tell(_: simpy.Event) -> None:
-            if self.idle[chain] is not None and self.start[chain][node] < 0:
-                narrator.emit("waiting", chain, node, detail=self._cause(chain, node))
-
-        check = self.env.event()
-        check._ok, check._value = True, None
-        check.callbacks.append(tell)
-        self.env.schedule(check, priority=_LAST)
+    def _tell_of_wait(self, chain: int, node: int) -> None:
+        """Tell that a robot waits unless a node has reached it by now."""
+        waits = self.idle[chain] is not None and self.start[chain][node] < 0
+        if self.narrator is not None and waits:
+            self.narrator.emit("waiting", chain, node, detail=self._cause(chain, node))
 
     def _cause(self, chain: int, node: int) -> str:
         """Return why a node has not been released, in words."""
@@ -288,19 +286,20 @@ class Execution:
 
     # Messages
 
-    def _deliver(
-        self,
-        delay_ns: int,
-        receive: Callable[[int, int], None],
-        chain: int,
-        node: int,
-    ) -> None:
-        """Send a message about a node, which is received after a delay."""
-        if delay_ns == 0:
-            receive(chain, node)
+    def _after(self, delay_ns: int, act: Callable[..., None], *about: Any) -> None:
+        """Do something after a delay, such as to receive a message; at once if there is none."""
+        if delay_ns <= 0:
+            act(*about)
         else:
             message = self.env.timeout(delay_ns)
-            message.callbacks.append(lambda _: receive(chain, node))
+            message.callbacks.append(lambda _: act(*about))
+
+    def _at_the_end_of_now(self, priority: EventPriority) -> simpy.Event:
+        """Return an event behind those at this time that have a lower priority."""
+        event = self.env.event()
+        event._ok, event._value = True, None
+        self.env.schedule(event, priority=priority)
+        return event
 
     def _receive_report(self, chain: int, node: int) -> None:
         self.reports.append((chain, node))
@@ -380,4 +379,4 @@ class Execution:
         self.outstanding[chain] += 1
         if self.narrator is not None:
             self.narrator.emit("released", chain, node)
-        self._deliver(self.messages.release_ns, self._enqueue, chain, node)
+        self._after(self.messages.release_ns, self._enqueue, chain, node)

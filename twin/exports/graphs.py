@@ -22,7 +22,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.run.activities import CAUSES, lane_colours
 from twin.trial.run_result import RunResult
 

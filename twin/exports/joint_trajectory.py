@@ -16,7 +16,7 @@ from itertools import groupby
 from typing import Any
 
 from planning.tasks.task import GONE
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.exports.segments import (
     CONTROLLER_RATE_HZ,
     CONTROLLER_RATES_HZ,

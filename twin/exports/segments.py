@@ -23,7 +23,7 @@ from planning.errors import OutputError
 from planning.tasks.task import Task
 from planning.transforms import Array, Indices
 from scheduling.graph.dispatcher import Rollout, earliest_times
-from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.run.activities import CAUSES
 from twin.run.events import waypoint_offsets_ns
 from twin.run.trajectory import Trajectory

@@ -20,19 +20,11 @@ from pydantic import TypeAdapter, ValidationError
 from planning.errors import ScenarioError
 from planning.progress import Progress, no_progress
 from planning.transforms import Array
-from twin.durations import (
-    AnyDuration,
-    DurationModel,
-    Exponential,
-    Gamma,
-    Lognormal,
-    Pert,
-    Triangular,
-    TruncatedNormal,
-    Uniform,
-    Weibull,
-)
+from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import Family, ShiftedFamily, rounded
+from twin.durations.lifetimes import AnyDuration, Exponential, Gamma, Weibull
+from twin.durations.model import DurationModel
+from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.samples import Sample
 from twin.host.guard import write_text
 from twin.host.pictures import INK, new_picture, save_png, style_axes

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from planning.errors import RequestError
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, require_as_written
 from twin.trial.plan_result import plan_of_run

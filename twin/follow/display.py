@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent, RobotProgress

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from planning.errors import OutputError
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.follow.forecast import Forecast, Forecaster
 from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.run.events import Event, EventLogError, parse_event

@@ -13,15 +13,10 @@ import numpy as np
 
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import (
-    NANOSECONDS,
-    DurationModel,
-    Exponential,
-    Fixed,
-    Measured,
-    Nanoseconds,
-    to_nanoseconds,
-)
+from twin.durations.bounded import Fixed
+from twin.durations.lifetimes import Exponential
+from twin.durations.measured import Measured
+from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.state import FollowedRun, RobotProgress

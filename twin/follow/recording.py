@@ -13,7 +13,7 @@ from planning.tasks.task import GONE
 from planning.transforms import Array
 from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.follow.follow import RunListener
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent

@@ -10,7 +10,7 @@ import numpy as np
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.activities import CAUSES
 from twin.run.events import Event, Policy
 

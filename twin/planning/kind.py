@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from planning.tasks.assignment import TaskPlan
     from planning.tasks.work import AssemblyWork
     from scheduling.repeat import Pattern
-    from twin.durations import SkillOverride
+    from twin.durations.lifetimes import SkillOverride
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from planning.tasks.task import DOOR
 from planning.tasks.work import supplied_work
 from planning.transforms import readonly
 from twin.audit.wanted import Wanted
-from twin.durations import SkillOverride
+from twin.durations.lifetimes import SkillOverride
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions

@@ -20,7 +20,7 @@ from planning.errors import OutputError
 from planning.tasks.task import GONE
 from planning.transforms import Array, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.guard import replacing
 from twin.run.events import Event, ExecutionRecord, event_line
 from twin.run.folder import OBJECTS, TRAJECTORY

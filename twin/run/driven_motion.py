@@ -19,7 +19,7 @@ from planning.timing.rounded_path import BlendedPath
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import blended_path, node_path, skill_motion
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.events import ExecutionRecord
 from twin.uncertainty.halts import stopped_skill, stops_of
 

@@ -17,7 +17,7 @@ from planning.errors import OutputError, TwinError
 from planning.files import read_file
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.uncertainty.halts import StoppedClock
 from twin.uncertainty.node_times import Standstill
 

@@ -18,7 +18,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.pictures import INK, fitted, style_axes
 from twin.run.activities import (
     HOLDING,

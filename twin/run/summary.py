@@ -21,7 +21,7 @@ from scheduling.graph.task_edges import (
 )
 from scheduling.graph.temporal_plan_graph import TASK_DEPENDENCY, TemporalPlanGraph
 from scheduling.pace import slowed_motions
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.policies import ASYNCHRONOUS, IN_TURNS, SEQUENTIAL, policy_name
 

@@ -12,7 +12,7 @@ from planning.tasks.task import SUPPLY_KINDS, TRANSIT
 from planning.tasks.work import is_done_to_a_product
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.events import ExecutionRecord
 
 _START_UP = 0.1

@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.driven_motion import cubic_at, driven_rows, stopped_motion
 from twin.run.events import ExecutionRecord, waypoint_offsets_ns
 

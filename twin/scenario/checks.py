@@ -18,7 +18,8 @@ from planning.tasks.task import (
     TAKE_TOOL,
     TRANSIT,
 )
-from twin.durations import DurationModel, Empirical
+from twin.durations.measured import Empirical
+from twin.durations.model import DurationModel
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
 from twin.scenario.document.validation import (

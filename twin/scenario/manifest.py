@@ -21,7 +21,7 @@ from planning.errors import OutputError, RequestError, ScenarioError, listed
 from planning.files import read_file
 from planning.robots.descriptions.xml_files import description_sha256
 from planning.transforms import Transform, quat_wxyz
-from twin.durations import Empirical
+from twin.durations.measured import Empirical
 from twin.host.guard import versions, write_json
 from twin.scenario.checks import find_problems
 from twin.scenario.document.validation import (

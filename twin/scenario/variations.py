@@ -19,7 +19,7 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.tasks.task import HOLD
-from twin.durations import Distribution
+from twin.durations.lifetimes import Distribution
 from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
 from twin.scenario.document.yaml_text import read_yaml
 from twin.scenario.manifest import scenario_schema

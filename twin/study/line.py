@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Array
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.run.throughput import line_figures, start_up_of, takts_s
 from twin.study.replications.block_results import ProductTimes, cell_blocks
 from twin.study.replications.statistics import (

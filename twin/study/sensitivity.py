@@ -179,7 +179,7 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
         for name, model in own.models.items()
     }
     overrides = tuple(
-        item.model_copy(update={"duration": item.duration.scaled(factor)})
+        item.changed(duration=item.duration.scaled(factor))
         if item.skill == skill
         else item
         for item in own.overrides
@@ -209,8 +209,6 @@ def _with_longer_motions(
 
 def _with_stalls(load: Workload, factor: float) -> Workload:
     own = load.execution.disturbances
-    stalls = own.stalls.model_copy(
-        update={"rate_per_h": own.stalls.rate_per_h * factor}
-    )
-    disturbances = own.model_copy(update={"stalls": stalls})
+    stalls = own.stalls.changed(rate_per_h=own.stalls.rate_per_h * factor)
+    disturbances = own.changed(stalls=stalls)
     return replace(load, execution=replace(load.execution, disturbances=disturbances))

@@ -15,7 +15,7 @@ from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
 from twin.audit.worlds.world import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from planning.transforms import Array
 from twin.audit.worlds.world import engine_and_version, engine_named
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.planning.kind import assembly_kind
 from twin.run.policies import PLAIN_POLICIES
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied

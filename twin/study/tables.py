@@ -16,7 +16,7 @@ from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
 )
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.bulk_engine import bulk_contraction
 from twin.engine.bulk.max_plus import OTHER, policy_graph
 from twin.host.guard import replacing

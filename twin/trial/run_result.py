@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.errors import OutputError, RequestError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.events import Event, EventLogError, ExecutionRecord, parse_event, read_log
 from twin.run.folder import (
     EVENTS,

@@ -27,7 +27,7 @@ from twin.audit.audit import Auditor
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.violation import Violation
 from twin.audit.worlds.world import Engine, engine_and_version, engine_named
-from twin.durations import packaged_timings
+from twin.durations.measured import packaged_timings
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.host.progress import Report, report_nothing
@@ -138,10 +138,7 @@ def skill_durations(
     """
     execution = scenario.execution
     machines, tools = (
-        [
-            item.model_copy(update={"duration": item.duration.located(folder)})
-            for item in given
-        ]
+        [item.located(folder) for item in given]
         for given in (
             assembly_kind(scenario.assembly).machine_durations(),
             scenario.tool_durations,

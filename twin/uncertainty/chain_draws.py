@@ -16,13 +16,8 @@ from planning.kernels import kernel
 from planning.tasks.task import STRAIGHT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import (
-    NANOSECONDS,
-    DurationModel,
-    Exponential,
-    Nanoseconds,
-    to_nanoseconds,
-)
+from twin.durations.lifetimes import Exponential
+from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Disturbances, SkillFailure, Stalls
 from twin.uncertainty.draws import uniforms
 

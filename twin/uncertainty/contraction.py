@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.halts import Halts
 
 

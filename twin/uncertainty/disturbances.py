@@ -3,38 +3,49 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from twin.durations import AnyDuration, DurationModel, Fixed, Lognormal, Skill, Uniform
-from twin.durations.model import Factor
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.lifetimes import AnyDuration
+from twin.durations.model import DurationModel, Factor, Skill
+from twin.durations.normal import Lognormal
 from twin.scenario.document.section import Name, Section, Two
 
 
-class FixedFactor(Section):
+class _FactorSection(Section):
+    """A distribution of a factor, with the keys of one of durations but for the unit."""
+
+    _model: ClassVar[type[DurationModel]]
+
+    @property
+    def model(self) -> DurationModel:
+        """The distribution; models do not care what the unit is."""
+        given = self.model_dump(exclude={"kind"})
+        return self._model(**{f"{key}_s": value for key, value in given.items()})
+
+
+class FixedFactor(_FactorSection):
     """A constant factor.
 
     Attributes:
         value: the factor.
     """
 
+    _model: ClassVar = Fixed
     kind: Literal["fixed"]
     value: Factor
 
-    @property
-    def model(self) -> DurationModel:
-        """The distribution; models do not care what the unit is."""
-        return Fixed(value_s=self.value)
 
-
-class UniformFactor(Section):
+class UniformFactor(_FactorSection):
     """Uniform distribution between two bounds.
 
     Attributes:
         low, high: least and greatest factor.
     """
 
+    _model: ClassVar = Uniform
     kind: Literal["uniform"]
     low: Factor
     high: Factor
@@ -45,13 +56,8 @@ class UniformFactor(Section):
             raise ValueError("low must not exceed high")
         return self
 
-    @property
-    def model(self) -> DurationModel:
-        """The distribution; models do not care what the unit is."""
-        return Uniform(low_s=self.low, high_s=self.high)
 
-
-class LognormalFactor(Section):
+class LognormalFactor(_FactorSection):
     """Lognormal distribution, given by its median and 95th percentile.
 
     Attributes:
@@ -59,6 +65,7 @@ class LognormalFactor(Section):
         p95: 95 % of the factors are less.
     """
 
+    _model: ClassVar = Lognormal
     kind: Literal["lognormal"]
     median: Factor
     p95: Factor
@@ -68,11 +75,6 @@ class LognormalFactor(Section):
         if self.p95 < self.median:
             raise ValueError("p95 must not be less than median")
         return self
-
-    @property
-    def model(self) -> DurationModel:
-        """The distribution; models do not care what the unit is."""
-        return Lognormal(median_s=self.median, p95_s=self.p95)
 
 
 AnyFactor = Annotated[
@@ -236,12 +238,8 @@ class Disturbances(Section):
     def of_machine(self, name: str) -> Disturbances:
         """Return what disturbs a machine: what is said of it, and failed attempts at its process."""
         own = self.machines.get(name, MachineDisturbances())
-        return Disturbances().model_copy(
-            update={
-                "breakdowns": own.breakdowns,
-                "stalls": own.stalls,
-                "failures": self.failures,
-            }
+        return Disturbances().changed(
+            breakdowns=own.breakdowns, stalls=own.stalls, failures=self.failures
         )
 
     def located(self, folder: Path) -> Disturbances:
@@ -260,25 +258,21 @@ class Disturbances(Section):
         def happening(stalls: Stalls) -> Stalls:
             if not stalls.count_per_robot and not stalls.rate_per_h:
                 return Stalls()
-            return stalls.model_copy(update={"duration": read(stalls.duration)})
+            return stalls.changed(duration=read(stalls.duration))
 
-        machines = {
-            name: own.model_copy(update={"stalls": happening(own.stalls)})
-            for name, own in self.machines.items()
-        }
-        failures = {
-            skill: failure.model_copy(update={"retry": read(failure.retry)})
-            for skill, failure in self.failures.items()
-        }
         return Disturbances(
             speed=self.speed,
             breakdowns=self.breakdowns,
             emergency_stops=self.emergency_stops,
-        ).model_copy(
-            update={
-                "jitter": read(self.jitter),
-                "stalls": happening(self.stalls),
-                "failures": failures,
-                "machines": machines,
-            }
+        ).changed(
+            jitter=read(self.jitter),
+            stalls=happening(self.stalls),
+            failures={
+                skill: failure.changed(retry=read(failure.retry))
+                for skill, failure in self.failures.items()
+            },
+            machines={
+                name: own.changed(stalls=happening(own.stalls))
+                for name, own in self.machines.items()
+            },
         )

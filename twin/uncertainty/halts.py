@@ -19,7 +19,7 @@ from planning.timing.braking import StoppedPath, stopped_path
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import skill_motion
-from twin.durations import NANOSECONDS, Nanoseconds, to_nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Breakdowns, Disturbances
 from twin.uncertainty.draws import uniforms
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from planning.transforms import Indices
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances

@@ -15,13 +15,8 @@ from planning.cell.robot_model import RobotModel
 from planning.tasks.task import ExceptionKey, strongest_exception
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from twin.durations import (
-    NANOSECONDS,
-    DurationModel,
-    Nanoseconds,
-    SkillOverride,
-    to_nanoseconds,
-)
+from twin.durations.lifetimes import SkillOverride
+from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.uncertainty.draws import uniforms
 
 _ROUNDING = 1e-9

@@ -25,7 +25,8 @@ from twin.audit.audit import audit_run
 from twin.audit.limit_checks import limit_violations
 from twin.audit.motion.executed import Recording, RobotRows
 from twin.audit.violation import Violation
-from twin.durations import NANOSECONDS, packaged_timings
+from twin.durations.measured import packaged_timings
+from twin.durations.model import NANOSECONDS
 from twin.run.trajectory import robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
 from twin.uncertainty.skill_durations import SkillDurations

@@ -14,7 +14,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.comparison.comparison import straight_line_ratio, straight_line_s
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.summary import lower_bound_s
 from twin.uncertainty.skill_durations import SkillDurations

@@ -15,22 +15,11 @@ from scipy import stats
 
 from planning.errors import ScenarioError
 from planning.transforms import Array
-from twin.durations import (
-    DurationModel,
-    Empirical,
-    Exponential,
-    Fixed,
-    Gamma,
-    Lognormal,
-    Measured,
-    Pert,
-    Retries,
-    Shifted,
-    Triangular,
-    TruncatedNormal,
-    Uniform,
-    Weibull,
-)
+from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
+from twin.durations.lifetimes import Exponential, Gamma, Retries, Shifted, Weibull
+from twin.durations.measured import Empirical, Measured
+from twin.durations.model import DurationModel
+from twin.durations.normal import Lognormal, TruncatedNormal
 
 U = (np.arange(2000) + 0.5) / 2000
 SECONDS = st.floats(0.01, 1000)

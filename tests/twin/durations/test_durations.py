@@ -19,18 +19,11 @@ from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
 from tests.twin.one_draw import sample
 from tests.twin.twin_toys import random_tpg, with_cut_skill
-from twin.durations import (
-    DurationModel,
-    Empirical,
-    Fixed,
-    Lognormal,
-    Measured,
-    Packaged,
-    Retries,
-    Uniform,
-    packaged_timings,
-    to_nanoseconds,
-)
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.lifetimes import Retries
+from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
+from twin.durations.model import DurationModel, to_nanoseconds
+from twin.durations.normal import Lognormal
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
 
 PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000

@@ -14,7 +14,7 @@ from planning.tasks.task import TRANSIT
 from scheduling.build_tpg import build_nodes
 from tests.twin.one_draw import sample
 from twin.cli import app
-from twin.durations import packaged_timings
+from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_turns, plan_motions
 from twin.scenario.manifest import load_scenario

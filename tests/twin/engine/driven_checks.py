@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import simulate
-from twin.durations import NANOSECONDS, Fixed, Uniform
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages

@@ -25,7 +25,7 @@ from tests.twin.engine.driven_checks import (
     travelled,
 )
 from tests.twin.simulated import simulate
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.events import Policy
 from twin.run.trajectory import robot_trajectories

@@ -16,7 +16,7 @@ from tests.twin.recorded_events import story
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import Fixed, Uniform
+from twin.durations.bounded import Fixed, Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder

@@ -8,7 +8,8 @@ from pathlib import Path
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed, packaged_timings
+from twin.durations.bounded import Fixed
+from twin.durations.measured import packaged_timings
 from twin.exports.formats import exported_files
 from twin.recorders.observers import (
     JsonlRecorder,

@@ -12,7 +12,7 @@ import pytest
 
 from scheduling.graph.dispatcher import earliest_times
 from tests.twin.exports.exported_runs import exported, toy_run
-from twin.durations import to_nanoseconds
+from twin.durations.model import to_nanoseconds
 from twin.run.events import ExecutionRecord
 from twin.trial.run_result import RunResult
 

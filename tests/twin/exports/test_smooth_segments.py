@@ -12,7 +12,7 @@ import pytest
 from planning.errors import OutputError
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.trial.run_result import RunResult

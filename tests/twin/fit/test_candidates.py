@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from twin.durations import Lognormal
+from twin.durations.normal import Lognormal
 from twin.fit.fitting import (
     FAMILIES,
     LEVEL,

@@ -17,7 +17,8 @@ from typer.testing import CliRunner, Result
 from planning.tasks.task import SKILLS
 from planning.transforms import Array
 from twin.cli import app
-from twin.durations import Fixed, Measured
+from twin.durations.bounded import Fixed
+from twin.durations.measured import Measured
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
 from twin.scenario.manifest import load_scenario

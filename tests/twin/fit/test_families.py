@@ -9,17 +9,10 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from planning.transforms import Array
-from twin.durations import (
-    Exponential,
-    Gamma,
-    Lognormal,
-    Pert,
-    Triangular,
-    TruncatedNormal,
-    Uniform,
-    Weibull,
-)
+from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import Family, ShiftedFamily, golden_section
+from twin.durations.lifetimes import Exponential, Gamma, Weibull
+from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.fitting import FAMILIES, section_model
 
 T = np.linspace(0.0, 14.0, 141)[None]

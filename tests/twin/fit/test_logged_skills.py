@@ -9,7 +9,8 @@ import pytest
 
 from planning.errors import RequestError
 from tests.twin.twin_toys import random_tpg
-from twin.durations import NANOSECONDS, Uniform
+from twin.durations.bounded import Uniform
+from twin.durations.model import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.fit.logged_skills import skills_in_log

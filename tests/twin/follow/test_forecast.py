@@ -12,7 +12,10 @@ from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.one_draw import sample_node_times
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.durations import Exponential, Fixed, Lognormal, Measured, Uniform
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.lifetimes import Exponential
+from twin.durations.measured import Measured
+from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.follow.forecast import SEED, Forecaster, conditional_quantiles

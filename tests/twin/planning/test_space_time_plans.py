@@ -34,7 +34,7 @@ from tests.planning.construction.toy_teams import (
 )
 from twin.audit.audit import Auditor
 from twin.audit.motion.executed import read_recording
-from twin.durations import Uniform
+from twin.durations.bounded import Uniform
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.recorders.observers import objects_table, trajectory_table, write_table

@@ -23,7 +23,7 @@ from tests.twin.recorders.recorded_toys import rows, static
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
 from twin.recorders.observers import MemoryRecorder

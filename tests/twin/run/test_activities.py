@@ -15,7 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
 from tests.twin.twin_toys import two_robot_tpg
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.recorders.observers import MemoryRecorder

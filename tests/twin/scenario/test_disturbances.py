@@ -9,7 +9,8 @@ import pytest
 
 from tests.planted import rows
 from tests.twin.turning_arms import SCENARIO
-from twin.durations import Fixed, Lognormal, Uniform
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.normal import Lognormal
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.execution import ExecutionSection

@@ -16,25 +16,19 @@ from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
 from tests.planted import planted
 from tests.twin.twin_toys import random_tpg
-from twin.durations import (
+from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
+from twin.durations.lifetimes import (
     AnyDuration,
-    DurationModel,
     Exponential,
-    Fixed,
     Gamma,
-    Lognormal,
-    Packaged,
-    PackagedSkill,
-    Pert,
     Retries,
     Shifted,
     SkillOverride,
-    Triangular,
-    TruncatedNormal,
-    Uniform,
     Weibull,
-    packaged_timings,
 )
+from twin.durations.measured import Packaged, packaged_timings
+from twin.durations.model import DurationModel, PackagedSkill
+from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planning.errors import ScenarioError
-from twin.durations import Uniform
+from twin.durations.bounded import Uniform
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (

@@ -16,7 +16,7 @@ from planning.errors import ConstructionError, RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from tests.planted import planted
 from twin.cli import app
-from twin.durations import packaged_timings
+from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_workcell
 from twin.planning.construction import ConstructionKind

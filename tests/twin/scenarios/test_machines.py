@@ -28,7 +28,8 @@ from twin.audit.audit import audit_run
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
 from twin.check.reach import check_reach
-from twin.durations import NANOSECONDS, Fixed, Uniform
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.execution_model import ExecutionModel
 from twin.planning.kind import assembly_kind

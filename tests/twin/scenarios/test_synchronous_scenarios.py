@@ -10,7 +10,7 @@ import pytest
 
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.verify import verify_plan
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_slots
 from twin.scenario.document.validation import InvalidScenarioError

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Lognormal, Uniform
+from twin.durations.bounded import Uniform
+from twin.durations.normal import Lognormal
 from twin.engine.execution_model import ExecutionModel
 from twin.run.events import Policy
 from twin.study.replications.statistics import Interval

@@ -11,7 +11,7 @@ from planning.errors import RequestError
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.study.study_toys import toy_workload
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed, Uniform
+from twin.durations.bounded import Fixed, Uniform
 from twin.engine.execution_model import ExecutionModel
 from twin.study.folder import check_points
 from twin.study.gains.gains import cell_gains

@@ -10,7 +10,7 @@ from planning.tasks.task import SKILLS
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.one_draw import sample_node_times
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Fixed
+from twin.durations.bounded import Fixed
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel

@@ -10,14 +10,10 @@ from hypothesis import strategies as st
 from planning.tasks.task import SKILLS
 from tests.twin.one_draw import sample, uniform
 from tests.twin.twin_toys import random_tpg, with_cut_skill
-from twin.durations import (
-    DurationModel,
-    Fixed,
-    Lognormal,
-    Measured,
-    Uniform,
-    to_nanoseconds,
-)
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.measured import Measured
+from twin.durations.model import DurationModel, to_nanoseconds
+from twin.durations.normal import Lognormal
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns, share_duration
 
 MODELS: dict[str, DurationModel] = {

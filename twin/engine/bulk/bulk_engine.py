@@ -17,7 +17,7 @@ from planning.kernels import kernel
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
-from twin.durations import Nanoseconds, to_nanoseconds
+from twin.durations.model import Nanoseconds, to_nanoseconds
 from twin.engine.bulk.driven_times import drive_arrays, driven_times
 from twin.engine.bulk.max_plus import (
     Completions,

@@ -32,10 +32,15 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import earliest_times
-from scheduling.graph.task_edges import machine_chains, sequential_order, with_barriers
+from scheduling.graph.task_edges import (
+    machine_chains,
+    sequential_order,
+    turn_edges,
+    with_barriers,
+)
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import flatten, planned_ranks
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.run.events import Policy
 from twin.uncertainty.skill_durations import nominal_ns
@@ -117,26 +122,13 @@ def _in_turns(tpg: TemporalPlanGraph) -> PrecedenceArrays:
 
     Machines take no turns: what waits for them, and they for others, is as in the plan.
     """
-    order = _sequential_order(tpg)
-    plain = precedence_arrays(tpg)
-    of_machine = np.isin(plain.chain, list(machine_chains(tpg)))
-    turns = order[~of_machine[order]]
-    pairs = np.stack([turns[:-1], turns[1:]], axis=1)
-    pairs = pairs[plain.chain[pairs[:, 0]] != plain.chain[pairs[:, 1]]]
-    target = np.repeat(np.arange(len(order)), np.diff(plain.edge_first))
-    kept = of_machine[plain.source] | of_machine[target]
-    source = np.concatenate([plain.source[kept], pairs[:, 0]])
-    target = np.concatenate([target[kept], pairs[:, 1]])
-    other = np.full(len(pairs), OTHER, dtype=np.uint8)
-    cause = np.concatenate([plain.cause[kept], other])
-    row = np.argsort(target, kind="stable")
-    into = np.bincount(target, minlength=len(order))
-    return plain._replace(
-        order=order,
-        edge_first=np.concatenate([[0], np.cumsum(into)]).astype(np.int64),
-        source=source[row],
-        cause=cause[row],
-    )
+    kept = np.isin(tpg.edges[:, [0, 2]], list(machine_chains(tpg))).any(axis=1)
+    turns = turn_edges(tpg)
+    other = np.full(len(turns), OTHER, dtype=np.uint8)
+    edges = np.concatenate([tpg.edges[kept], turns])
+    cause = np.concatenate([tpg.cause[kept], other])
+    graph = precedence_arrays(replace(tpg, edges=edges, cause=cause))
+    return graph._replace(order=_sequential_order(tpg))
 
 
 def _sequential_order(tpg: TemporalPlanGraph) -> Indices:

@@ -21,7 +21,7 @@ from planning.errors import OutputError
 from planning.transforms import Array
 from twin.drawing.drawn_robot import DrawnRobot, corners_of_shape, drawn_robot
 from twin.drawing.paint import coloured_fixtures
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.exports.ros.messages import (
     DEFINITIONS,
     JOINT_STATE,

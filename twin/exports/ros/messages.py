@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.exports.segments import Segment
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"

@@ -14,7 +14,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.tasks.task import GONE
 from planning.transforms import Array, from_quat_wxyz, quat_wxyz
 from twin.drawing.drawn_robot import DrawnRobot
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.exports.ros.messages import FramePose, frame_pose
 from twin.trial.run_result import RunResult
 

@@ -13,7 +13,7 @@ import numpy as np
 from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, quat_wxyz, readonly, translation
 from scheduling.repeat import numbered
-from twin.durations import AnyDuration, SkillOverride
+from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.scenario.sections.line import (
     ConveyorSection,
     GridSection,

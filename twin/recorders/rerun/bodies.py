@@ -20,7 +20,7 @@ from planning.robots.registry import ROBOTS
 from planning.tasks.task import GONE
 from twin.drawing.drawn_robot import triangles_of
 from twin.drawing.paint import coloured_fixtures, painted_description
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.layout import WORLD_FRAME, entity_path, robot_part
 from twin.recorders.rerun.rerun_values import (

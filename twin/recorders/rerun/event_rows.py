@@ -14,7 +14,7 @@ import rerun as rr
 
 from planning.tasks.task import TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.rerun_values import time_column
 from twin.run.activities import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from inspect import cleandoc
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -93,6 +93,10 @@ class Section(BaseModel):
     ) -> JsonSchemaValue:
         """Return the schema with what the docstring says of every key."""
         return described(handler.resolve_ref_schema(handler(core)), cls)
+
+    def changed(self, **values: object) -> Self:
+        """Return the section with other values, which are not checked again."""
+        return self.model_copy(update=values)
 
 
 def with_tuples(value: Any) -> Any:

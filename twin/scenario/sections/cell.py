@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
-from twin.durations import AnyDuration, Fixed
+from twin.durations.bounded import Fixed
+from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.shapes import (
     Colour,

@@ -9,14 +9,9 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, field_validator
 
 from planning.errors import ScenarioError
-from twin.durations import (
-    Distribution,
-    DurationModel,
-    Packaged,
-    PackagedSkill,
-    Skill,
-    SkillOverride,
-)
+from twin.durations.lifetimes import Distribution, SkillOverride
+from twin.durations.measured import Packaged
+from twin.durations.model import DurationModel, PackagedSkill, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import Disturbances
@@ -102,10 +97,7 @@ class ExecutionSection(Disturbances):
         Raises:
             ScenarioError: a file of measured times cannot be read.
         """
-        return tuple(
-            item.model_copy(update={"duration": item.duration.located(folder)})
-            for item in self.skill_overrides
-        )
+        return tuple(item.located(folder) for item in self.skill_overrides)
 
     def named_robots(self) -> Iterator[tuple[KeyPath, str]]:
         """Yield the robots that disturbances happen to, each with its key in the section."""

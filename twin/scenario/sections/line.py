@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from twin.durations import AnyDuration, Fixed
+from twin.durations.bounded import Fixed
+from twin.durations.lifetimes import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
 from twin.scenario.document.section import Section, Several, Two
 from twin.scenario.sections.shapes import PoseSection

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from twin.durations import AnyDuration
+from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, Two, with_tuples
 from twin.scenario.sections.line import ProductsSection, SourceSection
 from twin.scenario.sections.shapes import (

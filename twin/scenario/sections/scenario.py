@@ -19,7 +19,7 @@ from pydantic import (
 
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
-from twin.durations import SkillOverride
+from twin.durations.lifetimes import SkillOverride
 from twin.scenario.document.section import Name, Section
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection

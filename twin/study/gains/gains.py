@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.guard import write_json, write_text
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.candidates import FEW, MANY, candidates

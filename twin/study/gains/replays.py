@@ -13,7 +13,7 @@ from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine, bulk_contraction
 from twin.engine.bulk.max_plus import (
     Completions,
@@ -264,11 +264,10 @@ def _shorter_stops(own: Disturbances, which: str, share: float) -> Disturbances:
     """Return disturbances whose stops by the clock last a share less."""
     if which == "breakdowns" and own.breakdowns is not None:
         mttr_s = (1.0 - share) * own.breakdowns.mttr_s
-        shorter = own.breakdowns.model_copy(update={"mttr_s": mttr_s})
-        return own.model_copy(update={"breakdowns": shorter})
+        return own.changed(breakdowns=own.breakdowns.changed(mttr_s=mttr_s))
     stops = tuple(
-        stop.model_copy(update={"duration_s": (1.0 - share) * stop.duration_s})
+        stop.changed(duration_s=(1.0 - share) * stop.duration_s)
         for stop in own.emergency_stops
         if share < 1.0
     )
-    return own.model_copy(update={"emergency_stops": stops})
+    return own.changed(emergency_stops=stops)

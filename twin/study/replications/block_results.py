@@ -25,7 +25,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
-from twin.durations import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
 from twin.host.guard import replacing
 from twin.run.throughput import product_nodes

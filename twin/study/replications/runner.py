@@ -14,12 +14,11 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.errors import OutputError, TwinError
+from planning.transforms import Array
 from twin.host.progress import Report, report_nothing
 from twin.study.replications.block_results import (
     BlockResult,
@@ -53,13 +52,6 @@ REPLICATING = "replications"
 """Name of the stage for progress displays."""
 
 
-class Parcel(NamedTuple):
-    """A packed workload, and the hash of all that it was made from."""
-
-    data: bytes
-    made_from: str
-
-
 def run_replications(
     experiment: Experiment,
     workloads: Sequence[Workload],
@@ -88,31 +80,20 @@ def run_replications(
         OutputError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    parcels = [Parcel(pack(load), load.made_from) for load in workloads]
-    counter = _Counter(experiment, len(workloads), progress)
     done = set(blocks_done(folder))
     wanted: set[Block] = set()
     begin = 0
-    with _Workers(open_executor) as workers:
+    with _Run(experiment, workloads, folder, open_executor, progress) as run:
         for target in experiment.targets():
             blocks = [
                 block
                 for cell, load in enumerate(workloads)
                 for block in blocks_of(cell, begin, target, _block_size(load))
             ]
-            missing = []
-            for block in blocks:
-                found = None
-                if block in done:
-                    found = _kept(folder, block, workloads[block.cell].made_from)
-                if found is None:
-                    missing.append(block)
-                else:
-                    counter.add(found)
+            run.compute(b for b in blocks if not (b in done and run.takes_kept(b)))
             wanted.update(blocks)
-            _compute(missing, parcels, folder, workers, counter)
             begin = target
-            if counter.enough(target):
+            if run.has_enough(target):
                 break
     for block in sorted(done - wanted, key=lambda b: (b.cell, b.first)):
         place = put_aside(folder, block)
@@ -127,42 +108,77 @@ def _block_size(load: Workload) -> int:
     return max(1, min(BULK_BLOCK, _MOST_TASKS // max(len(load.tpg.tasks), 1)))
 
 
-def _kept(folder: Path, block: Block, made_from: str) -> BlockResult | None:
-    """Return a block from its file; None, and the file out of the way, if it is not to be used."""
-    try:
-        return read_block(folder, block, made_from)
-    except OutputError as error:
-        place = put_aside(folder, block)
-        _log.warning("%s; computed anew, the file is now %s", error, place)
-        return None
+class _Run:
+    """Replications on their way into files; of those that are there it keeps the makespans.
 
+    Workers are opened when there is something to do, and kept until one dies or all is done.
+    """
 
-class _Counter:
-    """Keeps the makespans of all cells: 8 bytes a replication, and nothing else."""
-
-    def __init__(self, experiment: Experiment, cells: int, progress: Report) -> None:
-        self._experiment = experiment
-        self._makespans: list[dict[int, npt.NDArray[np.float64]]] = [
-            {} for _ in range(cells)
-        ]
+    def __init__(
+        self,
+        experiment: Experiment,
+        workloads: Sequence[Workload],
+        folder: Path,
+        open_executor: OpenExecutor,
+        progress: Report,
+    ) -> None:
+        self._experiment, self._folder = experiment, folder
+        self._parcels = [pack(load) for load in workloads]
+        self._made_from = [load.made_from for load in workloads]
+        # 8 bytes a replication, by cell and first replication of its block.
+        self._makespans: list[dict[int, Array]] = [{} for _ in workloads]
         self._progress = progress
         self._done = 0
-        self._wanted = next(iter(experiment.targets())) * cells
+        self._wanted = next(iter(experiment.targets())) * len(workloads)
+        self._open = open_executor
+        self._opened = ExitStack()
+        self._executor: Executor | None = None
 
-    def add(self, result: BlockResult) -> None:
-        """Count a block."""
-        parts = self._makespans[result.block.cell]
-        parts[result.block.first] = result.rows.makespans_s()
-        self._done += result.block.count
-        self._progress(REPLICATING, self._done, max(self._wanted, self._done))
+    def __enter__(self) -> _Run:
+        return self
 
-    def enough(self, target: int) -> bool:
-        """Tell whether the means of all cells are known well enough."""
+    def __exit__(self, *_: object) -> None:
+        self._opened.close()
+
+    def takes_kept(self, block: Block) -> bool:
+        """Count a block that has a file; False, and the file out of the way, if it cannot be used."""
+        try:
+            self._count(read_block(self._folder, block, self._made_from[block.cell]))
+        except OutputError as error:
+            place = put_aside(self._folder, block)
+            _log.warning("%s; computed anew, the file is now %s", error, place)
+            return False
+        return True
+
+    def compute(self, blocks: Iterable[Block]) -> None:
+        """Compute blocks and write their files.
+
+        Raises:
+            TwinError: workers died again and again.
+        """
+        waiting = deque(blocks)
+        restarts = 0
+        while waiting:
+            try:
+                with self._at_work() as executor:
+                    self._drain(executor, waiting)
+            except BrokenExecutor as error:
+                restarts += 1
+                if restarts > _RESTARTS:
+                    raise TwinError(
+                        f"workers died {restarts} times; what was done is kept, go on with"
+                        " --resume and fewer --workers"
+                    ) from error
+
+    def has_enough(self, target: int) -> bool:
+        """Tell whether the means of all cells are known well enough after so many replications."""
         if self._experiment.replications is not None:
             return True
-        rule = self._experiment.precision
-        samples = [self._sample(cell) for cell in range(len(self._makespans))]
-        mirror = self._experiment.antithetic
+        rule, mirror = self._experiment.precision, self._experiment.antithetic
+        samples = []
+        for parts in self._makespans:
+            values = np.concatenate([parts[first] for first in sorted(parts)])
+            samples.append(values[np.isfinite(values)])
         # A cell in which nothing completes has no mean to wait for.
         if target >= rule.most or all(
             len(sample) < 2 or rule.reached(sample, antithetic=mirror)
@@ -173,29 +189,14 @@ class _Counter:
         self._wanted = max(forecast, target) * len(samples)
         return False
 
-    def _sample(self, cell: int) -> npt.NDArray[np.float64]:
-        parts = self._makespans[cell]
-        values = np.concatenate([parts[first] for first in sorted(parts)])
-        return np.asarray(values[np.isfinite(values)], dtype=float)
-
-
-class _Workers:
-    """Workers, opened when there is something to do and kept until one dies or all is done."""
-
-    def __init__(self, open_executor: OpenExecutor) -> None:
-        self._open = open_executor
-        self._opened = ExitStack()
-        self._executor: Executor | None = None
-
-    def __enter__(self) -> _Workers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor = None
-        self._opened.close()
+    def _count(self, result: BlockResult) -> None:
+        parts = self._makespans[result.block.cell]
+        parts[result.block.first] = result.rows.makespans_s()
+        self._done += result.block.count
+        self._progress(REPLICATING, self._done, max(self._wanted, self._done))
 
     @contextmanager
-    def at_work(self) -> Iterator[Executor]:
+    def _at_work(self) -> Iterator[Executor]:
         """Give the executor; what is raised meanwhile ends it, and the next one is a new one."""
         if self._executor is None:
             self._executor = self._opened.enter_context(self._open())
@@ -207,53 +208,26 @@ class _Workers:
             self._opened.__exit__(type(error), error, error.__traceback__)
             raise
 
-
-def _compute(
-    blocks: Iterable[Block],
-    parcels: Sequence[Parcel],
-    folder: Path,
-    workers: _Workers,
-    counter: _Counter,
-) -> None:
-    waiting = deque(blocks)
-    restarts = 0
-    while waiting:
+    def _drain(self, executor: Executor, waiting: deque[Block]) -> None:
+        """Compute blocks until none is waiting; a block leaves the queue when its file is there."""
+        under_way: dict[Future[BlockResult], Block] = {}
+        most = 2 * parallelism(executor)
         try:
-            with workers.at_work() as executor:
-                _drain(executor, waiting, parcels, folder, counter)
-        except BrokenExecutor as error:
-            restarts += 1
-            if restarts > _RESTARTS:
-                raise TwinError(
-                    f"workers died {restarts} times; what was done is kept, go on with"
-                    " --resume and fewer --workers"
-                ) from error
-
-
-def _drain(
-    executor: Executor,
-    waiting: deque[Block],
-    parcels: Sequence[Parcel],
-    folder: Path,
-    counter: _Counter,
-) -> None:
-    """Compute blocks until none is waiting; a block leaves the queue when its file is there."""
-    under_way: dict[Future[BlockResult], Block] = {}
-    most = 2 * parallelism(executor)
-    try:
-        while waiting or under_way:
-            while waiting and len(under_way) < most:
-                block = waiting[0]
-                # Where a worker has died meanwhile this fails, and the block must still be waiting.
-                future = executor.submit(compute_block, parcels[block.cell].data, block)
-                under_way[future] = waiting.popleft()
-            finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
-            for future in finished:
-                result = future.result()
-                write_block(folder, result, parcels[result.block.cell].made_from)
-                counter.add(result)
-                del under_way[future]
-    finally:
-        waiting.extendleft(under_way.values())
-        for future in under_way:
-            future.cancel()
+            while waiting or under_way:
+                while waiting and len(under_way) < most:
+                    block = waiting[0]
+                    parcel = self._parcels[block.cell]
+                    # Where a worker has died meanwhile this fails, and the block must still be waiting.
+                    future = executor.submit(compute_block, parcel, block)
+                    under_way[future] = waiting.popleft()
+                finished, _ = wait(under_way, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    result = future.result()
+                    made_from = self._made_from[result.block.cell]
+                    write_block(self._folder, result, made_from)
+                    self._count(result)
+                    del under_way[future]
+        finally:
+            waiting.extendleft(under_way.values())
+            for future in under_way:
+                future.cancel()

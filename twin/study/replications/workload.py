@@ -30,7 +30,7 @@ from planning.parallel import usable_cores
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.cluster.certificates import Cluster
 from twin.cluster.client import ANSWER_WITHIN_S, cluster_executor
-from twin.durations import Nanoseconds
+from twin.durations.model import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import (
     PrecedenceArrays,

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from planning.tasks.task import TRANSIT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.pictures import INK, fitted, new_picture, style_axes
 from twin.run.activities import part_names
 from twin.study.replications.block_results import TaskTally, task_groups

@@ -18,7 +18,8 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.check.finding import Subject
 from twin.check.robots import check_skill_times, check_speeds
-from twin.durations import DurationModel, Packaged
+from twin.durations.measured import Packaged
+from twin.durations.model import DurationModel
 from twin.engine.bulk.max_plus import OTHER
 from twin.host.guard import versions
 from twin.host.pictures import INK

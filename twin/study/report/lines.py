@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from twin.drawing.markup import bullets, table, text
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.host.pictures import INK
 from twin.run.throughput import takts_s
 from twin.study.line import Due

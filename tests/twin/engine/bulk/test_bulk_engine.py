@@ -14,7 +14,8 @@ from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import run_bulk
 from tests.twin.twin_toys import random_tpg, with_cut_skill
-from twin.durations import Lognormal, Uniform
+from twin.durations.bounded import Uniform
+from twin.durations.normal import Lognormal
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel

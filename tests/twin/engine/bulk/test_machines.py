@@ -10,7 +10,8 @@ from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repeat import repeat_graph
 from tests.scheduling.line_world import line_plan
-from twin.durations import Fixed, SkillOverride, Uniform
+from twin.durations.bounded import Fixed, Uniform
+from twin.durations.lifetimes import SkillOverride
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import completions
 from twin.engine.engine import Simulator

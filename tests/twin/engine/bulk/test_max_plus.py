@@ -17,7 +17,8 @@ from scheduling.graph.temporal_plan_graph import (
 )
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.twin_toys import random_tpg
-from twin.durations import Nanoseconds, Uniform
+from twin.durations.bounded import Uniform
+from twin.durations.model import Nanoseconds
 from twin.engine.bulk.max_plus import (
     OTHER,
     completions,

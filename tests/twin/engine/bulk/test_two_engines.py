@@ -17,7 +17,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.shipped_runs import ShippedRuns
 from tests.twin.simulated import run_bulk
-from twin.durations import packaged_timings
+from twin.durations.measured import packaged_timings
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel

@@ -25,7 +25,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import DISTURBED, exported, toy_run
 from tests.twin.twin_toys import random_tpg
-from twin.durations import NANOSECONDS
+from twin.durations.model import NANOSECONDS
 from twin.exports.segments import segments
 from twin.recorders.observers import write_table
 from twin.trial.run_result import RunResult

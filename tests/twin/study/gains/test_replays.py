@@ -12,7 +12,8 @@ from planning.tasks.task import TRANSIT
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.study.study_toys import toy_workload
-from twin.durations import Nanoseconds, Uniform
+from twin.durations.bounded import Uniform
+from twin.durations.model import Nanoseconds
 from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
