@@ -15,8 +15,8 @@ from twin.durations.model import NANOSECONDS
 from twin.engine.passage import Passage, drive_times
 from twin.engine.processes import Execution, Steps
 from twin.run.events import EventKind
-from twin.uncertainty.halts import stopped_skill
 from twin.uncertainty.node_times import NodeTimes, Standstill
+from twin.uncertainty.stops import stopped_skill
 
 _AFTER_MESSAGES = EventPriority(8)
 """Priority of decisions at borders: what arrives at the same time counts."""
@@ -55,24 +55,24 @@ class DrivenExecution(Execution):
             length = self._drives[k].length
             stood = [x for node in own if length[node] <= 0.0 for x in own[node]]
             stood = sorted([*stood, *self._stood[k]], key=lambda item: item.node)
-            stall = np.zeros(len(length), dtype=np.int64)
+            waited = np.zeros(len(length), dtype=np.int64)
             for item in stood:
-                stall[item.node] += item.duration_ns
+                waited[item.node] += item.duration_ns
             start, end = np.array(self.start[k]), np.array(self.end[k])
-            took = end - start - stall
-            if self.halts is not None:
+            took = end - start - waited
+            if self.stops is not None:
                 spans = zip(start.tolist(), end.tolist(), strict=True)
-                took -= [self.halts[k].stopped_between(a, b) for a, b in spans]
+                took -= [self.stops[k].stopped_between(a, b) for a, b in spans]
             moved = length > 0.0
             moved[[n for (c, n), x in self._stopped.items() if c == k and x]] = True
             moved &= end >= 0
             motions.append(np.where(moved, took, self.times.motion[k]))
-            stalls.append(stall)
+            stalls.append(waited)
             stands.append(tuple(stood))
         return replace(
             self.times,
             motion=tuple(motions),
-            stall=tuple(stalls),
+            stood=tuple(stalls),
             standstills=tuple(stands),
         )
 
@@ -103,7 +103,7 @@ class DrivenExecution(Execution):
         """
         env, passage, drive = self.env, self._passages[chain], self._drives[chain]
         lag = int(drive.lag[node])
-        halts = None if self.halts is None else self.halts[chain]
+        stops = None if self.stops is None else self.stops[chain]
         if passage.speed > 0.0:
             if self.planned is None:
                 self.queue[chain].popleft()
@@ -111,12 +111,12 @@ class DrivenExecution(Execution):
             yield from self._until_released(chain, node)
         yield self._at_the_end_of_now(_AFTER_MESSAGES)
         if passage.speed <= 0.0:
-            passage.rest(self.now_ns if halts is None else halts.after(self.now_ns))
+            passage.rest(self.now_ns if stops is None else stops.after(self.now_ns))
         late = 0 if opens else lag
         self.start[chain][node] = passage.now_ns + late
         self._tell(late + passage.now_ns - self.now_ns, "started", chain, node)
         given = self._given[chain].get(node, ())
-        stood = passage.go(node, self._cleared(chain, node), given, halts)
+        stood = passage.go(node, self._cleared(chain, node), given, stops)
         self._stood[chain] += [item for _, item in stood]
         for begin, item in stood:
             self._tell(begin + lag - self.now_ns, item, chain, node)
@@ -131,10 +131,10 @@ class DrivenExecution(Execution):
 
     def _moved(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
         """Return when the motion of a skill has gone on for a while: it brakes for stops."""
-        if self.halts is None:
+        if self.stops is None:
             return super()._moved(chain, node, begin_ns, offset_ns)
         if (chain, node) not in self._stopped:
-            motion, stops = self.motion[chain][node], self.halts[chain].stop_after
+            motion, stops = self.motion[chain][node], self.stops[chain].stop_after
             found = stopped_skill(self.tpg, (chain, node), motion, begin_ns, stops)
             self._stopped[chain, node] = found
             if found is not None:

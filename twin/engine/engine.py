@@ -104,7 +104,7 @@ class Simulator:
         start, end = _arrays(execution.start), _arrays(execution.end)
         if contraction is not None:
             start, end = contraction.expand(
-                start, times.busy, execution.now_ns, times.halts
+                start, times.busy, execution.now_ns, times.stops
             )
             times.cut_failed(start, end)
         failed = tuple(
@@ -124,13 +124,13 @@ class Simulator:
             seed=seed,
             replication=replication,
             duration_ns=times.motion,
-            stall_ns=times.stall,
+            stood_ns=times.stood,
             start_ns=start,
             end_ns=end,
             makespan_ns=makespan,
             standstills=times.standstills,
-            halts_ns=tuple(own.intervals(makespan) for own in times.halts)
-            if times.halts
+            stops_ns=tuple(own.intervals(makespan) for own in times.stops)
+            if times.stops
             else ((),) * len(self.tpg.chains),
             failed_nodes=failed,
             failure="; ".join(
@@ -193,9 +193,9 @@ def _makespan_ns(
     ends = [int(own.max()) for own in end if len(own)]
     for k, node in enumerate(failed):
         if node >= 0:
-            begun, stall = int(start[k][node]), int(times.stall[k][node])
-            halts = times.halts
-            ends.append(halts[k].advance(begun, stall) if halts else begun + stall)
+            begun, stood = int(start[k][node]), int(times.stood[k][node])
+            stops = times.stops
+            ends.append(stops[k].advance(begun, stood) if stops else begun + stood)
     return max([0, *ends])
 
 
@@ -205,7 +205,7 @@ def _segment_times(contraction: Contraction, times: NodeTimes) -> NodeTimes:
     return replace(
         times,
         motion=tuple(np.zeros_like(total) for total in sums),
-        stall=sums,
+        stood=sums,
         failed=tuple(
             -1 if node < 0 else int(np.searchsorted(first, node, side="right")) - 1
             for node, first in zip(times.failed, contraction.first, strict=True)

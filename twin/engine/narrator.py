@@ -9,8 +9,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.recorders.observers import Observers
 from twin.run.events import Event, EventKind, waypoint_offsets_ns
-from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import NodeTimes, Standstill
+from twin.uncertainty.stops import Stops
 
 _Change = tuple[int, str, str | None]
 
@@ -104,25 +104,25 @@ class Narrator:
         else:
             self.emit("resumed", chain, node)
 
-    def stopped(self, halts: Sequence[Halts], chain: int, node: int, t_ns: int) -> None:
+    def stopped(self, stops: Sequence[Stops], chain: int, node: int, t_ns: int) -> None:
         """Tell of the stops of a robot by the clock that begin or end at a time.
 
         Stops that overlap end together, each with a row of its own: so whoever reads the rows can
         tell them from a breakdown during which they happen.
 
         Args:
-            halts: stops of every robot.
+            stops: stops of every robot.
             chain: index of the robot's chain.
             node: the node under way, -1 for none.
             t_ns: the time [ns].
         """
-        stops = [s for s in halts[chain].stops(t_ns) if s.end_ns > s.start_ns]
-        for stop in stops:
+        known = [s for s in stops[chain].until(t_ns) if s.end_ns > s.start_ns]
+        for stop in known:
             if stop.start_ns == t_ns:
                 self.emit("stopped", chain, node, "", stop.reason, t_ns=t_ns)
-        for begin, end in halts[chain].intervals(t_ns + 1):
+        for begin, end in stops[chain].intervals(t_ns + 1):
             if end == t_ns:
-                for _ in range(sum(begin <= s.start_ns < end for s in stops)):
+                for _ in range(sum(begin <= s.start_ns < end for s in known)):
                     self.emit("resumed", chain, node, t_ns=t_ns)
 
 

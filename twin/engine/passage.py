@@ -12,8 +12,8 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.commands import Commands
-from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import Standstill
+from twin.uncertainty.stops import Stops
 
 _ROUNDING_NS = 1.0
 """Drawn durations are whole nanoseconds; this near to full speed is full speed."""
@@ -97,7 +97,7 @@ class Passage:
         node: int,
         last: int,
         standstills: Sequence[Standstill] = (),
-        halts: Halts | None = None,
+        stops: Stops | None = None,
     ) -> list[tuple[int, Standstill]]:
         """Take a node, and be at its end afterwards.
 
@@ -105,7 +105,7 @@ class Passage:
             node: the node that begins.
             last: the last node that the robot is cleared for.
             standstills: that begin with it.
-            halts: stops by the clock.
+            stops: stops by the clock.
 
         Returns:
             Standstills within the node, and when each begins [ns].
@@ -119,7 +119,7 @@ class Passage:
         gone = 0.0
         stood: list[tuple[int, Standstill]] = []
         while True:
-            held = halts is not None and halts.after(self.now_ns) > self.now_ns
+            held = stops is not None and stops.after(self.now_ns) > self.now_ns
             if self.pending or held:
                 took, leave, way = braked(length - gone, self.speed, ramp)
                 if took > 0.0:
@@ -130,12 +130,12 @@ class Passage:
                 gone += way
                 if self.speed > 0.0:
                     return stood
-                stood += self._stand(node, gone, halts)
+                stood += self._stand(node, gone, stops)
             took, leave, peak = pass_through(
                 length - gone, top, self.speed, bound, ramp
             )
-            if halts is not None:
-                stop = halts.next_edge(self.now_ns)
+            if stops is not None:
+                stop = stops.next_edge(self.now_ns)
                 if self.base_ns + self.passed + took > stop:
                     gone = self._until(
                         stop, node, gone, (length - gone, leave, peak, ramp)
@@ -166,7 +166,7 @@ class Passage:
             tell(self.base_ns + self.passed, node, gone + left, 0.0, 0.0)
 
     def _stand(
-        self, node: int, gone: float, halts: Halts | None
+        self, node: int, gone: float, stops: Stops | None
     ) -> list[tuple[int, Standstill]]:
         """Stand for all that is pending, and for as long as the clock has the robot stopped."""
         now = self.now_ns
@@ -174,12 +174,12 @@ class Passage:
         stood = []
         for item in self.pending:
             stood.append((now, Standstill(node, item.cause, item.duration_ns)))
-            if halts is None:
+            if stops is None:
                 now += item.duration_ns
             else:
-                now = halts.advance(halts.after(now), item.duration_ns)
+                now = stops.advance(stops.after(now), item.duration_ns)
         self.pending.clear()
-        self.rest(now if halts is None else halts.after(now))
+        self.rest(now if stops is None else stops.after(now))
         return stood
 
     def _until(

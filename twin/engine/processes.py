@@ -19,8 +19,8 @@ from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
 from twin.run.events import Outcome
-from twin.uncertainty.halts import Halts
 from twin.uncertainty.node_times import NodeTimes
+from twin.uncertainty.stops import Stops
 
 _LAST = EventPriority(9)
 """Priority of what happens after everything else at the same time."""
@@ -62,7 +62,7 @@ class Execution:
         self.messages = messages
         self.ahead = messages.ahead(driven=self.driven)
         self.sequential = sequential
-        self.halts = times.halts
+        self.stops = times.stops
         self.planned = None if planned is None else [row.tolist() for row in planned]
         self.env = simpy.Environment(initial_time=0)
         self.dispatcher = dispatcher
@@ -73,7 +73,7 @@ class Execution:
         )
         self.task = [chain.task.tolist() for chain in tpg.chains]
         self.motion = [motion.tolist() for motion in times.motion]
-        self.stall = [stall.tolist() for stall in times.stall]
+        self.stood = [stood.tolist() for stood in times.stood]
         self.start = [[-1] * len(chain) for chain in tpg.chains]
         self.end = [[-1] * len(chain) for chain in tpg.chains]
         self.queue: list[deque[int]] = [deque() for _ in tpg.chains]
@@ -99,8 +99,8 @@ class Execution:
             self.env.process(self._dispatch())
         outcome: Outcome = "completed"
         try:
-            if self.narrator is not None and self.halts is not None:
-                self._run_and_tell_of_halts(self.narrator, self.halts)
+            if self.narrator is not None and self.stops is not None:
+                self._run_and_tell_of_stops(self.narrator, self.stops)
             else:
                 self.env.run()
             if any(end and end[-1] < 0 for end in self.end):
@@ -151,15 +151,15 @@ class Execution:
 
     def _fails(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node from rest to rest, report it, and return whether its task failed for good."""
-        halts = None if self.halts is None else self.halts[chain]
-        if halts is not None and (stop := halts.after(self.now_ns) - self.now_ns) > 0:
+        stops = None if self.stops is None else self.stops[chain]
+        if stops is not None and (stop := stops.after(self.now_ns) - self.now_ns) > 0:
             yield self.env.timeout(stop)
         failed = node == self.times.failed[chain]
         self.start[chain][node] = int(self.env.now)
         if self.narrator is not None:
             yield from self._execute_watched(self.narrator, chain, node)
         else:
-            begin = self._worked(chain, self.now_ns, self.stall[chain][node])
+            begin = self._worked(chain, self.now_ns, self.stood[chain][node])
             end = begin if failed else self._end_of_motion(chain, node, begin)
             yield self.env.timeout(end - self.now_ns)
         if failed:
@@ -186,9 +186,9 @@ class Execution:
 
     def _worked(self, chain: int, begin_ns: int, busy_ns: int) -> int:
         """Return when some work is done that begins at a time [ns]."""
-        if self.halts is None:
+        if self.stops is None:
             return begin_ns + busy_ns
-        return self.halts[chain].advance(begin_ns, busy_ns)
+        return self.stops[chain].advance(begin_ns, busy_ns)
 
     def _moved(self, chain: int, node: int, begin_ns: int, offset_ns: int) -> int:
         """Return when the motion of a node has gone on for a while, stops not counted [ns].
@@ -257,21 +257,21 @@ class Execution:
             return "waits for " + " and ".join(waited_for)
         return "waits for its turn" if self.sequential else "waits for its release"
 
-    def _run_and_tell_of_halts(
-        self, narrator: Narrator, halts: Sequence[Halts]
+    def _run_and_tell_of_stops(
+        self, narrator: Narrator, stops: Sequence[Stops]
     ) -> None:
         """Run, and tell of stops by the clock before anything else at their time.
 
         They are not events of the simulation: nobody would know when to stop waiting for them.
         """
-        edge = min(own.next_edge(-1) for own in halts)
+        edge = min(own.next_edge(-1) for own in stops)
         while (upcoming := self.env.peek()) < math.inf:
             while edge <= upcoming:
-                for chain in range(len(halts)):
+                for chain in range(len(stops)):
                     if self._has_work_left(chain):
                         node = self._under_way(chain)
-                        narrator.stopped(halts, chain, node, edge)
-                edge = min(own.next_edge(edge) for own in halts)
+                        narrator.stopped(stops, chain, node, edge)
+                edge = min(own.next_edge(edge) for own in stops)
             self.env.step()
 
     def _has_work_left(self, chain: int) -> bool:

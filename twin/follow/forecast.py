@@ -98,7 +98,7 @@ class Forecaster:
             sampler.sample(seed=SEED, replication=r) for r in range(self._samples)
         ]
         self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
-        self._stall = np.stack([_joined(f.stall) for f in self._futures], axis=1)
+        self._stall = np.stack([_joined(f.stood) for f in self._futures], axis=1)
         kinds = {item.name: item.kind for item in tpg.cell.objects}
         self._kind_of = [kinds.get(t.object) if t.object else None for t in tpg.tasks]
 

@@ -21,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import blended_path, node_path, skill_motion
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.events import ExecutionRecord
-from twin.uncertainty.halts import stopped_skill, stops_of
+from twin.uncertainty.stops import stopped_skill, stops_of
 
 _SHORTEST_NS = 30_000
 """Between times that are no further apart, accelerations are linear but for rounding."""
@@ -188,7 +188,7 @@ def stopped_motion(
     if row == len(told) or told[row, 1] != node:
         return None
     begin, duration = int(told[row, 0]), int(told[row, 2])
-    return stopped_skill(tpg, (k, node), duration, begin, stops_of(run.halts_ns[k]))
+    return stopped_skill(tpg, (k, node), duration, begin, stops_of(run.stops_ns[k]))
 
 
 def _skill_rows(
@@ -204,7 +204,7 @@ def _skill_rows(
         return
     pace = run.pace(k)
     begin = int(pace.own(run.start_ns[k][node : node + 1])[0])
-    begin += int(run.stall_ns[k][node])
+    begin += int(run.stood_ns[k][node])
     duration = int(run.duration_ns[k][node])
     if duration == 0 or not chain.skill[node] or robot.limits is None:
         q = node_path(chain, node)[-1]

@@ -18,8 +18,8 @@ from planning.files import read_file
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.uncertainty.halts import StoppedClock
 from twin.uncertainty.node_times import Standstill
+from twin.uncertainty.stops import StoppedClock
 
 EventKind = Literal[
     "released",
@@ -177,12 +177,12 @@ class ExecutionRecord:
         policy: how nodes were released.
         seed, replication: what its random draws were named by.
         duration_ns: motion of each node, without stalls [ns].
-        stall_ns: stall of each node, after it started and before it moves [ns].
+        stood_ns: standstills of each node, after it started and before it moves [ns].
         start_ns: when each node started [ns].
         end_ns: when each node was complete [ns].
         makespan_ns: end of the last node, or when the run was broken off [ns].
-        standstills: what ``stall_ns`` is made of, one entry a chain.
-        halts_ns: when each robot was stopped by the clock, also in the middle of a node:
+        standstills: what ``stood_ns`` is made of, one entry a chain.
+        stops_ns: when each robot was stopped by the clock, also in the middle of a node:
             start and end, without overlaps, one entry a chain [ns]. Node times include this.
         failed_nodes: the node at which each robot failed for good, -1 for none.
         failure: what failed, for people; empty when nothing did.
@@ -197,12 +197,12 @@ class ExecutionRecord:
     seed: int
     replication: int
     duration_ns: tuple[Nanoseconds, ...]
-    stall_ns: tuple[Nanoseconds, ...]
+    stood_ns: tuple[Nanoseconds, ...]
     start_ns: tuple[Nanoseconds, ...]
     end_ns: tuple[Nanoseconds, ...]
     makespan_ns: int
     standstills: tuple[tuple[Standstill, ...], ...]
-    halts_ns: tuple[tuple[tuple[int, int], ...], ...]
+    stops_ns: tuple[tuple[tuple[int, int], ...], ...]
     failed_nodes: tuple[int, ...]
     failure: str
     raised_skills: int = 0
@@ -222,22 +222,22 @@ class ExecutionRecord:
         done = self.end_ns[chain] >= 0
         if not np.any(done):
             return 0
-        busy = self.duration_ns[chain][done].sum() + self.stall_ns[chain][done].sum()
+        busy = self.duration_ns[chain][done].sum() + self.stood_ns[chain][done].sum()
         end = int(self.end_ns[chain][done][-1])
-        return end - int(busy) - self.halted_ns(chain, end)
+        return end - int(busy) - self.stopped_ns(chain, end)
 
-    def stalled_ns(self, chain: int) -> int:
-        """Return how long a robot stalled in the nodes that it completed [ns]."""
-        return int(self.stall_ns[chain][self.end_ns[chain] >= 0].sum())
+    def standing_ns(self, chain: int) -> int:
+        """Return how long a robot stood in the nodes that it completed [ns]."""
+        return int(self.stood_ns[chain][self.end_ns[chain] >= 0].sum())
 
-    def halted_ns(self, chain: int, until_ns: int) -> int:
+    def stopped_ns(self, chain: int, until_ns: int) -> int:
         """Return for how long the clock had stopped a robot before a time [ns]."""
-        halts = self.halts_ns[chain]
-        return sum(min(b, until_ns) - a for a, b in halts if a < until_ns)
+        stops = self.stops_ns[chain]
+        return sum(min(b, until_ns) - a for a, b in stops if a < until_ns)
 
     def pace(self, chain: int) -> StoppedClock:
         """Return the clock of a robot, which stands while the robot is stopped."""
-        return StoppedClock(self.halts_ns[chain])
+        return StoppedClock(self.stops_ns[chain])
 
     def waits(self) -> tuple[RobotWait, ...]:
         """Return every wait that ended, by chain and time."""

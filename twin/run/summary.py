@@ -56,7 +56,7 @@ def summarise(
     if makespan_sequential_s is None:
         total_ns = sum(
             int(times[k].sum())
-            for times in (run.duration_ns, run.stall_ns)
+            for times in (run.duration_ns, run.stood_ns)
             for k in range(len(tpg.chains))
             if k not in machines
         )
@@ -84,8 +84,8 @@ def summarise(
         "makespan_sequential_s": makespan_sequential_s,
         "lower_bound_s": lower_bound_s(tpg, run),
         "wait_s": seconds(run.wait_ns),
-        "stall_s": seconds(run.stalled_ns),
-        "stopped_s": seconds(lambda k: run.halted_ns(k, run.makespan_ns)),
+        "stall_s": seconds(run.standing_ns),
+        "stopped_s": seconds(lambda k: run.stopped_ns(k, run.makespan_ns)),
         "failure": run.failure or None,
         "raised_skills": run.raised_skills,
         "nodes": sum(len(chain) for chain in tpg.chains),
@@ -122,7 +122,7 @@ def lower_bound_s(tpg: TemporalPlanGraph, run: ExecutionRecord) -> float:
     edges = dependency_edges(tpg)
     cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
     free = replace(tpg, edges=edges, cause=cause)
-    busy = [d + s for d, s in zip(run.duration_ns, run.stall_ns, strict=True)]
+    busy = [d + s for d, s in zip(run.duration_ns, run.stood_ns, strict=True)]
     ends = [e[-1] for e in earliest_times(free, busy).end if len(e)]
     return float(np.max(ends, initial=0)) / NANOSECONDS
 

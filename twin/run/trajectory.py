@@ -124,7 +124,7 @@ def _chain_trajectory(chain: NodeChain, run: ExecutionRecord, k: int) -> Traject
     # A node whose task failed never moves.
     moves = count - (count > 0 and run.failed_nodes[k] == count - 1)
     nodes = np.arange(count)
-    start, stall = pace.own(run.start_ns[k][:count]), run.stall_ns[k][:count]
+    start, stall = pace.own(run.start_ns[k][:count]), run.stood_ns[k][:count]
     passed = int(chain.first[moves])
     path = np.vstack([chain.start[None], chain.waypoints[:passed]])
     of_waypoint = np.repeat(nodes[:moves], np.diff(chain.first[: moves + 1]))
@@ -147,8 +147,8 @@ def _chain_trajectory(chain: NodeChain, run: ExecutionRecord, k: int) -> Traject
 
 def _with_stops(motion: Trajectory, run: ExecutionRecord, k: int) -> Trajectory:
     """Return a motion in the run's time, with a row at both ends of every stop."""
-    halts = run.halts_ns[k]
-    if not halts:
+    stops = run.stops_ns[k]
+    if not stops:
         return motion
     pace = run.pace(k)
     stops_at = pace.stops_at
@@ -161,7 +161,7 @@ def _with_stops(motion: Trajectory, run: ExecutionRecord, k: int) -> Trajectory:
         motion.at(stops_at),
     )
     node = motion.node[np.minimum(row, len(motion.node) - 1)]
-    edges = np.array(halts, dtype=np.int64)
+    edges = np.array(stops, dtype=np.int64)
     t = np.concatenate(
         [
             np.minimum(pace.real(motion.t_ns), run.makespan_ns),
@@ -173,7 +173,7 @@ def _with_stops(motion: Trajectory, run: ExecutionRecord, k: int) -> Trajectory:
     nodes = np.concatenate([motion.node, node, node])
     own = np.concatenate([motion.t_ns, stops_at, stops_at])
     # At the own time of a stop: first it begins, then it ends, then come the rows there are.
-    slot = np.repeat([2, 0, 1], [len(motion.t_ns), len(halts), len(halts)])
+    slot = np.repeat([2, 0, 1], [len(motion.t_ns), len(stops), len(stops)])
     order = np.lexsort((slot, own))
     order = order[np.argsort(t[order], kind="stable")]
     return Trajectory(motion.robot, t[order], q[order], nodes[order])
@@ -223,7 +223,7 @@ def object_placements(
             if t_ns <= run.makespan_ns:
                 placements.append(Placement(t_ns, item.object, item.holder, item.pose))
             continue
-        passed = int(run.stall_ns[item.robot][item.node])
+        passed = int(run.stood_ns[item.robot][item.node])
         if item.waypoint > 0:
             first = int(tpg.chains[item.robot].first[item.node])
             passed += int(offsets[item.robot][first + item.waypoint - 1])

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
-from twin.uncertainty.halts import Halts
+from twin.uncertainty.stops import Stops
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,15 @@ class Contraction:
         start_ns: Sequence[Nanoseconds],
         busy_ns: Sequence[Nanoseconds],
         until_ns: int,
-        halts: Sequence[Halts] | None = None,
+        stops: Sequence[Stops] | None = None,
     ) -> tuple[tuple[Nanoseconds, ...], tuple[Nanoseconds, ...]]:
         """Return start and end of every node from the starts of the segments.
 
         Args:
             start_ns: start of each segment, -1 where it has not started, per chain [ns].
-            busy_ns: stall and duration of each node together, per chain [ns].
+            busy_ns: standstills and duration of each node together, per chain [ns].
             until_ns: what would start or end after this has not happened [ns].
-            halts: stops by the clock, one entry a chain.
+            stops: stops by the clock, one entry a chain.
         """
         starts, ends = [], []
         for k, (segment, busy, first) in enumerate(
@@ -64,11 +64,11 @@ class Contraction:
             base = np.repeat(before[first[:-1]], count)
             origin = np.repeat(segment, count)
             begun = origin >= 0
-            if halts is None:
+            if stops is None:
                 start, end = origin + before - base, origin + passed - base
             else:
-                start = halts[k].expand(origin, before - base)
-                end = halts[k].expand(origin, passed - base)
+                start = stops[k].expand(origin, before - base)
+                end = stops[k].expand(origin, passed - base)
             starts.append(np.where(begun & (start <= until_ns), start, -1))
             ends.append(np.where(begun & (end <= until_ns), end, -1))
         return tuple(starts), tuple(ends)

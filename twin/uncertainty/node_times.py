@@ -21,8 +21,8 @@ from twin.durations.model import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.halts import Halts, sample_halts
 from twin.uncertainty.skill_durations import SkillDurations, least_ns, nominal_ns
+from twin.uncertainty.stops import Stops, sample_stops
 
 _MOST_VALUES = 4_000_000
 """Times of nodes that are drawn at once: it bounds the memory."""
@@ -51,31 +51,31 @@ class NodeTimes:
 
     Attributes:
         motion: duration of each node without standstills, shape (nodes,) [ns].
-        stall: all standstills of each node together, shape (nodes,) [ns].
-        standstills: what ``stall`` is made of, by node and in the order in which they happen.
+        stood: all standstills of each node together, shape (nodes,) [ns].
+        standstills: what ``stood`` is made of, by node and in the order in which they happen.
         failed: the first node whose task fails for good, -1 for none. It never moves and is
             never complete: it has failed when its standstills are over.
-        halts: stops at times of the run's clock, None when nobody can ever stop.
+        stops: stops at times of the run's clock, None when nobody can ever stop.
         raised: skills that were drawn shorter than their joints' speed limits allow.
     """
 
     motion: tuple[Nanoseconds, ...]
-    stall: tuple[Nanoseconds, ...]
+    stood: tuple[Nanoseconds, ...]
     standstills: tuple[tuple[Standstill, ...], ...]
     failed: tuple[int, ...]
-    halts: tuple[Halts, ...] | None = None
+    stops: tuple[Stops, ...] | None = None
     raised: int = 0
 
     @cached_property
     def busy(self) -> tuple[Nanoseconds, ...]:
         """Stall and motion of every node together; what has failed does not move [ns]."""
         out = []
-        for motion, stall, failed in zip(
-            self.motion, self.stall, self.failed, strict=True
+        for motion, stood, failed in zip(
+            self.motion, self.stood, self.failed, strict=True
         ):
-            total = motion + stall
+            total = motion + stood
             if failed >= 0:
-                total[failed] = stall[failed]
+                total[failed] = stood[failed]
                 total[failed + 1 :] = 0
             out.append(total)
         return tuple(out)
@@ -175,10 +175,10 @@ class NodeTimeSampler:
         """Draw one replication."""
         moves, stalls, stands, fails = [], [], [], []
         for motion, found, failed in self._draw(seed, np.array([replication])):
-            stall = np.zeros(len(motion), dtype=np.int64)
+            stood = np.zeros(len(motion), dtype=np.int64)
             entries = []
             for group in found:
-                np.add.at(stall, group.node, group.duration_ns)
+                np.add.at(stood, group.node, group.duration_ns)
                 pairs = zip(
                     group.node.tolist(), group.duration_ns.tolist(), strict=True
                 )
@@ -188,10 +188,10 @@ class NodeTimeSampler:
                     if duration > 0 or group.cause == "retry"
                 ]
             moves.append(np.ascontiguousarray(motion[:, 0]))
-            stalls.append(stall)
+            stalls.append(stood)
             stands.append(tuple(sorted(entries, key=lambda entry: entry.node)))
             fails.append(int(failed[0]))
-        halts = sample_halts(
+        stops = sample_stops(
             self._tpg, self._disturbances, seed=seed, replication=replication
         )
         return NodeTimes(
@@ -199,7 +199,7 @@ class NodeTimeSampler:
             tuple(stalls),
             tuple(stands),
             tuple(fails),
-            halts,
+            stops,
             self._skills.raised(seed=seed, replication=replication),
         )
 

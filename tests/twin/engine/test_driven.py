@@ -140,7 +140,7 @@ def test_the_order_of_messages_makes_no_difference(
         end_ns=tuple(map(np.array, execution.end)),
         makespan_ns=max((max(end) for end in execution.end if end), default=0),
         duration_ns=driven.motion,
-        stall_ns=driven.stall,
+        stood_ns=driven.stood,
         standstills=driven.standstills,
         commands=execution.commands(),
     )
@@ -190,7 +190,7 @@ def test_whatever_happens_the_record_is_whole(
         recorders=[recorder],
     )
     for start, end, took, stall in zip(
-        run.start_ns, run.end_ns, run.duration_ns, run.stall_ns, strict=True
+        run.start_ns, run.end_ns, run.duration_ns, run.stood_ns, strict=True
     ):
         done = end >= 0
         assert np.all(start[1:][done[1:]] >= end[:-1][done[1:]])
@@ -213,7 +213,7 @@ def test_a_process_that_is_done_standing_is_seen_from_begin_to_end(
         motion = motions[chain.robot]
         for node in np.flatnonzero(chain.skill & (run.duration_ns[k] > 0)):
             rows = motion.t_ns[motion.node == node]
-            begin = run.start_ns[k][node] + run.stall_ns[k][node]
+            begin = run.start_ns[k][node] + run.stood_ns[k][node]
             assert run.end_ns[k][node] in rows
             assert begin in motion.t_ns
 

@@ -111,7 +111,7 @@ def test_a_stall_delays_the_robot_and_those_that_wait_for_it() -> None:
     assert (run.start_ns[1] / 1e9).tolist() == [3.0, 6.0, 9.0]
     assert run.wait_ns(0) == 0
     assert run.wait_ns(1) == 3 * 10**9
-    assert run.stalled_ns(0) == 6 * 10**9
+    assert run.standing_ns(0) == 6 * 10**9
     kinds = [e.kind for e in recorder.events if e.robot == "robot_0" and e.node == 0]
     assert kinds == ["released", "started", "stalled", "resumed", "completed"]
 
@@ -170,7 +170,7 @@ def test_stalls_lengthen_nodes_and_nothing_else(
 ) -> None:
     stalls = Stalls(count_per_robot=2, duration_s=(0.5, 3.0))
     times = sample_node_times(tpg, VARIED, Disturbances(stalls=stalls), seed=seed)
-    busy = [d + s for d, s in zip(times.motion, times.stall, strict=True)]
+    busy = [d + s for d, s in zip(times.motion, times.stood, strict=True)]
     earliest = earliest_times(tpg, busy)
     for recorders in ([], [MemoryRecorder()]):
         run = simulate(
@@ -234,7 +234,7 @@ def test_no_node_starts_before_what_it_waits_for(
     for a, m, b, n in tpg.edges.tolist():
         assert run.start_ns[b][n] >= run.end_ns[a][m] + 2 * message
     for k in range(len(tpg.chains)):
-        busy = run.duration_ns[k] + run.stall_ns[k]
+        busy = run.duration_ns[k] + run.stood_ns[k]
         assert np.array_equal(run.end_ns[k] - run.start_ns[k], busy)
         assert np.all(run.start_ns[k][1:] >= run.end_ns[k][:-1])
         assert run.start_ns[k][0] >= message

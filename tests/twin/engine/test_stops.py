@@ -32,14 +32,14 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.halts import Halts, Stop, StoppedClock
 from twin.uncertainty.skill_durations import SkillDurations
+from twin.uncertainty.stops import Stop, StoppedClock, Stops
 
 NOMINAL = SkillDurations({})
 
 
-def stopped_at(*intervals: tuple[int, int]) -> Halts:
-    return Halts([Stop(a, b, "") for a, b in intervals])
+def stopped_at(*intervals: tuple[int, int]) -> Stops:
+    return Stops([Stop(a, b, "") for a, b in intervals])
 
 
 # The calendar of one robot, against counting instant by instant
@@ -55,28 +55,28 @@ INTERVALS = st.lists(
 def test_work_advances_only_while_not_stopped(
     intervals: list[tuple[int, int]], begin: int, busy: int
 ) -> None:
-    halts = stopped_at(*intervals)
+    stops = stopped_at(*intervals)
     stopped = {t for a, b in intervals for t in range(a, b)}
     expected = begin
     while expected in stopped:
         expected += 1
-    assert halts.after(begin) == expected
+    assert stops.after(begin) == expected
     start, left = expected, busy
     while left:
         left -= expected not in stopped
         expected += 1
     while expected in stopped:  # what would be done when a stop begins is done after it
         expected += 1
-    assert halts.advance(start, busy) == expected
-    assert halts.expand(np.array([start]), np.array([busy])).tolist() == [expected]
+    assert stops.advance(start, busy) == expected
+    assert stops.expand(np.array([start]), np.array([busy])).tolist() == [expected]
 
 
 @given(INTERVALS, st.integers(0, 60))
 def test_own_time_stands_while_stopped(
     intervals: list[tuple[int, int]], t: int
 ) -> None:
-    halts = stopped_at(*intervals)
-    pace = StoppedClock(halts.intervals(10**6))
+    stops = stopped_at(*intervals)
+    pace = StoppedClock(stops.intervals(10**6))
     stopped = {s for a, b in intervals for s in range(a, b)}
     own = int(pace.own(np.array([t]))[0])
     assert own == sum(s not in stopped for s in range(t))
@@ -87,8 +87,8 @@ def test_own_time_stands_while_stopped(
 
 
 def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> None:
-    def fresh() -> Halts:
-        return Halts(
+    def fresh() -> Stops:
+        return Stops(
             [], Breakdowns(mtbf_s=10.0, mttr_s=3.0, clock="run"), name=(4, 0, "left")
         )
 
@@ -140,7 +140,7 @@ def test_everyone_stops_also_who_waits() -> None:
     # At the instant of the stop nothing is complete any more.
     assert (run.end_ns[0] / 1e9).tolist() == [6.0, 7.0, 8.0]
     assert (run.start_ns[1] / 1e9).tolist() == [6.0, 7.0, 8.0]
-    assert run.halts_ns == (((10**9, 6 * 10**9),),) * 2
+    assert run.stops_ns == (((10**9, 6 * 10**9),),) * 2
 
 
 def test_a_stop_after_the_end_changes_nothing() -> None:
@@ -151,7 +151,7 @@ def test_a_stop_after_the_end_changes_nothing() -> None:
     recorder = MemoryRecorder()
     run = simulate(tpg, NOMINAL, seed=0, disturbances=late, recorders=[recorder])
     assert run.makespan_s == 3.0
-    assert run.halts_ns == ((), ())
+    assert run.stops_ns == ((), ())
     assert "stopped" not in {event.kind for event in recorder.events}
 
 
@@ -216,7 +216,7 @@ def test_watched_and_contracted_runs_are_the_same(
     assert all(map(np.array_equal, quick.start_ns, watched.start_ns))
     assert all(map(np.array_equal, quick.end_ns, watched.end_ns))
     assert quick.failure == watched.failure
-    assert quick.halts_ns == watched.halts_ns
+    assert quick.stops_ns == watched.stops_ns
     times = [event.t_ns for event in recorder.events]
     assert times == sorted(times)
     _check_trajectories(tpg, watched)
@@ -231,7 +231,7 @@ def _check_trajectories(tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
         moved = np.any(np.abs(np.diff(motion.q, axis=0)) > 1e-9, axis=1)
         durations = np.append(run.duration_ns[k], 1)
         assert not np.any(still & moved & (durations[motion.node[1:]] != 0))
-        for low, high in run.halts_ns[k]:
+        for low, high in run.stops_ns[k]:
             times = np.linspace(low, high, 5).astype(np.int64)[1:-1]
             if len(set(times.tolist())) == 3:
                 q = motion.at(times)

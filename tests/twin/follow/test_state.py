@@ -69,12 +69,12 @@ def test_the_state_equals_the_run_and_nothing_is_flagged(
         assert np.array_equal(robot.start_ns, run.start_ns[k])
         assert np.array_equal(robot.end_ns, run.end_ns[k])
         assert robot.failed == (run.failed_nodes[k] >= 0)
-        if not any(run.halts_ns):
+        if not any(run.stops_ns):
             done = run.end_ns[k] >= 0
             retried = {e.node for e in run.standstills[k] if e.cause == "retry"}
             for node in np.flatnonzero(done).tolist():
                 if node not in retried:
-                    assert robot.stood_ns[node] == run.stall_ns[k][node]
+                    assert robot.stood_ns[node] == run.stood_ns[k][node]
 
 
 def test_an_event_that_the_graph_forbids_is_named_with_its_edge() -> None:

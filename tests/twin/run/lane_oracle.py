@@ -55,7 +55,7 @@ _STANDS = {"stall": STALLED, "breakdown": STOPPED, "retry": RETRYING}
 
 def _spans(tpg: TemporalPlanGraph, run: ExecutionRecord, k: int) -> list[Span]:
     chain, pace = tpg.chains[k], run.pace(k)
-    start, stall, end = run.start_ns[k], run.stall_ns[k], run.end_ns[k]
+    start, stall, end = run.start_ns[k], run.stood_ns[k], run.end_ns[k]
     reasons: dict[int, list[tuple[str, int]]] = {}
     for entry in run.standstills[k]:
         reason = (_STANDS[entry.cause], entry.duration_ns)
@@ -86,12 +86,12 @@ def _spans(tpg: TemporalPlanGraph, run: ExecutionRecord, k: int) -> list[Span]:
         extend(FAILED if failed else tpg.tasks[task].kind, done, task)
     over = len(end) == 0 or end[-1] >= 0
     extend(IDLE if over else WAITING, run.makespan_ns, -1)
-    return _stopped(spans, run.halts_ns[k])
+    return _stopped(spans, run.stops_ns[k])
 
 
-def _stopped(spans: list[Span], halts: Sequence[tuple[int, int]]) -> list[Span]:
+def _stopped(spans: list[Span], stops: Sequence[tuple[int, int]]) -> list[Span]:
     """Return spans in which a robot at work shows as stopped while the clock stops it."""
-    for low, high in halts:
+    for low, high in stops:
         cut: list[Span] = []
         for span in spans:
             start, end = max(span.start_ns, low), min(span.end_ns, high)

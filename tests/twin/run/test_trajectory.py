@@ -36,7 +36,7 @@ def position(
     chain = tpg.chains[k]
     q = chain.start
     for node in range(len(chain)):
-        begin = run.start_ns[k][node] + run.stall_ns[k][node]
+        begin = run.start_ns[k][node] + run.stood_ns[k][node]
         if run.start_ns[k][node] < 0 or t < begin:
             return q
         path = chain.waypoints[chain.first[node] : chain.first[node + 1]]
@@ -79,7 +79,7 @@ def test_every_waypoint_and_both_ends_of_every_wait_have_a_row(
     run = executed(tpg, seed, 0.0)
     motions = robot_trajectories(tpg, run)
     for k, chain in enumerate(tpg.chains):
-        stalls = int(np.sum(run.stall_ns[k] > 0))
+        stalls = int(np.sum(run.stood_ns[k] > 0))
         waits = [w for w in run.waits() if w.chain == k]
         tail = int(run.end_ns[k][-1] < run.makespan_ns)
         rows = 1 + len(chain.waypoints) + len(waits) + stalls + tail

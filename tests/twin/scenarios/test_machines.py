@@ -290,7 +290,7 @@ def test_a_breakdown_lengthens_as_by_hand(tmp_path: Path) -> None:
             else:
                 begun = int(plain.start_ns[mill][0])
                 left, now = int(plain.duration_ns[mill][0]), begun
-                for start, end in run.halts_ns[mill]:
+                for start, end in run.stops_ns[mill]:
                     if end <= begun or start >= now + left:
                         continue
                     left -= max(start - now, 0)
@@ -298,7 +298,7 @@ def test_a_breakdown_lengthens_as_by_hand(tmp_path: Path) -> None:
                 assert late == now + left - int(plain.end_ns[mill][0])
             # Robots never break down here.
             others = [k for k in range(len(tpg.chains)) if k != mill]
-            assert not any(run.stall_ns[k].any() or run.halts_ns[k] for k in others)
+            assert not any(run.stood_ns[k].any() or run.stops_ns[k] for k in others)
     assert broken > 10
 
 
@@ -307,7 +307,7 @@ def test_robots_that_break_down_leave_machines_alone(tmp_path: Path) -> None:
     durations = skill_durations(own, tmp_path)
     down = Disturbances(stalls=Stalls(count_per_robot=2))
     run = simulate(tpg, durations, seed=0, disturbances=down)
-    stood = {c.robot: run.stall_ns[k].sum() for k, c in enumerate(tpg.chains)}
+    stood = {c.robot: run.stood_ns[k].sum() for k, c in enumerate(tpg.chains)}
     assert stood["mill"] == 0
     assert min(stood["left"], stood["right"]) > 0
 
@@ -578,7 +578,7 @@ def test_run_and_study_say_how_busy_machines_are(
         for r in range(3):
             run = simulate(line, times, seed=7, replication=r, disturbances=down)
             busy = int((run.end_ns[mill] - run.start_ns[mill]).sum())
-            stood = int(run.stall_ns[mill].sum())
+            stood = int(run.stood_ns[mill].sum())
             assert stood > 0
             assert rows.busy_ns[2, r] == busy
             own = summarise(line, run, scenario="tending")["machines"]["mill"]

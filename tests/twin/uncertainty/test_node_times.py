@@ -49,13 +49,13 @@ def test_nothing_disturbs_unless_asked_for() -> None:
     plain = sample(VARIED, TPG, seed=1)
     for found in (times(Disturbances()), sample_node_times(TPG, VARIED, seed=1)):
         assert all(map(np.array_equal, found.motion, plain))
-        assert not any(stall.any() for stall in found.stall)
+        assert not any(stall.any() for stall in found.stood)
         assert found.failed == (-1, -1)
 
 
 def test_stall_is_the_sum_of_standstills() -> None:
     found = times(EVERYTHING)
-    for stall, stands in zip(found.stall, found.standstills, strict=True):
+    for stall, stands in zip(found.stood, found.standstills, strict=True):
         total = np.zeros(len(stall), dtype=np.int64)
         for entry in stands:
             total[entry.node] += entry.duration_ns
@@ -231,7 +231,7 @@ def test_segments_of_many_replications_are_the_sums_of_each(
     bulk = sampler.sample_segments(contraction, seed=seed, replications=numbers)
     for column, replication in enumerate(numbers):
         one = sampler.sample(seed=seed, replication=replication)
-        busy = [m + s for m, s in zip(one.motion, one.stall, strict=True)]
+        busy = [m + s for m, s in zip(one.motion, one.stood, strict=True)]
         sums = np.concatenate(contraction.sums(busy))
         assert np.array_equal(bulk.busy_ns[:, column], sums)
         assert bulk.fails[column] == any(node >= 0 for node in one.failed)

@@ -207,7 +207,7 @@ def end_times(
 
     Args:
         graph: what must wait for what; contracted only if messages take no time.
-        busy_ns: stall and duration of each node together, for a node under way what is left
+        busy_ns: standstills and duration of each node together, for a node under way what is left
             of it from now on, shape (nodes, replications) [ns].
         messages: between robots and dispatcher.
         past: what has happened already, None for nothing.

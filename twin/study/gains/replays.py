@@ -28,13 +28,13 @@ from twin.study.gains.lever import Lever
 from twin.study.replications.workload import Workload
 from twin.uncertainty.contraction import uncontracted
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.halts import sample_halts
 from twin.uncertainty.node_times import (
     NodeTimes,
     NodeTimeSampler,
     SegmentTimes,
     Standstill,
 )
+from twin.uncertainty.stops import sample_stops
 
 
 def needs_events(load: Workload) -> bool:
@@ -167,13 +167,13 @@ class Replay:
         stood_ns = times.stood_ns()
         start, end = np.empty_like(stood_ns), np.empty_like(stood_ns)
         for column, number in enumerate(self.numbers.tolist()):
-            stall = np.split(stood_ns[:, column], cuts)
+            stood = np.split(stood_ns[:, column], cuts)
             drawn = NodeTimes(
                 tuple(np.split((times.busy_ns - stood_ns)[:, column], cuts)),
-                tuple(stall),
-                tuple(_standing(own) for own in stall),
-                (-1,) * len(stall),
-                sample_halts(
+                tuple(stood),
+                tuple(_standing(own) for own in stood),
+                (-1,) * len(stood),
+                sample_stops(
                     self.tpg, model.disturbances, seed=self._seed, replication=number
                 ),
             )
@@ -252,11 +252,11 @@ def quicker(messages: Messages, share: float) -> Messages:
     return messages._replace(report_ns=report, release_ns=release)
 
 
-def _standing(stall: Nanoseconds) -> tuple[Standstill, ...]:
+def _standing(stood: Nanoseconds) -> tuple[Standstill, ...]:
     """Return the standstills of the nodes of a robot."""
     return tuple(
-        Standstill(node, "stall", int(stall[node]))
-        for node in np.flatnonzero(stall).tolist()
+        Standstill(node, "stall", int(stood[node]))
+        for node in np.flatnonzero(stood).tolist()
     )
 
 

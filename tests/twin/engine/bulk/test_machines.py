@@ -85,8 +85,8 @@ def test_nothing_disturbs_a_machine(line: TemporalPlanGraph) -> None:
     )
     run = Simulator(line, model).run(seed=1)
     for k in machine_chains(line):
-        assert run.halted_ns(k, run.makespan_ns) == 0
-        assert not np.any(run.stall_ns[k])
+        assert run.stopped_ns(k, run.makespan_ns) == 0
+        assert not np.any(run.stood_ns[k])
 
 
 def test_machines_take_messages_too(line: TemporalPlanGraph) -> None:

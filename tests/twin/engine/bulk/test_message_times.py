@@ -44,7 +44,7 @@ def test_end_times_are_those_of_the_event_engine(
     runs = [engine.run(seed=seed, replication=r) for r in range(3)]
     busy = np.stack(
         [
-            np.concatenate([*run.duration_ns]) + np.concatenate([*run.stall_ns])
+            np.concatenate([*run.duration_ns]) + np.concatenate([*run.stood_ns])
             for run in runs
         ],
         axis=1,
@@ -72,7 +72,7 @@ def test_what_has_happened_changes_nothing_about_what_will(
     now = int(share * run.makespan_ns)
     start, end = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
     started, done = start <= now, end <= now
-    busy = np.concatenate([*run.duration_ns]) + np.concatenate([*run.stall_ns])
+    busy = np.concatenate([*run.duration_ns]) + np.concatenate([*run.stood_ns])
     busy = np.where(started & ~done, end - now, busy)
     graph = policy_graph(tpg, "asynchronous")
     past = Past(

@@ -72,7 +72,7 @@ class StoppedClock:
         return np.asarray(own_ns + self._stopped[passed], dtype=np.int64)
 
 
-class Halts:
+class Stops:
     """All stops of one robot, in order of time.
 
     Args:
@@ -128,7 +128,7 @@ class Halts:
                 return out
             self._extend(int(out.max()))
 
-    def stops(self, until_ns: int) -> list[Stop]:
+    def until(self, until_ns: int) -> list[Stop]:
         """Return every stop that begins at a time or before; they may overlap."""
         self._extend(until_ns)
         return [stop for stop in self._stops if stop.start_ns <= until_ns]
@@ -207,13 +207,13 @@ class Halts:
                 self._ends.append(stop.end_ns)
 
 
-def sample_halts(
+def sample_stops(
     tpg: TemporalPlanGraph,
     disturbances: Disturbances,
     *,
     seed: int,
     replication: int = 0,
-) -> tuple[Halts, ...] | None:
+) -> tuple[Stops, ...] | None:
     """Return the stops of everyone who has work; None when nobody can ever stop.
 
     Machines break down; emergency stops are of robots.
@@ -223,7 +223,7 @@ def sample_halts(
     found = []
     machines = machine_chains(tpg)
     for k, chain in enumerate(tpg.chains):
-        stops = []
+        fixed = []
         own = disturbances
         if k in machines:
             own = disturbances.of_machine(chain.robot)
@@ -231,19 +231,19 @@ def sample_halts(
             if stop.robot in (None, chain.robot):
                 start, length = to_nanoseconds([stop.at_s, stop.duration_s]).tolist()
                 reason = f"emergency stop for {stop.duration_s:.3f} s"
-                stops.append(Stop(start, start + length, reason))
+                fixed.append(Stop(start, start + length, reason))
         breaks = own.breakdowns
         by_clock = breaks if breaks and breaks.affects(chain.robot, "run") else None
         name = (seed, replication, chain.robot)
-        found.append(Halts(stops, by_clock, name=name))
+        found.append(Stops(fixed, by_clock, name=name))
     return tuple(found)
 
 
-Stops = Callable[[int], tuple[int, int]]
+NextStop = Callable[[int], tuple[int, int]]
 """Begin and end of the first stop of a robot that is not over at a time, all in nanoseconds."""
 
 
-def stops_of(intervals: Sequence[tuple[int, int]]) -> Stops:
+def stops_of(intervals: Sequence[tuple[int, int]]) -> NextStop:
     """Return stops by their begins and ends, in order [ns]."""
 
     def after(t_ns: int) -> tuple[int, int]:
@@ -258,7 +258,7 @@ def stopped_skill(
     node: tuple[int, int],
     duration_ns: int,
     begin_ns: int,
-    stops: Stops,
+    stops: NextStop,
 ) -> StoppedPath | None:
     """Return the motion of a skill in which the clock stops the robot; None where it does not.
 
