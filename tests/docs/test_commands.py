@@ -6,6 +6,7 @@ writes the next may read. Blocks marked as a file are what the reader types into
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from dataclasses import dataclass
@@ -15,6 +16,10 @@ import pytest
 from typer.testing import CliRunner
 
 from twin.cli import app
+from twin.host.progress import StageWatch
+from twin.planning.kind import PlannedMotions
+from twin.planning.pipeline import plan_motions
+from twin.scenario.sections.scenario import Scenario, resolved
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -74,6 +79,30 @@ LONG = ("tutorial-wall",)
 """Pages whose stories are for the night: they plan the wall for three teams."""
 
 
+_PLANNED: dict[str, tuple[PlannedMotions, dict[str, float]]] = {}
+"""Motions by all of a scenario that they follow from, and how long each stage took."""
+
+
+@pytest.fixture(autouse=True)
+def _plans_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plan the motions of a scenario once for all commands, however it is then executed."""
+
+    def planned(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:
+        content = resolved(scenario)
+        execution = content.pop("execution")
+        skills = [execution[key] for key in ("skills", "skill_overrides")]
+        key = json.dumps([content, skills, str(folder.resolve())])
+        if key not in _PLANNED:
+            found = plan_motions(scenario, folder, watch)
+            _PLANNED[key] = found, dict(watch.seconds)
+        motions, seconds = _PLANNED[key]
+        watch.seconds.update(seconds)
+        return motions
+
+    for module in ("twin.trial.planning", "twin.study.plans"):
+        monkeypatch.setattr(f"{module}.plan_motions", planned)
+
+
 def arguments(line: str, logs: Path | None) -> list[str]:
     """Return the arguments of a command, which writes into a folder if that is given."""
     program, *out = shlex.split(line)
@@ -91,24 +120,18 @@ def test_the_pages_have_commands() -> None:
     assert COMMANDS[0].page.name in {"CONTRIBUTING.md", "README.md"}
 
 
-@pytest.mark.parametrize("command", CHEAP, ids=str)
+@pytest.mark.parametrize(
+    "command",
+    [*CHEAP, *(pytest.param(c, marks=pytest.mark.expensive) for c in EXPENSIVE)],
+    ids=str,
+)
 def test_command_runs(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
     done = CliRunner().invoke(app, arguments(command.line, tmp_path / "run"))
     assert done.exit_code == 0, done.output
-    assert command.output.strip() in done.stdout
-
-
-@pytest.mark.expensive
-@pytest.mark.parametrize("command", EXPENSIVE, ids=str)
-def test_expensive_command_runs(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(ROOT)
-    done = CliRunner().invoke(app, arguments(command.line, tmp_path / "run"))
-    assert done.exit_code == 0, done.output
+    assert command.mark or command.output.strip() in done.stdout
 
 
 @pytest.mark.parametrize(

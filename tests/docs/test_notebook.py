@@ -41,7 +41,6 @@ def test_the_notebook_is_kept_without_outputs() -> None:
 
 
 @pytest.mark.expensive
-@pytest.mark.expensive
 def test_the_notebook_runs(tmp_path: Path) -> None:
     done = tmp_path / "done.ipynb"
     subprocess.run(

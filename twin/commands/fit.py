@@ -138,7 +138,7 @@ def _content(fit: Fit) -> dict[str, Any]:
     return {
         **fit.sample.labels,
         "durations": len(fit.sample.values_s),
-        "section": dict(fit.section),
+        "section": fit.section(),
         "candidates": [
             {
                 "distribution": candidate.family.title,

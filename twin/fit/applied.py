@@ -70,20 +70,21 @@ def apply_fits(
     if "skill_overrides" in new:
         execution["skill_overrides"] = [*kept, *new["skill_overrides"]]
     written = _with_execution(text, {**before, "execution": execution}, note)
-    files = [
-        target.parent / f"{target.stem}-{fit.csv}" for fit in fits if fit.is_empirical
-    ]
-    there = [path.exists() for path in files]
+    files = {
+        target.parent / f"{target.stem}-{fit.csv}": fit
+        for fit in fits
+        if fit.is_empirical
+    }
+    made = [path for path in files if not path.exists()]
     try:
-        for path, fit in zip(files, (f for f in fits if f.is_empirical), strict=True):
+        for path, fit in files.items():
             write_sample(path, fit)
         with replacing(target) as temporary:
             temporary.write_text(written, encoding="utf-8")
             load_scenario(temporary)
     except BaseException as error:
-        for path, existed in zip(files, there, strict=True):
-            if not existed:
-                path.unlink(missing_ok=True)
+        for path in made:
+            path.unlink(missing_ok=True)
         if isinstance(error, InvalidScenarioError):
             lines = tuple(written.splitlines())
             raise InvalidScenarioError(target, error.problems, lines) from None

@@ -205,23 +205,18 @@ class Fit:
         """Name of the file of the durations themselves, where nothing fits."""
         return f"{self.sample.name}.csv"
 
-    @property
-    def section(self) -> Mapping[str, Any]:
-        """Section for a scenario: the best fit, or the measured times themselves."""
-        if not self.candidates:
-            return {
-                "kind": "fixed",
-                "value_s": rounded(np.median(self.sample.values_s)),
-            }
-        if self.best is None:
-            return {"kind": "empirical", "csv": self.csv}
-        return self.best.section
+    def section(self, prefix: str = "") -> dict[str, Any]:
+        """Return the section for a scenario: the best fit, or the measured times themselves.
 
-    def named(self, prefix: str) -> dict[str, Any]:
-        """Return the section, with a prefix to the name of its file where it names one."""
-        if self.is_empirical:
-            return {**self.section, "csv": prefix + self.csv}
-        return dict(self.section)
+        Args:
+            prefix: to the name of their file.
+        """
+        if not self.candidates:
+            median = rounded(np.median(self.sample.values_s))
+            return {"kind": "fixed", "value_s": median}
+        if self.best is None:
+            return {"kind": "empirical", "csv": prefix + self.csv}
+        return dict(self.best.section)
 
 
 def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
@@ -248,7 +243,7 @@ def write_snippet(folder: Path, fits: Sequence[Fit], source: str) -> str:
     content: dict[str, Any] = {"execution": fitted_execution(fits)}
     if not any(fit.sample.labels for fit in fits):
         note.append("Put it wherever a scenario takes a duration.")
-        content = {"duration": dict(fits[0].section)}
+        content = {"duration": fits[0].section()}
     text = scenario_text(content, "\n".join(note))
     write_text(folder / "durations.yaml", text)
     return text
@@ -271,15 +266,11 @@ def fitted_execution(fits: Sequence[Fit], *, prefix: str = "") -> dict[str, Any]
     for fit in fits:
         labels = dict(fit.sample.labels)
         if set(labels) == {"skill"}:
-            skills[labels["skill"]] = fit.named(prefix)
+            skills[labels["skill"]] = fit.section(prefix)
         else:
-            overrides.append({**labels, "duration": fit.named(prefix)})
-    out: dict[str, Any] = {}
-    if skills:
-        out["skills"] = skills
-    if overrides:
-        out["skill_overrides"] = overrides
-    return out
+            overrides.append({**labels, "duration": fit.section(prefix)})
+    out = {"skills": skills, "skill_overrides": overrides}
+    return {key: value for key, value in out.items() if value}
 
 
 _BARS = "#c9d3de"

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import signal
 import socket
 import ssl
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,6 +16,7 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.twin.cluster.processes import ROOT, free_port, start
 from tests.twin.study.study_toys import toy_workload
 from twin.cluster.certificates import (
     Certificates,
@@ -34,7 +33,6 @@ from twin.study.tables import write_replications
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")
 
-ROOT = Path(__file__).parents[3]
 GUIDE = (ROOT / "docs/guides/cluster.md").read_text(encoding="utf-8")
 PLACES = {"10.0.0.1": "127.0.0.2", "10.0.0.2": "127.0.0.3"}
 """Machines of the guide, and addresses that stand for them: all of the loopback interface."""
@@ -44,12 +42,6 @@ TLS_ALERT = b"\x15"
 SOME = Experiment(("asynchronous",), replications=1200)
 
 
-def free_port(host: str) -> int:
-    with socket.socket() as probe:
-        probe.bind((host, 0))
-        return int(probe.getsockname()[1])
-
-
 def guide_command(start: str, port: int, *more: str) -> list[str]:
     """Return a command of the guide, on loopback, with another port."""
     (line,) = re.findall(rf"^\$ ({start} .*)$", GUIDE, re.MULTILINE)
@@ -57,19 +49,13 @@ def guide_command(start: str, port: int, *more: str) -> list[str]:
         line = line.replace(place, here)
     program, *arguments = shlex.split(line.replace(":8786", f":{port}"))
     assert program == "twin"
-    return [sys.executable, "-m", "twin.cli", *arguments, *more]
+    return [*arguments, *more]
 
 
 @contextmanager
 def serving(command: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Run a command until its first line is there; it must end well at SIGTERM."""
-    process = subprocess.Popen(
-        command,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    process = start(*command, folder=folder)
     try:
         assert process.stdout is not None
         assert "Ctrl-C" in process.stdout.readline()
@@ -79,9 +65,7 @@ def serving(command: list[str], folder: Path) -> Iterator[subprocess.Popen[str]]
             assert process.wait(WITHIN_S) == 0
     finally:
         process.kill()
-        process.wait()
-        assert process.stdout is not None
-        process.stdout.close()
+        process.communicate()
 
 
 class Started(NamedTuple):
@@ -96,15 +80,9 @@ class Started(NamedTuple):
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
     folder = tmp_path_factory.mktemp("cluster")
     port = free_port(PLACES["10.0.0.1"])
-    made = subprocess.run(
-        guide_command("twin cluster certificates", port),
-        cwd=folder,
-        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert made.returncode == 0, made.stderr
+    made = start(*guide_command("twin cluster certificates", port), folder=folder)
+    _, errors = made.communicate()
+    assert made.returncode == 0, errors
     with ExitStack() as stack:
         up = guide_command("twin cluster up", port, "--port", str(port))
         join = guide_command("twin cluster join", port)

@@ -6,7 +6,6 @@ import asyncio
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Awaitable, Callable, Generator
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from tests.twin.cluster.processes import ROOT, start
 from twin.cli import app
 from twin.cluster.certificates import Cluster, make_certificates
 from twin.cluster.client import ClusterExecutor, ClusterLostError
@@ -22,7 +22,6 @@ from twin.study.replications.workload import open_executor
 
 pytest.importorskip("distributed")
 
-ROOT = Path(__file__).parents[3]
 SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
 TABLES = ("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json")
 WITHIN_S = 300.0
@@ -33,20 +32,9 @@ def _twin(*arguments: str | Path) -> tuple[int, str]:
     return found.exit_code, found.output
 
 
-def _start(*arguments: str | Path, folder: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "twin.cli", *map(str, arguments)],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 def _up(folder: Path, workers: int = 1) -> tuple[subprocess.Popen[str], Cluster]:
     certificates = make_certificates(folder / "certs", 1)
-    process = _start(
+    process = start(
         *("cluster", "up", "--certificates", "certs", "--port", "0"),
         *("--workers", str(workers)),
         folder=folder,
@@ -64,7 +52,7 @@ def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
     assert code == 0, output
     scheduler, cluster = _up(tmp_path)
     assert cluster.certificates is not None
-    study = _start(
+    study = start(
         *("study", SCENARIO, *size, "--out", lost, "--scheduler", cluster.address),
         *("--certificates", cluster.certificates.key.parent),
         folder=tmp_path,

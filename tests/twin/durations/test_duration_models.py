@@ -93,11 +93,12 @@ def test_mean_and_cv_come_back() -> None:
         assert model.ppf(u).std() == pytest.approx(2.0, rel=1e-3)
 
 
-def test_mean_and_minimum_of_measured_times() -> None:
+def test_mean_and_minimum_of_measured_and_of_fixed_times() -> None:
     model = Measured(values=(1.0, 2.0, 2.0, 7.0))
-    assert model.mean == 3.0
-    assert model.minimum == 1.0
-    assert Fixed(value_s=3.0).minimum == 3.0
+    assert (model.mean, model.minimum) == (3.0, 1.0)
+    fixed = Fixed(value_s=2.5)
+    assert fixed.ppf(U[:3]).tolist() == [2.5, 2.5, 2.5]
+    assert (fixed.mean, fixed.minimum) == (2.5, 2.5)
 
 
 # --- retries -----------------------------------------------------------------------------
@@ -249,6 +250,13 @@ def test_a_quantile_does_not_depend_on_its_neighbours(
 @pytest.mark.parametrize(
     "make",
     [
+        lambda: Fixed(value_s=-1.0),
+        lambda: Fixed(value_s=math.nan),
+        lambda: Uniform(low_s=3.0, high_s=2.0),
+        lambda: Measured(values=()),
+        lambda: Measured(values=(1.0, -1.0)),
+        lambda: Lognormal(median_s=0.0, p95_s=1.0),
+        lambda: Lognormal(median_s=2.0, p95_s=1.0),
         lambda: Triangular(low_s=-1.0, mode_s=1.0, high_s=2.0),
         lambda: Triangular(low_s=1.0, mode_s=3.0, high_s=2.0),
         lambda: Triangular(low_s=2.0, mode_s=2.0, high_s=2.0),

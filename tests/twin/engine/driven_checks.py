@@ -18,9 +18,7 @@ from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.events import ExecutionRecord
 from twin.run.trajectory import Trajectory, robot_trajectories
 from twin.uncertainty.disturbances import Disturbances, Stalls
-from twin.uncertainty.skill_durations import SkillDurations
 
-NOMINAL = SkillDurations({})
 MESSAGES = st.builds(
     Messages.of_seconds,
     st.sampled_from([None, 1, 3]),
@@ -112,7 +110,7 @@ def assert_takes_as_planned(
     free = replace(
         tpg, edges=tpg.edges[:0], cause=tpg.cause[:0], dependencies=tpg.dependencies[:0]
     )
-    run = simulate(free, NOMINAL, seed=seed)
+    run = simulate(free, seed=seed)
     planned = earliest_times(free)
     for end, nominal in zip(run.end_ns, planned.end, strict=True):
         assert np.allclose(end / NANOSECONDS, nominal, atol=within_s)

@@ -14,7 +14,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED
 from tests.twin.one_draw import sample, sample_node_times
 from tests.twin.recorded_events import InterruptsAt, story
-from tests.twin.simulated import simulate
+from tests.twin.simulated import NOMINAL, simulate, watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
@@ -22,9 +22,6 @@ from twin.recorders.observers import MemoryRecorder
 from twin.run.events import DeadlockError, Event, ExecutionRecord
 from twin.uncertainty.contraction import contract
 from twin.uncertainty.disturbances import Disturbances, Stalls
-from twin.uncertainty.skill_durations import SkillDurations
-
-NOMINAL = SkillDurations({})
 
 
 def same_times(run: ExecutionRecord, start: tuple, end: tuple) -> bool:
@@ -38,9 +35,8 @@ def same_times(run: ExecutionRecord, start: tuple, end: tuple) -> bool:
 
 def test_a_robot_waits_for_the_edge_and_goes_on() -> None:
     """robot_1 may start only when node 1 of robot_0 is complete."""
-    recorder = MemoryRecorder()
-    simulate(two_robot_tpg([(0, 1, 1, 0)]), NOMINAL, seed=0, recorders=[recorder])
-    assert story(recorder.events) == [
+    _, events = watched(two_robot_tpg([(0, 1, 1, 0)]))
+    assert story(events) == [
         (0.0, "robot_0", "released", 0),
         (0.0, "robot_0", "started", 0),
         (0.0, "robot_1", "waiting", 0),
@@ -64,69 +60,53 @@ def test_a_robot_waits_for_the_edge_and_goes_on() -> None:
         (5.0, "robot_1", "finished", -1),
         (5.0, "", "finished", -1),
     ]
-    waiting = next(e for e in recorder.events if e.kind == "waiting")
+    waiting = next(e for e in events if e.kind == "waiting")
     assert waiting.detail == "waits for robot_0 to complete node 1 (transit 0)"
 
 
-def test_messages_take_their_time() -> None:
-    """Released at 0, received at 0.1, complete at 1.1, known and released again at 1.2."""
-    run = simulate(
-        two_robot_tpg([]), NOMINAL, seed=0, messages=Messages.of_seconds(1, 0.1, 0.1)
-    )
-    for chain in range(2):
-        assert (run.start_ns[chain] / 1e9).tolist() == [0.1, 1.3, 2.5]
-    assert run.makespan_s == 3.5
-
-
-def test_a_deeper_queue_hides_latency() -> None:
-    run = simulate(
-        two_robot_tpg([]), NOMINAL, seed=0, messages=Messages.of_seconds(2, 0.1, 0.1)
-    )
-    assert (run.start_ns[0] / 1e9).tolist() == [0.1, 1.1, 2.1]
+@pytest.mark.parametrize(
+    ("depth", "report_s", "release_s", "starts"),
+    [
+        # Released at 0, received at 0.1, complete at 1.1, known and released again at 1.2.
+        (1, 0.1, 0.1, [0.1, 1.3, 2.5]),
+        (1, 0.3, 0.1, [0.1, 1.5, 2.9]),
+        (1, 0.0, 0.2, [0.2, 1.4, 2.6]),
+        # A deeper queue hides latency.
+        (2, 0.1, 0.1, [0.1, 1.1, 2.1]),
+    ],
+)
+def test_messages_take_their_time(
+    depth: int, report_s: float, release_s: float, starts: list[float]
+) -> None:
+    late = Messages.of_seconds(depth, report_s, release_s)
+    run = simulate(two_robot_tpg([]), messages=late)
+    for own in run.start_ns:
+        assert (own / 1e9).tolist() == pytest.approx(starts)
+    assert run.makespan_s == pytest.approx(starts[-1] + 1.0)
 
 
 def test_a_deeper_queue_never_runs_ahead_of_another_robot() -> None:
-    run = simulate(
-        two_robot_tpg([(0, 1, 1, 1)]),
-        NOMINAL,
-        seed=0,
-        messages=Messages.of_seconds(3, 0.1, 0.1),
-    )
+    late = Messages.of_seconds(3, 0.1, 0.1)
+    run = simulate(two_robot_tpg([(0, 1, 1, 1)]), messages=late)
     assert run.start_ns[1][1] == run.end_ns[0][1] + 2 * 10**8
 
 
 def test_a_stall_delays_the_robot_and_those_that_wait_for_it() -> None:
-    tpg = two_robot_tpg([(0, 0, 1, 0)])
-    recorder = MemoryRecorder()
-    run = simulate(
-        tpg,
-        NOMINAL,
-        seed=0,
-        disturbances=Disturbances(
-            stalls=Stalls(count_per_robot=3, duration_s=(2.0, 2.0))
-        ),
-        recorders=[recorder],
-    )
+    stalls = Disturbances(stalls=Stalls(count_per_robot=3, duration_s=(2.0, 2.0)))
+    run, events = watched(two_robot_tpg([(0, 0, 1, 0)]), disturbances=stalls)
     assert (run.start_ns[0] / 1e9).tolist() == [0.0, 3.0, 6.0]
     assert (run.start_ns[1] / 1e9).tolist() == [3.0, 6.0, 9.0]
     assert run.wait_ns(0) == 0
     assert run.wait_ns(1) == 3 * 10**9
     assert run.standing_ns(0) == 6 * 10**9
-    kinds = [e.kind for e in recorder.events if e.robot == "robot_0" and e.node == 0]
+    kinds = [e.kind for e in events if e.robot == "robot_0" and e.node == 0]
     assert kinds == ["released", "started", "stalled", "resumed", "completed"]
 
 
-def test_one_robot_at_a_time_in_planned_order() -> None:
-    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, policy="sequential")
-    assert (run.start_ns[0] / 1e9).tolist() == [0.0, 1.0, 2.0]
-    assert (run.start_ns[1] / 1e9).tolist() == [3.0, 4.0, 5.0]
-
-
 def test_objects_change_hands_at_their_waypoints() -> None:
-    recorder = MemoryRecorder()
     tpg = random_tpg(4, tasks=6, edges=0)
-    run = simulate(tpg, VARIED, seed=0, recorders=[recorder])
-    changes = [e for e in recorder.events if e.kind in ("attached", "detached")]
+    run, events = watched(tpg, VARIED)
+    changes = [e for e in events if e.kind in ("attached", "detached")]
     first, second = tpg.handlings
     expected = {
         ("attached", "brick_0", first.node),
@@ -150,10 +130,9 @@ def test_times_are_the_earliest_possible(
     tpg: TemporalPlanGraph, seed: int, depth: int
 ) -> None:
     earliest = earliest_times(tpg, sample(VARIED, tpg, seed=seed))
-    contracted = simulate(tpg, VARIED, seed=seed, messages=Messages(depth))
-    node_by_node = simulate(
-        tpg, VARIED, seed=seed, messages=Messages(depth), recorders=[MemoryRecorder()]
-    )
+    deep = Messages(depth)
+    contracted = simulate(tpg, VARIED, seed=seed, messages=deep)
+    node_by_node, _ = watched(tpg, VARIED, seed=seed, messages=deep)
     for run in (contracted, node_by_node):
         assert same_times(run, earliest.start, earliest.end)
         assert run.makespan_ns == earliest.makespan
@@ -168,18 +147,12 @@ def test_times_are_the_earliest_possible(
 def test_stalls_lengthen_nodes_and_nothing_else(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    stalls = Stalls(count_per_robot=2, duration_s=(0.5, 3.0))
-    times = sample_node_times(tpg, VARIED, Disturbances(stalls=stalls), seed=seed)
+    stalls = Disturbances(stalls=Stalls(count_per_robot=2, duration_s=(0.5, 3.0)))
+    times = sample_node_times(tpg, VARIED, stalls, seed=seed)
     busy = [d + s for d, s in zip(times.motion, times.stood, strict=True)]
     earliest = earliest_times(tpg, busy)
-    for recorders in ([], [MemoryRecorder()]):
-        run = simulate(
-            tpg,
-            VARIED,
-            seed=seed,
-            disturbances=Disturbances(stalls=stalls),
-            recorders=recorders,
-        )
+    for execute in (simulate, lambda *args, **how: watched(*args, **how)[0]):
+        run = execute(tpg, VARIED, seed=seed, disturbances=stalls)
         assert same_times(run, earliest.start, earliest.end)
 
 
@@ -188,24 +161,13 @@ def test_stalls_lengthen_nodes_and_nothing_else(
 def test_sequential_runs_take_the_sum_of_all_durations(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    recorder = MemoryRecorder()
-    watched = simulate(
-        tpg, VARIED, seed=seed, policy="sequential", recorders=[recorder]
-    )
+    seen, events = watched(tpg, VARIED, seed=seed, policy="sequential")
     run = simulate(tpg, VARIED, seed=seed, policy="sequential")
-    assert same_times(run, watched.start_ns, watched.end_ns)
+    assert same_times(run, seen.start_ns, seen.end_ns)
     assert run.makespan_ns == sum(int(d.sum()) for d in run.duration_ns)
-    tasks = [e.task for e in recorder.events if e.kind == "started"]
+    assert run.makespan_ns >= simulate(tpg, VARIED, seed=seed).makespan_ns
+    tasks = [e.task for e in events if e.kind == "started"]
     assert tasks == sorted(tasks)
-
-
-@settings(max_examples=30, deadline=None)
-@given(TPGS, st.integers(0, 100))
-def test_policies_see_the_same_durations(tpg: TemporalPlanGraph, seed: int) -> None:
-    asynchronous = simulate(tpg, VARIED, seed=seed)
-    sequential = simulate(tpg, VARIED, seed=seed, policy="sequential")
-    assert all(map(np.array_equal, asynchronous.duration_ns, sequential.duration_ns))
-    assert asynchronous.makespan_ns <= sequential.makespan_ns
 
 
 @settings(max_examples=40, deadline=None)
@@ -259,13 +221,11 @@ def test_contraction_joins_only_what_no_other_robot_knows(
 
 def test_a_deadlock_names_who_waits_for_whom_and_keeps_the_log() -> None:
     recorder = MemoryRecorder()
+    stuck = two_robot_tpg([(0, 1, 1, 1), (1, 2, 0, 1)])
+    with pytest.raises(DeadlockError, match="robot_0"):
+        simulate(stuck)
     with pytest.raises(DeadlockError) as caught:
-        simulate(
-            two_robot_tpg([(0, 1, 1, 1), (1, 2, 0, 1)]),
-            NOMINAL,
-            seed=0,
-            recorders=[recorder],
-        )
+        simulate(stuck, recorders=[recorder])
     assert "robot_0 at node 1 waits for robot_1 to complete node 2" in str(caught.value)
     assert "robot_1 at node 1 waits for robot_0 to complete node 1" in str(caught.value)
     assert caught.value.run.outcome == "failed"
@@ -273,17 +233,10 @@ def test_a_deadlock_names_who_waits_for_whom_and_keeps_the_log() -> None:
     assert [e.kind for e in recorder.events[-2:]] == ["failed", "finished"]
 
 
-def test_a_deadlock_is_found_without_recorders_too() -> None:
-    with pytest.raises(DeadlockError, match="robot_0"):
-        simulate(two_robot_tpg([(0, 1, 1, 1), (1, 2, 0, 1)]), NOMINAL, seed=0)
-
-
 @pytest.mark.parametrize("count", [1, 4, 9, 20])
 def test_an_interrupt_leaves_what_happened(count: int) -> None:
     memory, interrupts = MemoryRecorder(), InterruptsAt(count)
-    run = simulate(
-        two_robot_tpg([(0, 1, 1, 0)]), NOMINAL, seed=0, recorders=[memory, interrupts]
-    )
+    run = simulate(two_robot_tpg([(0, 1, 1, 0)]), recorders=[memory, interrupts])
     assert run.outcome == "aborted"
     assert interrupts.closed
     assert [e.kind for e in memory.events[-2:]] == ["stopped", "finished"]
@@ -314,7 +267,7 @@ def test_a_recorder_that_fails_is_dropped(
     at_close: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     memory, fails = MemoryRecorder(), Fails(at_close)
-    run = simulate(two_robot_tpg([]), NOMINAL, seed=0, recorders=[fails, memory])
+    run = simulate(two_robot_tpg([]), recorders=[fails, memory])
     assert run.outcome == "completed"
     assert memory.events[-1].kind == "finished"
     assert "disk full" in caplog.text
@@ -336,6 +289,6 @@ def test_arguments_out_of_range_are_refused(make: Callable[[], object]) -> None:
 
 def test_a_tpg_without_work_ends_at_once() -> None:
     empty = replace(two_robot_tpg([]), chains=())
-    run = simulate(empty, NOMINAL, seed=0, recorders=[MemoryRecorder()])
+    run, _ = watched(empty)
     assert (run.outcome, run.makespan_ns) == ("completed", 0)
-    assert simulate(empty, NOMINAL, seed=0).makespan_ns == 0
+    assert simulate(empty).makespan_ns == 0

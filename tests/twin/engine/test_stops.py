@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -14,11 +15,9 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, STOPS, TPGS, VARIED
 from tests.twin.recorded_events import story
 from tests.twin.run.lane_oracle import robot_lanes
-from tests.twin.simulated import simulate
+from tests.twin.simulated import simulate, stopped, watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform
-from twin.engine.engine import Simulator
-from twin.engine.execution_model import ExecutionModel, Messages
 from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import FAILED, STOPPED
 from twin.run.events import ExecutionRecord
@@ -32,13 +31,10 @@ from twin.uncertainty.disturbances import (
     Speed,
     Stalls,
 )
-from twin.uncertainty.skill_durations import SkillDurations
 from twin.uncertainty.stops import Stop, StoppedClock, Stops
 
-NOMINAL = SkillDurations({})
 
-
-def stopped_at(*intervals: tuple[int, int]) -> Stops:
+def stops_at(*intervals: tuple[int, int]) -> Stops:
     return Stops([Stop(a, b, "") for a, b in intervals])
 
 
@@ -55,7 +51,7 @@ INTERVALS = st.lists(
 def test_work_advances_only_while_not_stopped(
     intervals: list[tuple[int, int]], begin: int, busy: int
 ) -> None:
-    stops = stopped_at(*intervals)
+    stops = stops_at(*intervals)
     stopped = {t for a, b in intervals for t in range(a, b)}
     expected = begin
     while expected in stopped:
@@ -75,7 +71,7 @@ def test_work_advances_only_while_not_stopped(
 def test_own_time_stands_while_stopped(
     intervals: list[tuple[int, int]], t: int
 ) -> None:
-    stops = stopped_at(*intervals)
+    stops = stops_at(*intervals)
     pace = StoppedClock(stops.intervals(10**6))
     stopped = {s for a, b in intervals for s in range(a, b)}
     own = int(pace.own(np.array([t]))[0])
@@ -107,36 +103,28 @@ def test_breakdowns_by_the_clock_are_the_same_however_they_are_asked_for() -> No
 # Runs
 
 
+def failing_picks(
+    probability: float, retries: int, retry: Fixed | None = None
+) -> dict[str, SkillFailure]:
+    own = SkillFailure(probability=probability, retries=retries, retry=retry)
+    return {"pick": own}
+
+
 def test_a_stop_freezes_a_node_and_the_others_wait_for_it() -> None:
     """robot_1 waits for node 1 of robot_0, which stops in the middle of it."""
-    recorder = MemoryRecorder()
-    run = simulate(
-        two_robot_tpg([(0, 1, 1, 0)]),
-        NOMINAL,
-        seed=0,
-        disturbances=Disturbances(
-            emergency_stops=(EmergencyStop(robot="robot_0", at_s=1.5, duration_s=10.0),)
-        ),
-        recorders=[recorder],
-    )
+    stop = stopped(1.5, 10.0, "robot_0")
+    run, events = watched(two_robot_tpg([(0, 1, 1, 0)]), disturbances=stop)
     assert (run.end_ns[0] / 1e9).tolist() == [1.0, 12.0, 13.0]
     assert (run.start_ns[1] / 1e9).tolist() == [12.0, 13.0, 14.0]
     assert run.wait_ns(0) == 0
-    rows = [row for row in story(recorder.events) if row[2] in ("stopped", "resumed")]
+    rows = [row for row in story(events) if row[2] in ("stopped", "resumed")]
     assert rows == [(1.5, "robot_0", "stopped", 1), (11.5, "robot_0", "resumed", 1)]
-    times = [event.t_ns for event in recorder.events]
+    times = [event.t_ns for event in events]
     assert times == sorted(times)
 
 
 def test_everyone_stops_also_who_waits() -> None:
-    run = simulate(
-        two_robot_tpg([(0, 0, 1, 0)]),
-        NOMINAL,
-        seed=0,
-        disturbances=Disturbances(
-            emergency_stops=(EmergencyStop(robot=None, at_s=1.0, duration_s=5.0),)
-        ),
-    )
+    run = simulate(two_robot_tpg([(0, 0, 1, 0)]), disturbances=stopped(1.0, 5.0))
     # At the instant of the stop nothing is complete any more.
     assert (run.end_ns[0] / 1e9).tolist() == [6.0, 7.0, 8.0]
     assert (run.start_ns[1] / 1e9).tolist() == [6.0, 7.0, 8.0]
@@ -144,15 +132,10 @@ def test_everyone_stops_also_who_waits() -> None:
 
 
 def test_a_stop_after_the_end_changes_nothing() -> None:
-    tpg = two_robot_tpg([])
-    late = Disturbances(
-        emergency_stops=(EmergencyStop(robot=None, at_s=100.0, duration_s=5.0),)
-    )
-    recorder = MemoryRecorder()
-    run = simulate(tpg, NOMINAL, seed=0, disturbances=late, recorders=[recorder])
+    run, events = watched(two_robot_tpg([]), disturbances=stopped(100.0, 5.0))
     assert run.makespan_s == 3.0
     assert run.stops_ns == ((), ())
-    assert "stopped" not in {event.kind for event in recorder.events}
+    assert "stopped" not in {event.kind for event in events}
 
 
 def dependent_nodes(tpg: TemporalPlanGraph, sources: list[tuple[int, int]]) -> set:
@@ -171,13 +154,12 @@ def dependent_nodes(tpg: TemporalPlanGraph, sources: list[tuple[int, int]]) -> s
 @settings(max_examples=60, deadline=None)
 @given(TPGS, st.integers(0, 100), st.floats(0.0, 30.0), st.booleans())
 def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
-    tpg: TemporalPlanGraph, seed: int, at_s: float, watched: bool
+    tpg: TemporalPlanGraph, seed: int, at_s: float, told: bool
 ) -> None:
     """A stop of many days: whatever does not depend on the rest of its nodes happens at once."""
-    stop = EmergencyStop(robot="robot_0", at_s=at_s, duration_s=1e6)
-    disturbances = Disturbances(emergency_stops=(stop,))
-    simulator = Simulator(tpg, ExecutionModel(VARIED, disturbances=disturbances))
-    run = simulator.run(seed=seed, recorders=[MemoryRecorder()] if watched else [])
+    stop = stopped(at_s, 1e6, "robot_0")
+    recorders = [MemoryRecorder()] if told else []
+    run = simulate(tpg, VARIED, seed=seed, disturbances=stop, recorders=recorders)
     free = simulate(tpg, VARIED, seed=seed)
     stop_ns = round(at_s * 1e9)
     left = [(0, n) for n in range(len(tpg.chains[0])) if run.end_ns[0][n] >= stop_ns]
@@ -204,22 +186,18 @@ def test_when_one_robot_stops_the_others_go_on_as_far_as_the_graph_allows(
 def test_watched_and_contracted_runs_are_the_same(
     tpg: TemporalPlanGraph, seed: int, disturbances: Disturbances, policy: str
 ) -> None:
-    model = ExecutionModel(VARIED, policy, disturbances=disturbances)  # type: ignore[arg-type]
-    simulator = Simulator(tpg, model)
-    recorder = MemoryRecorder()
-    quick, watched = (
-        simulator.run(seed=seed),
-        simulator.run(seed=seed, recorders=[recorder]),
-    )
-    assert quick.outcome == watched.outcome
-    assert quick.makespan_ns == watched.makespan_ns
-    assert all(map(np.array_equal, quick.start_ns, watched.start_ns))
-    assert all(map(np.array_equal, quick.end_ns, watched.end_ns))
-    assert quick.failure == watched.failure
-    assert quick.stops_ns == watched.stops_ns
-    times = [event.t_ns for event in recorder.events]
+    options: Any = {"seed": seed, "policy": policy, "disturbances": disturbances}
+    quick = simulate(tpg, VARIED, **options)
+    seen, events = watched(tpg, VARIED, **options)
+    assert quick.outcome == seen.outcome
+    assert quick.makespan_ns == seen.makespan_ns
+    assert all(map(np.array_equal, quick.start_ns, seen.start_ns))
+    assert all(map(np.array_equal, quick.end_ns, seen.end_ns))
+    assert quick.failure == seen.failure
+    assert quick.stops_ns == seen.stops_ns
+    times = [event.t_ns for event in events]
     assert times == sorted(times)
-    _check_trajectories(tpg, watched)
+    _check_trajectories(tpg, seen)
 
 
 def _check_trajectories(tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
@@ -254,17 +232,13 @@ def _check_trajectories(tpg: TemporalPlanGraph, run: ExecutionRecord) -> None:
 def test_objects_change_hands_when_the_log_says_so(
     tpg: TemporalPlanGraph, seed: int, stops: list[EmergencyStop]
 ) -> None:
-    recorder = MemoryRecorder()
     disturbances = Disturbances(
-        emergency_stops=tuple(stops),
-        failures={"pick": SkillFailure(probability=0.5, retries=1)},
+        emergency_stops=tuple(stops), failures=failing_picks(0.5, 1)
     )
-    run = simulate(
-        tpg, VARIED, seed=seed, disturbances=disturbances, recorders=[recorder]
-    )
+    run, events = watched(tpg, VARIED, seed=seed, disturbances=disturbances)
     told = [
         (event.t_ns, event.object)
-        for event in recorder.events
+        for event in events
         if event.kind in ("attached", "detached")
     ]
     placed = [(p.t_ns, p.object) for p in object_placements(tpg, run)]
@@ -273,49 +247,23 @@ def test_objects_change_hands_when_the_log_says_so(
 
 def test_lanes_show_stops_and_failures() -> None:
     tpg = random_tpg(16, tasks=20)
-    run = simulate(
-        tpg,
-        VARIED,
-        seed=0,
-        disturbances=Disturbances(
-            emergency_stops=(EmergencyStop(robot=None, at_s=5.0, duration_s=3.0),),
-            failures={"pick": SkillFailure(probability=1.0, retries=1)},
-        ),
-    )
+    stop = stopped(5.0, 3.0, failures=failing_picks(1.0, 1))
+    run = simulate(tpg, VARIED, disturbances=stop)
     for lane in robot_lanes(tpg, run):
-        stopped = [s for s in lane.spans if s.state == STOPPED]
-        assert [(s.start_ns, s.end_ns) for s in stopped] == [(5 * 10**9, 8 * 10**9)]
+        spans = [s for s in lane.spans if s.state == STOPPED]
+        assert [(s.start_ns, s.end_ns) for s in spans] == [(5 * 10**9, 8 * 10**9)]
     assert any(s.state == FAILED for lane in robot_lanes(tpg, run) for s in lane.spans)
 
 
 # Tasks that fail
 
 
-def failing_run(
-    retries: int = 1,
-) -> tuple[TemporalPlanGraph, ExecutionRecord, MemoryRecorder]:
-    tpg = random_tpg(16, tasks=20)
-    recorder = MemoryRecorder()
-    run = simulate(
-        tpg,
-        VARIED,
-        seed=0,
-        disturbances=Disturbances(
-            failures={
-                "pick": SkillFailure(
-                    probability=1.0, retries=retries, retry=Fixed(value_s=2.0)
-                )
-            }
-        ),
-        recorders=[recorder],
-    )
-    return tpg, run, recorder
-
-
 def test_a_task_that_fails_for_good_is_named() -> None:
-    tpg, run, recorder = failing_run()
+    tpg = random_tpg(16, tasks=20)
+    failing = Disturbances(failures=failing_picks(1.0, 1, Fixed(value_s=2.0)))
+    run, events = watched(tpg, VARIED, disturbances=failing)
     assert run.outcome == "failed"
-    failed = [event for event in recorder.events if event.kind == "failed"]
+    failed = [event for event in events if event.kind == "failed"]
     assert len(failed) == sum(node >= 0 for node in run.failed_nodes) > 0
     for event in failed:
         assert tpg.tasks[event.task].kind == "pick"
@@ -323,7 +271,7 @@ def test_a_task_that_fails_for_good_is_named() -> None:
         assert event.detail.endswith("attempt 2 of 2 failed")
         own = [
             (e.kind, e.detail)
-            for e in recorder.events
+            for e in events
             if (e.robot, e.node) == (event.robot, event.node) and e.kind != "waiting"
         ]
         assert own[:3] == [
@@ -333,11 +281,11 @@ def test_a_task_that_fails_for_good_is_named() -> None:
         ]
         start = next(
             e.t_ns
-            for e in recorder.events
+            for e in events
             if (e.robot, e.node, e.kind) == (event.robot, event.node, "started")
         )
         assert event.t_ns == start + 4 * 10**9
-    assert recorder.events[-1].detail == "failed"
+    assert events[-1].detail == "failed"
 
 
 @settings(max_examples=40, deadline=None)
@@ -345,7 +293,7 @@ def test_a_task_that_fails_for_good_is_named() -> None:
 def test_when_a_task_fails_the_others_go_on_as_far_as_the_graph_allows(
     tpg: TemporalPlanGraph, seed: int
 ) -> None:
-    failing = Disturbances(failures={"pick": SkillFailure(probability=0.6, retries=0)})
+    failing = Disturbances(failures=failing_picks(0.6, 0))
     run = simulate(tpg, VARIED, seed=seed, disturbances=failing)
     sources = [(k, node) for k, node in enumerate(run.failed_nodes) if node >= 0]
     blocked = dependent_nodes(tpg, sources)
@@ -361,7 +309,7 @@ def test_two_policies_see_the_same_failures_and_durations() -> None:
         jitter=Uniform(low_s=0.0, high_s=0.1),
         stalls=Stalls(rate_per_h=300.0, duration=Uniform(low_s=1.0, high_s=2.0)),
         breakdowns=Breakdowns(mtbf_s=30.0, mttr_s=5.0),
-        failures={"pick": SkillFailure(probability=0.4, retries=5)},
+        failures=failing_picks(0.4, 5),
     )
     runs = [
         simulate(tpg, VARIED, seed=3, policy=policy, disturbances=disturbances)
@@ -373,47 +321,23 @@ def test_two_policies_see_the_same_failures_and_durations() -> None:
     assert len({run.makespan_ns for run in runs}) > 1
 
 
-# Messages
-
-
-def test_latencies_of_either_way_add_up() -> None:
-    """Released at 0, received at 0.1, complete at 1.1, known and released again at 1.4."""
-    run = simulate(
-        two_robot_tpg([]),
-        NOMINAL,
-        seed=0,
-        messages=Messages.of_seconds(1, 0.3, 0.1),
-    )
-    assert (run.start_ns[0] / 1e9).tolist() == pytest.approx([0.1, 1.5, 2.9])
-    only = simulate(
-        two_robot_tpg([]), NOMINAL, seed=0, messages=Messages.of_seconds(1, 0.0, 0.2)
-    )
-    assert (only.start_ns[0] / 1e9).tolist() == pytest.approx([0.2, 1.4, 2.6])
-
-
 # Open loop
 
 
 def test_in_open_loop_nobody_waits_for_anybody() -> None:
     """robot_0 is late; robot_1, which the graph lets wait for it, keeps to its clock."""
-    tpg = two_robot_tpg([(0, 1, 1, 0)])
-    recorder = MemoryRecorder()
-    run = simulate(
-        tpg,
-        NOMINAL,
-        seed=0,
+    slow = Speed(robots={"robot_0": FixedFactor(kind="fixed", value=0.5)})
+    run, events = watched(
+        two_robot_tpg([(0, 1, 1, 0)]),
         policy="open-loop",
-        disturbances=Disturbances(
-            speed=Speed(robots={"robot_0": FixedFactor(kind="fixed", value=0.5)})
-        ),
-        recorders=[recorder],
+        disturbances=Disturbances(speed=slow),
     )
     assert (run.start_ns[0] / 1e9).tolist() == [0.0, 2.0, 4.0]
     assert (run.start_ns[1] / 1e9).tolist() == [2.0, 3.0, 4.0]
     assert run.start_ns[1][0] < run.end_ns[0][1]  # what the graph forbids
-    waiting = [event for event in recorder.events if event.kind == "waiting"]
+    waiting = [event for event in events if event.kind == "waiting"]
     assert [e.detail for e in waiting] == ["waits for its planned start at 2.000 s"]
-    assert "released" not in {event.kind for event in recorder.events}
+    assert "released" not in {event.kind for event in events}
 
 
 @settings(max_examples=30, deadline=None)
@@ -421,6 +345,6 @@ def test_in_open_loop_nobody_waits_for_anybody() -> None:
 def test_in_open_loop_undisturbed_nodes_keep_the_planned_clock(
     tpg: TemporalPlanGraph,
 ) -> None:
-    planned = simulate(tpg, NOMINAL, seed=0)
-    run = simulate(tpg, NOMINAL, seed=0, policy="open-loop")
+    planned = simulate(tpg)
+    run = simulate(tpg, policy="open-loop")
     assert all(map(np.array_equal, run.start_ns, planned.start_ns))

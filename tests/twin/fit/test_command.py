@@ -201,6 +201,17 @@ BAD = {
         "cannot group by 'colour' (valid: skill, robot, object)",
     ),
     "not a skill": ("duration_s\n1\n", ("--skill", "transit"), "'transit' cannot be"),
+    "comma": ("duration_s\n7,5\n", (), ":2: more cells than columns"),
+    "backwards": ("start,end\n5,4\n", (), ":2: end is before start"),
+    "clocks": (
+        "start,end\n2026-03-31T12:00:00,2026-03-31T12:00:01Z\n",
+        (),
+        ":2: start and end are not of one clock",
+    ),
+    "no time": ("start,end\n1,soon\n", (), "end is 'soon', neither seconds nor a time"),
+    "one column": ("a,b\n1,2\n", ("--start", "a"), "give --start and --end"),
+    "thousands": ("x;duration_s\n1;1.234,5\n", (), "duration_s is '1.234,5'"),
+    "nowhere": ("duration_s\n1\n", ("-o", "x.yaml"), "--apply SCENARIO"),
 }
 
 
@@ -252,33 +263,10 @@ def test_semicolons_decimal_commas_and_time_stamps_say_the_same(tmp_path: Path) 
     assert fitted(stamps, *options) == expected
 
 
-BAD_TIMES = {
-    "comma": ("duration_s\n7,5\n", (), ":2: more cells than columns"),
-    "backwards": ("start,end\n5,4\n", (), ":2: end is before start"),
-    "clocks": (
-        "start,end\n2026-03-31T12:00:00,2026-03-31T12:00:01Z\n",
-        (),
-        ":2: start and end are not of one clock",
-    ),
-    "no time": ("start,end\n1,soon\n", (), "end is 'soon', neither seconds nor a time"),
-    "one column": ("a,b\n1,2\n", ("--start", "a"), "give --start and --end"),
-    "thousands": ("x;duration_s\n1;1.234,5\n", (), "duration_s is '1.234,5'"),
-    "nowhere": ("duration_s\n1\n", ("-o", "x.yaml"), "--apply SCENARIO"),
-}
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "says"), BAD_TIMES.values(), ids=BAD_TIMES.keys()
-)
-def test_times_that_cannot_be_read_are_named(
-    tmp_path: Path, text: str, options: tuple[str, ...], says: str
-) -> None:
-    csv = tmp_path / "times.csv"
-    csv.write_text(text)
-    done = invoke(csv, "--out", tmp_path / "out", *options)
-    assert done.exit_code == 2
-    assert says in done.stderr
-    assert not (tmp_path / "out").exists()
+def applied(source: Path, csv: Path, *options: object) -> Result:
+    """Apply what is fitted to a scenario beside it."""
+    out = ("--out", source.parent / "out", "--resamples", 19)
+    return invoke(csv, *out, "--apply", source, *options)
 
 
 COMMENTED = SMALL.replace("cell:", "# of the cell\ncell:", 1) + (
@@ -332,10 +320,8 @@ def test_apply_writes_a_scenario_with_what_was_fitted(tmp_path: Path) -> None:
 def test_exceptions_that_beat_what_was_fitted_are_mentioned(tmp_path: Path) -> None:
     source = tmp_path / "cell.yaml"
     source.write_text(COMMENTED)
-    csv = plain(tmp_path / "pick.csv", LEFT)
     target = tmp_path / "new.yaml"
-    options = ("--out", tmp_path / "out", "--resamples", 19)
-    done = invoke(csv, *options, "--apply", source, "-o", target)
+    done = applied(source, plain(tmp_path / "pick.csv", LEFT), "-o", target)
     assert done.exit_code == 0, done.output
     assert "exception for pick of left stays" in done.stderr
     durations = skill_durations(load_scenario(target), tmp_path)
@@ -345,12 +331,11 @@ def test_exceptions_that_beat_what_was_fitted_are_mentioned(tmp_path: Path) -> N
 
 def test_a_scenario_in_braces_and_one_without_execution(tmp_path: Path) -> None:
     csv = plain(tmp_path / "pick.csv", LEFT)
-    options = ("--out", tmp_path / "out", "--resamples", 19)
     data = yaml.safe_load(SMALL)
     for text in (SMALL, SMALL.rstrip("\n"), json.dumps(data)):
         source = tmp_path / "cell.yaml"
         source.write_text(text)
-        done = invoke(csv, *options, "--apply", source)
+        done = applied(source, csv)
         assert done.exit_code == 0, done.output
         again = yaml.safe_load((tmp_path / "cell-fitted.yaml").read_text())
         assert list(again.pop("execution")["skills"]) == ["pick"]
@@ -371,8 +356,7 @@ def test_what_cannot_be_applied_leaves_no_scenario(
     source.write_text(COMMENTED)
     csv = write(tmp_path / "times.csv", (labels, TWO_HEAPS))
     by = ("--by", "skill", "--by", "robot") if labels else ()
-    options = ("--out", tmp_path / "out", "--resamples", 19)
-    done = invoke(csv, *by, *options, "--apply", source)
+    done = applied(source, csv, *by)
     assert done.exit_code == 2
     assert says in done.stderr
     names = {path.name for path in tmp_path.iterdir()} - {"out"}
@@ -385,9 +369,7 @@ def test_paths_that_would_name_other_files_are_refused(tmp_path: Path) -> None:
     source.write_text(SMALL + "execution: {jitter: {kind: empirical, csv: own.csv}}\n")
     csv = plain(tmp_path / "pick.csv", LEFT)
     (tmp_path / "away").mkdir()
-    options = ("--out", tmp_path / "out", "--resamples", 19)
-    arguments = (csv, *options, "--apply", source, "-o", tmp_path / "away" / "new.yaml")
-    done = invoke(*arguments)
+    done = applied(source, csv, "-o", tmp_path / "away" / "new.yaml")
     assert done.exit_code == 2
     assert "names files relative to its folder" in done.stderr
     assert not any((tmp_path / "away").iterdir())

@@ -32,7 +32,27 @@ TABLES = (
 
 def _twin(*arguments: str | Path) -> tuple[int, str]:
     found = CliRunner().invoke(app, [str(a) for a in arguments])
-    return found.exit_code, found.output
+    return found.exit_code, " ".join(found.output.split())
+
+
+def _copy(study: Path, folder: Path, *without: str) -> Path:
+    """Copy the study, without some of its files."""
+    shutil.copytree(study, folder)
+    for name in without:
+        (folder / name).unlink()
+    return folder
+
+
+def _assert_same(folder: Path, study: Path, *names: str) -> None:
+    for name in names:
+        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+
+
+def _resumed(folder: Path) -> subprocess.Popen[bytes]:
+    """Go on with a study in a process of its own."""
+    program = (sys.executable, "-m", "twin.cli", "study")
+    options = ("--resume", str(folder), "--workers", "0", "-q")
+    return subprocess.Popen([*program, *options], cwd=ROOT)
 
 
 @pytest.fixture(scope="module")
@@ -47,26 +67,11 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw nothing: for studies of which only the figures count."""
-    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
-
-
 @pytest.mark.usefixtures("no_report")
 def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "killed"
-    shutil.copytree(study, folder)
-    for name in (*TABLES, "report.html"):
-        (folder / name).unlink()
+    folder = _copy(study, tmp_path / "killed", *TABLES, "report.html")
     shutil.rmtree(folder / "blocks")
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "twin.cli", "study"),
-            *("--resume", str(folder), "--workers", "0", "-q"),
-        ],
-        cwd=ROOT,
-    )
+    process = _resumed(folder)
     blocks = folder / "blocks"
     deadline = time.monotonic() + 60
     while len(list(blocks.glob("[0-9]*.npz"))) < 2 and time.monotonic() < deadline:
@@ -79,8 +84,7 @@ def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
     assert not (folder / "replications.parquet").exists()
     code, output = _twin("study", "--resume", folder, "--workers", "0", "-q")
     assert code == 0, output
-    for name in TABLES:
-        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+    _assert_same(folder, study, *TABLES)
     for path, written in done.items():
         assert path.stat().st_mtime_ns == written
 
@@ -201,22 +205,10 @@ def test_the_report_fits_a_narrow_window(study: Path) -> None:
 
 
 def test_the_same_study_gives_the_same_bytes(study: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "again"
-    shutil.copytree(study, folder)
-    pictures = sorted(path.name for path in study.glob("*.png"))
-    for name in (*pictures, "report.html"):
-        (folder / name).unlink()
-    process = subprocess.run(
-        [
-            *(sys.executable, "-m", "twin.cli", "study"),
-            *("--resume", str(folder), "--workers", "0", "-q"),
-        ],
-        cwd=ROOT,
-        check=False,
-    )
-    assert process.returncode == 0
-    for name in (*pictures, "report.html", *TABLES):
-        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+    drawn = (*(path.name for path in study.glob("*.png")), "report.html")
+    folder = _copy(study, tmp_path / "again", *drawn)
+    assert _resumed(folder).wait() == 0
+    _assert_same(folder, study, *drawn, *TABLES)
     assert "<dc:date" not in (study / "report.html").read_text(encoding="utf-8")
 
 
@@ -241,13 +233,13 @@ def test_a_folder_of_another_scenario_is_refused(study: Path, tmp_path: Path) ->
     for arguments in (("--resume", study), ("--out", study)):
         code, output = _twin("study", other, *arguments)
         assert code == 2
-        assert "holds a study of scenario" in " ".join(output.split())
+        assert "holds a study of scenario" in output
     code, output = _twin("study", SCENARIO, "--out", study)
     assert code == 2
     assert "--resume" in output
     code, output = _twin("study", "--resume", tmp_path)
     assert code == 2
-    assert "no folder of a study" in " ".join(output.split())
+    assert "no folder of a study" in output
 
 
 @pytest.mark.parametrize(
@@ -271,7 +263,7 @@ def test_what_cannot_be_is_said_at_once(
     started = time.monotonic()
     code, output = _twin("study", SCENARIO, *arguments, "--out", tmp_path / "study")
     assert code == 2
-    assert message in " ".join(output.split())
+    assert message in output
     assert time.monotonic() - started < 15
     assert not (tmp_path / "study").exists()
 
@@ -279,24 +271,20 @@ def test_what_cannot_be_is_said_at_once(
 def test_a_deadline_that_nothing_can_meet_is_refused(
     study: Path, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "study"
-    shutil.copytree(study, folder)
+    folder = _copy(study, tmp_path / "study")
     about = json.loads((folder / "manifest.json").read_text())
     about["study"]["deadline_s"] = 5.0
     (folder / "manifest.json").write_text(json.dumps(about))
     code, output = _twin("study", "--resume", folder, "--workers", "0")
     assert code == 2
-    assert "a deadline of 5 s is impossible" in " ".join(output.split())
+    assert "a deadline of 5 s is impossible" in output
 
 
 @pytest.mark.usefixtures("no_report")
 def test_damaged_and_stray_blocks_are_set_aside_and_computed_anew(
     study: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder = tmp_path / "damaged"
-    shutil.copytree(study, folder)
-    for name in (*TABLES, "report.html"):
-        (folder / name).unlink()
+    folder = _copy(study, tmp_path / "damaged", *TABLES, "report.html")
     blocks = sorted((folder / "blocks").glob("*.npz"))
     content = [path.read_bytes() for path in blocks]
     blocks[0].write_bytes(content[0][: len(content[0]) // 2])  # torn
@@ -314,15 +302,13 @@ def test_damaged_and_stray_blocks_are_set_aside_and_computed_anew(
     assert "is no block of this study and counts for nothing" in said
     assert not stray.exists()
     assert len(list((folder / "blocks" / "set-aside").iterdir())) == 4
-    for name in TABLES:
-        assert (folder / name).read_bytes() == (study / name).read_bytes(), name
+    _assert_same(folder, study, *TABLES)
 
 
 def test_a_study_of_something_else_is_not_gone_on_with(
     study: Path, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "other"
-    shutil.copytree(study, folder)
+    folder = _copy(study, tmp_path / "other")
     path = folder / "manifest.json"
     manifest = json.loads(path.read_text())
     path.write_text(json.dumps({**manifest, "versions": {"numpy": "0.1"}}))
@@ -337,7 +323,7 @@ def test_a_study_of_something_else_is_not_gone_on_with(
     save_plan(tpg, plan)
     code, said = _twin("study", "--resume", folder, "-q")
     assert code == 2
-    assert "is not the one that the study began with" in said.replace("\n", " ")
+    assert "is not the one that the study began with" in said
     changed = json.loads(json.dumps(manifest))
     changed["scenario"]["execution"]["stalls"]["rate_per_h"] = 10.0
     path.write_text(json.dumps(changed))

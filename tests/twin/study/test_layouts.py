@@ -35,12 +35,6 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> twin.Study:
     )
 
 
-@pytest.fixture
-def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw nothing: for studies of which only the figures count."""
-    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
-
-
 def makespans(study: twin.Study, **wanted: object) -> Array:
     rows = study.replications.to_pylist()
     keys = {"policy": "policy", "x": X, "pick": PICK}

@@ -65,17 +65,9 @@ def test_hashes_of_names_are_fixed_for_all_time() -> None:
 
 def test_every_part_of_the_name_matters() -> None:
     base = (0, 0, "left", 1, "pick", "duration", 0)
-    others = [
-        (1, 0, "left", 1, "pick", "duration", 0),
-        (0, 1, "left", 1, "pick", "duration", 0),
-        (0, 0, "right", 1, "pick", "duration", 0),
-        (0, 0, "left", 2, "pick", "duration", 0),
-        (0, 0, "left", 1, "handover", "duration", 0),
-        (0, 0, "left", 1, "pick", "stall", 0),
-        (0, 0, "left", 1, "pick", "duration", 1),
-    ]
-    values = {uniform(*name) for name in [base, *others]}
-    assert len(values) == len(others) + 1
+    other = (1, 1, "right", 2, "handover", "stall", 1)
+    names = [(*base[:k], other[k], *base[k + 1 :]) for k in range(len(base))]
+    assert len({uniform(*name) for name in [base, *names]}) == len(base) + 1
 
 
 def test_bulk_draws_do_not_depend_on_what_else_is_drawn() -> None:

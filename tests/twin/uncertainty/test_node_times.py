@@ -23,6 +23,7 @@ from twin.uncertainty.disturbances import (
     UniformFactor,
 )
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
+from twin.uncertainty.skill_durations import SkillDurations
 
 TPG = random_tpg(16, tasks=20)
 EVERYTHING = Disturbances(
@@ -97,6 +98,28 @@ def test_jitter_lengthens_every_node_by_its_own_draw() -> None:
     assert joined.min() >= 1e8
     assert joined.max() <= 2e8
     assert len(np.unique(joined)) == len(joined)
+
+
+def test_every_robot_stalls_as_often_as_asked_and_within_bounds() -> None:
+    counted = Disturbances(stalls=Stalls(count_per_robot=3, duration_s=(1.0, 20.0)))
+    for chain, stood in zip(TPG.chains, times(counted).stood, strict=True):
+        assert len(stood) == len(chain)
+        hit = stood[stood > 0]
+        assert len(hit) == 3
+        assert np.all((hit >= 1e9) & (hit <= 20e9))
+    often = Disturbances(stalls=Stalls(count_per_robot=5000, duration_s=(1.0, 2.0)))
+    # A robot with few nodes stalls at all of them.
+    assert all(np.all(stood > 0) for stood in times(often).stood)
+
+
+def test_counted_stalls_fall_on_all_nodes_alike() -> None:
+    tpg = random_tpg(2, tasks=4)
+    stalls = Disturbances(stalls=Stalls(count_per_robot=2))
+    sampler = NodeTimeSampler(tpg, SkillDurations({}), stalls)
+    runs = (sampler.sample(seed=0, replication=r) for r in range(2000))
+    counts = np.sum([run.stood[0] > 0 for run in runs], axis=0)
+    expected = 2000 * 2 / len(tpg.chains[0])
+    assert np.all(np.abs(counts - expected) < 5 * np.sqrt(expected))
 
 
 def test_stalls_come_at_their_rate() -> None:
@@ -196,13 +219,16 @@ def test_draws_do_not_depend_on_other_disturbances() -> None:
     again = times(EVERYTHING)
     assert all(map(np.array_equal, both.motion, again.motion))
     assert both.standstills == again.standstills
-    other = times(EVERYTHING, replication=1)
-    assert both.standstills != other.standstills
+    for other in (times(EVERYTHING, replication=1), times(EVERYTHING, seed=2)):
+        assert both.standstills != other.standstills
 
 
 @pytest.mark.parametrize(
     "make",
     [
+        lambda: Stalls(count_per_robot=-1, duration_s=(1.0, 2.0)),
+        lambda: Stalls(count_per_robot=1, duration_s=(-1.0, 2.0)),
+        lambda: Stalls(count_per_robot=1, duration_s=(3.0, 2.0)),
         lambda: Stalls(rate_per_h=-1.0, duration=Fixed(value_s=1.0)),
         lambda: Breakdowns(mtbf_s=0.0, mttr_s=1.0),
         lambda: Breakdowns(mtbf_s=1.0, mttr_s=-1.0),

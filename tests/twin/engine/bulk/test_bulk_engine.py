@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from planning.errors import PlanInvariantError
 from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from tests.twin.simulated import run_bulk
+from tests.twin.simulated import assert_same_ends, run_bulk
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.bounded import Uniform
 from twin.durations.normal import Lognormal
@@ -59,23 +59,13 @@ def test_engines_agree_to_the_nanosecond(
     factor = FixedFactor(kind="fixed", value=speed)
     quick = Disturbances(speed=Speed(factor=factor) if speed != 1.0 else Speed())
     model = ExecutionModel(DURATIONS, policy, disturbances=quick)
-    events, bulk = Simulator(tpg, model), BulkEngine(tpg, model)
-    found = run_bulk(bulk, seed=seed, replications=range(5, 9))
-    for column, replication in enumerate(range(5, 9)):
-        run = events.run(seed=seed, replication=replication)
-        assert run.makespan_ns == found.makespan_ns[column]
-        for k in range(robots):
-            assert run.wait_ns(k) == found.waited_ns[k, :, column].sum()
-            assert run.end_ns[k][-1] == found.chain_end_ns[k, column]
+    assert_same_ends(tpg, model, seed, range(5, 9))
 
 
 def test_engines_agree_in_slots() -> None:
     tpg = _in_slots(random_tpg(3, dofs=(2, 2, 2), tasks=12, edges=4))
     model = ExecutionModel(DURATIONS, "synchronous")
-    events, bulk = Simulator(tpg, model), BulkEngine(tpg, model)
-    found = run_bulk(bulk, seed=1, replications=range(8)).makespan_ns
-    runs = [events.run(seed=1, replication=r).makespan_ns for r in range(8)]
-    assert found.tolist() == runs
+    found = assert_same_ends(tpg, model, 1, range(8)).makespan_ns
     asynchronous = BulkEngine(tpg, ExecutionModel(DURATIONS))
     assert np.any(
         run_bulk(asynchronous, seed=1, replications=range(8)).makespan_ns < found

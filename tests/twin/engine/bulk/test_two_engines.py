@@ -16,10 +16,8 @@ from benchmarks.timing_graphs import (
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.shipped_runs import ShippedRuns
-from tests.twin.simulated import run_bulk
+from tests.twin.simulated import assert_same_ends
 from twin.durations.measured import packaged_timings
-from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.events import Policy
 from twin.study.replications.workload import timing_graph
@@ -37,18 +35,8 @@ def test_every_bundled_scenario_has_its_graph() -> None:
 @pytest.mark.parametrize("policy", ["asynchronous", "sequential"])
 @pytest.mark.parametrize("path", GRAPHS, ids=lambda path: path.stem)
 def test_engines_agree(path: Path, policy: Policy) -> None:
-    tpg = load_timing_graph(path)
-    durations = SkillDurations(packaged_timings())
-    model = ExecutionModel(durations, policy)
-    events = Simulator(tpg, model)
-    numbers = [0, 1, 77]
-    found = run_bulk(BulkEngine(tpg, model), seed=4, replications=numbers)
-    for column, replication in enumerate(numbers):
-        run = events.run(seed=4, replication=replication)
-        assert run.outcome == "completed"
-        assert found.makespan_ns[column] == run.makespan_ns
-        for k in range(len(tpg.chains)):
-            assert found.waited_ns[k, :, column].sum() == run.wait_ns(k)
+    model = ExecutionModel(SkillDurations(packaged_timings()), policy)
+    assert_same_ends(load_timing_graph(path), model, 4, [0, 1, 77])
 
 
 def test_the_graph_of_the_cliff_is_current(shipped: ShippedRuns) -> None:

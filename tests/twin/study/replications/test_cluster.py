@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.twin.cluster.processes import ROOT, free_port
 from tests.twin.study.study_toys import toy_workload
 from twin.cluster.certificates import Cluster
 from twin.cluster.client import ClusterError
@@ -61,12 +61,6 @@ def test_a_local_cluster_gives_what_one_process_gives(tmp_path: Path) -> None:
     assert _table(tmp_path / "cluster") == _in_process(tmp_path / "one")
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @contextmanager
 def _process(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
@@ -111,9 +105,8 @@ class _Killing(Executor):
 
 
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path: Path) -> None:
-    port = _free_port()
+    port = free_port()
     address = f"tcp://127.0.0.1:{port}"
-    root = Path(__file__).parents[4]
     scheduler = (
         *("distributed.cli.dask_scheduler", "--host", "127.0.0.1"),
         *("--port", str(port), "--no-dashboard", "--no-show"),
@@ -124,9 +117,9 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path: Path) -> None:
         *("--host", "127.0.0.1", "--local-directory", str(tmp_path)),
     )
     with (
-        _process(*scheduler, cwd=root),
-        _process(*worker, cwd=root) as first,
-        _process(*worker, cwd=root),
+        _process(*scheduler, cwd=ROOT),
+        _process(*worker, cwd=ROOT) as first,
+        _process(*worker, cwd=ROOT),
     ):
         _when_there(address, 2)
 
@@ -141,7 +134,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_a_scheduler_that_is_not_there_is_named() -> None:
-    address = f"tcp://127.0.0.1:{_free_port()}"
+    address = f"tcp://127.0.0.1:{free_port()}"
     started = time.monotonic()
     with (
         pytest.raises(ClusterError, match=f"no scheduler answered at {address}"),

@@ -1,0 +1,11 @@
+"""What tests of studies may ask for."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing: for studies of which only the figures count."""
+    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
