@@ -94,13 +94,7 @@ class DrivenExecution(Execution):
         self._finish(chain)
 
     def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
-        """Pass a node of a stretch.
-
-        Args:
-            chain: the robot.
-            node: of it.
-            opens: whether a stretch begins with it.
-        """
+        """Pass a node of a stretch, which opens with it or goes on."""
         env, passage, drive = self.env, self._passages[chain], self._drives[chain]
         lag = int(drive.lag[node])
         stops = None if self.stops is None else self.stops[chain]

@@ -90,13 +90,7 @@ class Narrator:
             self.emit("stopped", chain, node, detail=detail)
 
     def goes_on(self, chain: int, node: int, entry: Standstill, attempt: int) -> None:
-        """Tell that a robot has stood long enough.
-
-        Args:
-            chain, node: where.
-            entry: why it stood.
-            attempt: number of the attempt that failed, from 1; of no account otherwise.
-        """
+        """Tell that a robot has stood long enough, in which attempt of a retry (from 1)."""
         if entry.cause == "retry":
             seconds = f"{entry.duration_ns / NANOSECONDS:.3f} s"
             detail = f"attempt {attempt} failed after {seconds}"

@@ -206,11 +206,7 @@ class Fit:
         return f"{self.sample.name}.csv"
 
     def section(self, prefix: str = "") -> dict[str, Any]:
-        """Return the section for a scenario: the best fit, or the measured times themselves.
-
-        Args:
-            prefix: to the name of their file.
-        """
+        """Return the section for a scenario: the best fit, or the measured times in a file with a prefix."""
         if not self.candidates:
             median = rounded(np.median(self.sample.values_s))
             return {"kind": "fixed", "value_s": median}
@@ -256,12 +252,7 @@ def write_sample(path: Path, fit: Fit) -> None:
 
 
 def fitted_execution(fits: Sequence[Fit], *, prefix: str = "") -> dict[str, Any]:
-    """Return the execution section of fits: ``skills`` and ``skill_overrides``.
-
-    Args:
-        fits: each of a skill.
-        prefix: to the names of the files of durations that nothing fits.
-    """
+    """Return the execution section of fits: ``skills`` and ``skill_overrides``."""
     skills, overrides = {}, []
     for fit in fits:
         labels = dict(fit.sample.labels)

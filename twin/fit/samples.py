@@ -169,12 +169,7 @@ def _sample(
 def unused_labels(
     paths: Sequence[Path], by: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the values of the columns that tell groups apart and were not asked to.
-
-    Args:
-        paths: CSV files that read_samples has read.
-        by: what was asked for.
-    """
+    """Return the values of the columns that tell groups apart and were not asked to."""
     rows = [row for path in paths for row in csv_rows(path)]
     out = {}
     for name in LABELS:

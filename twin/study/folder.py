@@ -95,14 +95,7 @@ def check_points(points: int) -> None:
 def write_request(
     folder: Path, request: StudyRequest, cell: Workcell, plans: Mapping[str, str]
 ) -> None:
-    """Write ``manifest.json``: what is needed to understand, go on with and repeat the study.
-
-    Args:
-        folder: of the study.
-        request: what is asked.
-        cell: of its scenario.
-        plans: hash of every plan, by name.
-    """
+    """Write ``manifest.json``: what is needed to understand, go on with and repeat the study."""
     study = {
         "experiment": asdict(request.experiment),
         "shortcut_candidates": request.candidates,
@@ -145,10 +138,6 @@ def read_request(folder: Path) -> StudyRequest:
 
 def require_same_plans(folder: Path, hashes: Mapping[str, str]) -> None:
     """Refuse plans that are not those with which a study began.
-
-    Args:
-        folder: of the study.
-        hashes: of the plans that are there now, by name.
 
     Raises:
         OutputError: a plan has changed; the message names it.

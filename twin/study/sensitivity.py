@@ -99,9 +99,6 @@ def influences(load: Workload) -> list[Influence]:
     """Return the effects of the inputs on the mean makespan, the strongest first.
 
     One input at a time is smaller and larger by SHARE.
-
-    Args:
-        load: the work of one cell.
     """
     affordable = max(_LEAST, _MOST_LOOKED_AT // max(replay_cost(load), 1))
     most = _TORNADO_BY_EVENTS if load.reasons else _TORNADO

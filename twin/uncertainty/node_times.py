@@ -125,11 +125,7 @@ class SegmentTimes:
         return SegmentTimes(self.busy_ns[:, well], self.fails[well], tuple(kept))
 
     def stood_ns(self, cause: Cause | None = None) -> Nanoseconds:
-        """Return for how long robots stand in each segment, shaped as ``busy_ns`` [ns].
-
-        Args:
-            cause: of the standstills that count; None for all.
-        """
+        """Return for how long robots stand in each segment, for one cause or all, shaped as ``busy_ns`` [ns]."""
         stood = np.zeros_like(self.busy_ns)
         for group in self.standstills:
             if cause in (None, group.cause):
@@ -138,13 +134,7 @@ class SegmentTimes:
 
 
 class NodeTimeSampler:
-    """Draws what the nodes of one graph take, as often as asked.
-
-    Args:
-        tpg: the graph, not contracted.
-        durations: give skills their undisturbed durations.
-        disturbances: what may go wrong.
-    """
+    """Draws what the nodes of one graph take, as often as asked."""
 
     def __init__(
         self,
@@ -206,13 +196,7 @@ class NodeTimeSampler:
     def sample_segments(
         self, contraction: Contraction, *, seed: int, replications: npt.ArrayLike
     ) -> SegmentTimes:
-        """Draw many replications, as sums over the segments of the contracted graph.
-
-        Args:
-            contraction: of the graph.
-            seed: names the draws.
-            replications: numbers of the replications.
-        """
+        """Draw many replications, as sums over the segments of the contracted graph."""
         numbers = np.asarray(replications, dtype=np.int64)
         segments = sum(len(first) - 1 for first in contraction.first)
         busy = np.empty((segments, len(numbers)), dtype=np.int64)

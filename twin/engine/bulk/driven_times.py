@@ -202,13 +202,7 @@ def _cleared(
 
 @inner_kernel
 def _settled(drive: DriveArrays, n: int, last: int) -> int:
-    """Return the last node of which the speed at its end is settled now: often many are.
-
-    Args:
-        drive: of all nodes.
-        n: the next node of a robot.
-        last: the last one that it is cleared for.
-    """
+    """Return the last node of which the speed at its end is settled now: often many are."""
     if last == drive.last[n]:
         return last
     # What becomes clear later counts only within the way of braking.

@@ -64,12 +64,6 @@ def candidates(
 
     The time that a lever takes on the critical path, in the mean over the replications, is the
     most that the mean makespan can gain by it; levers are chosen by that.
-
-    Args:
-        replay: the replications.
-        found: what came of them.
-        model: how the plan is executed.
-        most: of each kind.
     """
     work = np.where(found.critical, replay.work_ns, 0).mean(axis=1)
     levers = _best(_tasks(replay, work), most.tasks)

@@ -187,14 +187,7 @@ def study_gains(
     counts: Sequence[int],
     progress: Report = report_nothing,
 ) -> list[CellGains]:
-    """Return what is worth fixing in every cell of a study.
-
-    Args:
-        experiment: what was run.
-        loads: the work of its cells.
-        counts: replications of each cell.
-        progress: told of cells done and in all.
-    """
+    """Return what is worth fixing in every cell of a study, from so many replications of each."""
     found = []
     for k, (load, count) in enumerate(zip(loads, counts, strict=True)):
         progress(TRYING, k, len(loads))
@@ -210,12 +203,6 @@ def cell_gains(
 
     The same draws are executed again with one lever shortened. How many replications and
     candidates are tried follows from the size of the plan alone, never from the clock.
-
-    Args:
-        experiment: what was run.
-        load: the work of the cell.
-        count: its replications.
-        share: of what a study may spend.
     """
     numbers = np.arange(_affordable(load, count, share), dtype=np.int64)
     engine = "events" if needs_events(load) else "paths"

@@ -190,10 +190,6 @@ def until_work_is_done(
 
     Work is all but transits on which nothing depends: a robot that goes HOME after its last skill has
     done its part. In a plan without skills, all is work.
-
-    Args:
-        tpg: the plan, contracted or not.
-        graph: what must wait for what in it.
     """
     works = np.array([task.kind != TRANSIT or task.goal for task in tpg.tasks])
     last = np.full(len(tpg.chains), -1, dtype=np.int64)

@@ -93,11 +93,7 @@ def _engines(parcel: bytes) -> Engines:
 
 
 class Engines:
-    """Both engines of one workload, made when they are needed.
-
-    Args:
-        workload: what they execute.
-    """
+    """Both engines of one workload, made when they are needed."""
 
     def __init__(self, workload: Workload) -> None:
         self.workload = workload

@@ -43,14 +43,7 @@ HONEST = (
 
 
 def gains_tables(cell: CellGains, label: str, *, confidence: float, most: int) -> str:
-    """Return the greatest gains of a cell: one thing each, then many at once.
-
-    Args:
-        cell: its gains.
-        label: of the cell.
-        confidence: of the intervals.
-        most: rows of each table.
-    """
+    """Return the greatest gains of a cell: one thing each, then many at once."""
     if cell.replications == 0:
         return paragraph(
             f"{label}: nothing was tried. No replication was completed, or the event engine would"
@@ -92,14 +85,7 @@ def _table(caption: str, gains: Sequence[Gain]) -> str:
 def critical_tasks_table(
     load: Workload, tally: TaskTally, label: str, most: int
 ) -> str:
-    """Return the tasks that were critical most often, by name.
-
-    Args:
-        load: the work of a cell.
-        tally: of its tasks.
-        label: of the cell.
-        most: rows that are shown.
-    """
+    """Return the tasks that were critical most often, by name."""
     columns, names = task_columns(load, tally), task_names(load.tpg.tasks)
     share, slack_s = columns["criticality"], columns["slack_mean_s"]
     time_s = columns["end_p50_s"] - columns["start_p50_s"]

@@ -73,12 +73,7 @@ def lateness_list(summary: StudySummary) -> str:
 
 
 def draw_line(times: ProductTimes, due: Due) -> Figure:
-    """Draw when products are complete, against when they are due, and the takt.
-
-    Args:
-        times: of one cell.
-        due: when they are due, and which do not count.
-    """
+    """Draw when products are complete, against when they are due, and the takt."""
     figure, axes = one_chart(4.2)
     end = times.product_end_ns / NANOSECONDS
     number = np.arange(1, len(end) + 1)
