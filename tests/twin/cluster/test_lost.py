@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Awaitable, Callable, Generator
+from collections.abc import Awaitable, Callable, Generator, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +17,23 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.twin.cluster.processes import ROOT, start
+from tests.twin.study.study_toys import toy_workload
 from twin.cli import app
 from twin.cluster.certificates import Cluster, make_certificates
-from twin.cluster.client import ClusterExecutor, ClusterLostError
+from twin.cluster.client import ClusterError, ClusterExecutor, ClusterLostError
+from twin.study.replications import runner
+from twin.study.replications.runner import run_replications
+from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import open_executor
+from twin.study.tables import write_replications
 
-pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")
+psutil = pytest.importorskip("psutil")
 
 SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
 TABLES = ("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json")
 WITHIN_S = 300.0
+SOME = Experiment(("asynchronous",), replications=120)
 
 
 def _twin(*arguments: str | Path) -> tuple[int, str]:
@@ -74,6 +83,60 @@ def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
     assert code == 0, output
     for name in TABLES:
         assert (lost / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+class _Killing(Executor):
+    """Kills a worker of a cluster after some submissions."""
+
+    def __init__(self, executor: ClusterExecutor, scheduler: int) -> None:
+        self.executor, self.scheduler, self.left = executor, scheduler, 5
+        self.threads = executor.threads
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kw: Any) -> Future[Any]:
+        self.left -= 1
+        if self.left == 0:
+            started = psutil.Process(self.scheduler).children(recursive=True)
+            worker = next(c for c in started if "spawn_main" in " ".join(c.cmdline()))
+            worker.kill()
+            worker.wait()
+        return self.executor.submit(fn, *args, **kw)
+
+
+@pytest.mark.expensive
+def test_a_killed_worker_of_a_cluster_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "BULK_BLOCK", 8)
+    scheduler, cluster = _up(tmp_path, workers=2)
+    killers = []
+
+    @contextmanager
+    def killing() -> Iterator[Executor]:
+        with open_executor(cluster=cluster) as executor:
+            assert isinstance(executor, ClusterExecutor)
+            killers.append(_Killing(executor, scheduler.pid))
+            yield killers[-1]
+
+    tables = []
+    for name, opened in (("cluster", killing), ("one", lambda: open_executor(0))):
+        run_replications(SOME, [toy_workload()], tmp_path / name, opened)
+        write_replications(path := tmp_path / f"{name}.parquet", SOME, tmp_path / name)
+        tables.append(path.read_bytes())
+    scheduler.terminate()
+    scheduler.communicate(timeout=WITHIN_S)
+    assert killers[0].left <= 0
+    assert tables[0] == tables[1]
+
+
+def test_a_scheduler_without_workers_is_named() -> None:
+    with (
+        distributed.LocalCluster(
+            n_workers=0, processes=False, dashboard_address=None
+        ) as cluster,
+        pytest.raises(ClusterError, match="has no workers"),
+        open_executor(cluster=Cluster(cluster.scheduler_address)),
+    ):
+        pass
 
 
 def _die() -> None:

@@ -10,14 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
-from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import assert_same_ends, run_bulk
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.bounded import Uniform
 from twin.durations.normal import Lognormal
 from twin.engine.bulk.bulk_engine import BulkEngine
-from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.run.events import Policy
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
@@ -75,31 +73,6 @@ def test_engines_agree_in_slots() -> None:
 def test_slots_are_asked_for() -> None:
     with pytest.raises(PlanInvariantError, match="not made in slots"):
         BulkEngine(random_tpg(0), ExecutionModel(DURATIONS, "synchronous"))
-
-
-def test_turns_are_taken_in_the_order_of_the_event_engine() -> None:
-    tpg = random_tpg(11, dofs=(2, 3, 2), tasks=10, edges=12)
-    model = ExecutionModel(SkillDurations({}), "sequential")
-    run = Simulator(tpg, model).run(seed=0)
-    starts, ends = np.concatenate(run.start_ns), np.concatenate(run.end_ns)
-    order = list(sequential_order(tpg))
-    assert sorted(order) == list(range(len(starts)))
-    assert np.all(np.diff(starts[order]) >= 0)
-    assert np.all(starts[order][1:] == ends[order][:-1])
-
-
-def test_open_loop_waits_for_the_clock_alone() -> None:
-    tpg = random_tpg(6, dofs=(2, 2), edges=10)
-    late = SkillDurations({"pick": Uniform(low_s=50.0, high_s=60.0)})
-    own_clock = BulkEngine(tpg, ExecutionModel(late, "open-loop"))
-    found = run_bulk(own_clock, seed=0, replications=[0])
-    planned = BulkEngine(tpg, ExecutionModel(SkillDurations({})))
-    nominal = run_bulk(planned, seed=0, replications=[0])
-    assert np.all(found.start_ns >= nominal.start_ns)
-    own_way = BulkEngine(tpg, ExecutionModel(SkillDurations({}), "open-loop"))
-    assert run_bulk(own_way, seed=0, replications=[0]).end_ns.tolist() == (
-        nominal.end_ns.tolist()
-    )
 
 
 def test_replications_do_not_know_of_each_other() -> None:

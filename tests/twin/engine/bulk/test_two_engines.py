@@ -11,7 +11,6 @@ from benchmarks.timing_graphs import (
     SCENARIOS,
     contracted_graph,
     load_timing_graph,
-    save_timing_graph,
 )
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -55,15 +54,3 @@ def assert_current(name: str, now: TemporalPlanGraph) -> None:
     for ours, theirs in zip(kept.chains, now.chains, strict=True):
         assert np.array_equal(ours.task, theirs.task)
         assert np.allclose(ours.duration, theirs.duration, atol=1e-6)
-
-
-def test_a_graph_is_kept_whole(tmp_path: Path) -> None:
-    kept = load_timing_graph(FOLDER / "cliff.npz")
-    save_timing_graph(tmp_path / "again.npz", kept)
-    again = load_timing_graph(tmp_path / "again.npz")
-    assert again.tasks[3].label == kept.tasks[3].label
-    assert again.chains[1].duration.tolist() == kept.chains[1].duration.tolist()
-    assert [item.kind for item in again.cell.objects] == [
-        item.kind for item in kept.cell.objects
-    ]
-    assert len(contract(kept).tpg.chains[0]) == len(kept.chains[0])

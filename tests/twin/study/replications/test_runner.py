@@ -246,15 +246,9 @@ def test_a_replication_that_raises_is_a_row_with_its_error() -> None:
 
 
 def test_workers_that_keep_dying_end_the_study(tmp_path: Path) -> None:
-    from concurrent.futures.process import BrokenProcessPool
-
-    class Broken(Executor):
-        def submit(self, fn: Any, /, *args: Any, **kw: Any) -> Future[Any]:
-            raise BrokenProcessPool("killed")
-
     @contextmanager
     def pool() -> Iterator[Executor]:
-        yield Broken()
+        yield _Refusing(0)
 
     with pytest.raises(TwinError, match="--resume"):
         run_replications(TWO, _loads(), tmp_path / "blocks", pool)
