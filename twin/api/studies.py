@@ -133,7 +133,7 @@ class Study:
 
     def _repr_html_(self) -> str:
         from twin.drawing.markup import card, shown
-        from twin.study.report.fixing import differences, makespans_table
+        from twin.study.report.page_tables import differences, makespans_table
 
         table = makespans_table(self.result.summary)
         table += differences(self.result.summary)

@@ -42,13 +42,13 @@ from twin.study.folder import (
     write_request,
 )
 from twin.study.gains.gains import CellGains, study_gains, write_gains
-from twin.study.layouts import plan_layouts
 from twin.study.line import product_columns, product_times
 from twin.study.plans import (
     Plans,
     load_plans,
     plan_hashes,
     plan_key,
+    plan_layouts,
     save_plans,
     workloads,
 )

@@ -13,8 +13,7 @@ from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENC
 from twin.durations.model import Nanoseconds
 from twin.engine.bulk.max_plus import Completions
 from twin.engine.execution_model import ExecutionModel
-from twin.study.gains.lever import Lever
-from twin.study.gains.replays import Replay
+from twin.study.gains.replays import Lever, Replay
 from twin.uncertainty.chain_draws import Cause
 
 

@@ -23,8 +23,7 @@ from twin.durations.model import NANOSECONDS
 from twin.host.guard import write_json, write_text
 from twin.host.progress import Report, report_nothing
 from twin.study.gains.candidates import FEW, MANY, candidates
-from twin.study.gains.lever import Lever
-from twin.study.gains.replays import Replay, needs_events, replay_cost
+from twin.study.gains.replays import Lever, Replay, needs_events, replay_cost
 from twin.study.replications.statistics import (
     Experiment,
     Figures,

@@ -1,11 +1,12 @@
-"""Replays: the same draws executed again with a lever shortened, by longest paths or events."""
+"""Levers, which take time and could take less, and replays: the same draws with a lever shortened."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from twin.engine.bulk.max_plus import (
 )
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.study.gains.lever import Lever
 from twin.study.replications.workload import Workload
+from twin.uncertainty.chain_draws import Cause
 from twin.uncertainty.contraction import uncontracted
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.node_times import (
@@ -35,6 +36,47 @@ from twin.uncertainty.node_times import (
     Standstill,
 )
 from twin.uncertainty.stops import sample_stops
+
+Kind = Literal["task", "skill", "robot", "wait", "stall", "message"]
+
+
+def _none() -> Indices:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Lever:
+    """Something that takes time in a plan, and could take less or none.
+
+    Attributes:
+        kind: a task, all tasks of a kind, all work of a robot, waits of one task for another or all waits of a
+            cause, standstills, or messages.
+        name: in words.
+        robot: whose it is, empty where it is nobody's own.
+        task: index of the task, of a wait that of the task that waits; None where there is none.
+        rows: nodes whose time it is a part of, numbered through chain by chain.
+        causes: the standstills of these nodes that it is; none where it is their work.
+        edges: what is waited for, as indices of edges.
+        stops: the stops by the run's clock that it is, empty where it is none.
+        messages: True where it is the messages between robots and dispatcher.
+    """
+
+    kind: Kind
+    name: str
+    robot: str = ""
+    task: int | None = None
+    rows: Indices = field(default_factory=_none)
+    causes: tuple[Cause, ...] = ()
+    edges: Indices = field(default_factory=_none)
+    stops: Literal["", "breakdowns", "emergency stops"] = ""
+    messages: bool = False
+
+    @property
+    def many(self) -> bool:
+        """True where it is many things at once, and not one task, wait or robot's standstills."""
+        if self.kind in ("task", "wait"):
+            return self.task is None
+        return self.kind != "stall" or not self.robot
 
 
 def needs_events(load: Workload) -> bool:

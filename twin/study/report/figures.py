@@ -19,12 +19,15 @@ from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENC
 from twin.check.finding import Subject
 from twin.check.robots import check_skill_times, check_speeds
 from twin.durations.measured import Packaged
-from twin.durations.model import DurationModel
+from twin.durations.model import NANOSECONDS, DurationModel
 from twin.engine.bulk.max_plus import OTHER
 from twin.host.guard import versions
 from twin.host.pictures import INK
+from twin.run.throughput import takts_s
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
-from twin.study.replications.block_results import WAIT_COLUMNS
+from twin.scenario.variations import Variant, is_of_execution
+from twin.study.line import Due
+from twin.study.replications.block_results import WAIT_COLUMNS, ProductTimes
 from twin.study.replications.statistics import Interval
 from twin.study.report.layout import bar_chart, legend_below, one_chart
 from twin.study.study import StudyResult
@@ -41,6 +44,7 @@ CAUSE_STYLE = {
     MOTION_CONFLICT: ("#d97b29", "for the way to be free"),
     OTHER: ("#b9c0c8", "for a message, the clock or a turn"),
 }
+_BEST, _OTHER, _ALIKE = "#2f7f66", "#1f5f9e", "#7fa6cf"
 _DASHES = ("-", "--", ":", "-.")
 
 
@@ -138,6 +142,67 @@ def draw_response(summary: StudySummary, key: str, policies: Sequence[str]) -> F
     axes.set_ylabel("mean makespan [s]")
     axes.set_ylim(bottom=0)
     legend_below(axes)
+    return figure
+
+
+def draw_ranking(summary: StudySummary, policy: str) -> Figure:
+    """Draw the mean makespans of the layouts under a policy, the quickest on top.
+
+    The line at each is the interval of its mean alone; pale ones are not told apart from the
+    quickest. Where something is varied besides, groups follow each other.
+    """
+    rows = summary.ranked(policy)
+    names = [", ".join(f"{k} = {v}" for k, v in _ordered(r.variant)) for r in rows]
+    figure, axes = bar_chart(names, 0.34)
+    for place, row in enumerate(rows):
+        mean = summary.cells[row.cell].makespan_s
+        assert mean is not None
+        low, high = (
+            bound if np.isfinite(bound) else row.mean_s
+            for bound in (mean.low, mean.high)
+        )
+        colour = _BEST if row.rank == 1 else _OTHER if row.told_apart else _ALIKE
+        axes.barh(place, row.mean_s, color=colour, height=0.62)
+        axes.plot([low, high], [place, place], color=INK, linewidth=1.4)
+        axes.annotate(
+            f"  {row.mean_s:.1f} s", (high, place), va="center", fontsize=9, color=INK
+        )
+    axes.set_xlim(0, 1.12 * max(row.mean_s for row in rows))
+    axes.set_xlabel(f"mean makespan, {policy} [s]")
+    return figure
+
+
+def _ordered(variant: Variant) -> list[tuple[str, object]]:
+    """Return varied inputs, those of the layout first."""
+    return sorted(variant.items(), key=lambda item: is_of_execution(item[0]))
+
+
+def draw_line(times: ProductTimes, due: Due) -> Figure:
+    """Draw when products are complete, against when they are due, and the takt."""
+    figure, axes = one_chart(4.2)
+    end = times.product_end_ns / NANOSECONDS
+    number = np.arange(1, len(end) + 1)
+    takt = takts_s(times.product_end_ns, due[1])
+    pace = float(takt.mean()) if takt.size else 0.0
+    # What every product would take at the mean pace is left out: what remains can be seen.
+    level = (number - 1) * pace
+    low, middle, high = np.quantile(end, (0.05, 0.5, 0.95), axis=1)
+    axes.fill_between(
+        number, low - level, high - level, color="#c6d8ea", label="P5 to P95"
+    )
+    axes.plot(number, middle - level, color="#1f5f9e", lw=1.8, label="complete, median")
+    if due[0]:
+        axes.plot(
+            number,
+            np.asarray(due[0]) - level,
+            color="#b8433a",
+            lw=1.4,
+            ls="--",
+            label="due",
+        )
+    axes.set_xlabel("product", color=INK)
+    axes.set_ylabel(f"time [s], less {pace:.2f} s a product", color=INK)
+    axes.legend(frameon=False, labelcolor=INK, fontsize=9)
     return figure
 
 

@@ -27,23 +27,27 @@ from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import (
     assumptions,
     draw_ecdf,
+    draw_line,
+    draw_ranking,
     draw_response,
     draw_waits,
     warnings,
 )
-from twin.study.report.fixing import (
+from twin.study.report.layout import WIDTH_IN
+from twin.study.report.page_tables import (
     HONEST,
     busy_table,
     collided,
     critical_tasks_table,
     differences,
     gains_tables,
+    lateness_list,
     lead,
+    lines_table,
     makespans_table,
+    ranking_table,
+    refused_table,
 )
-from twin.study.report.layout import WIDTH_IN
-from twin.study.report.lines import draw_line, lateness_list, lines_table
-from twin.study.report.ranking import draw_ranking, ranking_table, refused_table
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult
 from twin.study.summary import CellSummary, makespans_s

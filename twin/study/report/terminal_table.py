@@ -11,10 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from twin.study.folder import REPORT
-from twin.study.layouts import words
+from twin.study.plans import words
 from twin.study.replications.statistics import Interval
-from twin.study.report.fixing import LESS, P90, busy_rows
-from twin.study.report.lines import line_rows
+from twin.study.report.page_tables import LESS, P90, busy_rows, line_rows
 from twin.study.report.report import shown_cell, shown_policy
 from twin.study.study import StudyResult
 from twin.study.summary import CellSummary, StudySummary

@@ -20,8 +20,7 @@ from twin.engine.execution_model import Messages
 from twin.engine.processes import Execution
 from twin.run.events import Policy
 from twin.study.gains.candidates import candidates
-from twin.study.gains.lever import Lever
-from twin.study.gains.replays import Replay, eased_makespans, needs_events
+from twin.study.gains.replays import Lever, Replay, eased_makespans, needs_events
 from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload
 from twin.uncertainty.disturbances import (

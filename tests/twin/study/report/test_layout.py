@@ -21,7 +21,7 @@ from twin.study.replications.statistics import Block, Interval
 from twin.study.replications.workload import Engines
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import draw_ecdf, draw_response, draw_waits
-from twin.study.report.fixing import makespans_table
+from twin.study.report.page_tables import makespans_table
 from twin.study.sensitivity import Influence, SobolIndex
 from twin.study.summary import StudySummary
 

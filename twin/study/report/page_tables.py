@@ -1,9 +1,4 @@
-"""What is worth fixing, as a table of the report and in words.
-
-How busy robots and machines are, as rows of tables.
-
-Makespans of all policies and variants, as tables and lists of the report.
-"""
+"""Tables and lists of the report: makespans, what is worth fixing, lines, layouts; some are printed, too."""
 
 from __future__ import annotations
 
@@ -133,6 +128,95 @@ def busy_table(summary: StudySummary) -> str:
     return table(words, head, [map(text, row) for row in rows])
 
 
+HEAD = (
+    *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),
+    *("cycle time P99 [s]", "work in progress"),
+)
+LATE = "late products"
+
+
+def line_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of all cells that make several products."""
+    lines = [(cell.label, cell.line) for cell in summary.cells if cell.line]
+    due = any(line.due for _, line in lines)
+    rows = []
+    for label, line in lines:
+        row = [
+            label,
+            _mean(line.throughput_per_h, 1),
+            _mean(line.takt_s),
+            _p99(line.takt_quantiles_s),
+            _mean(line.cycle_time_s),
+            _p99(line.cycle_time_quantiles_s),
+            _mean(line.work_in_progress),
+        ]
+        if due:
+            late = line.due and line.due.late
+            row.append(f"{100 * late.estimate:.1f} %" if late else "-")
+        rows.append(row)
+    return ["policy", *HEAD, *([LATE] if due else [])], rows
+
+
+def lines_table(summary: StudySummary) -> str:
+    """Return the table for the report, nothing where nothing is made several times."""
+    head, rows = line_rows(summary)
+    words = ""
+    for line in (cell.line for cell in summary.cells if cell.line):
+        words = f"{line.products} products"
+        if line.start_up:
+            words += f"; takt and work in progress without the first {line.start_up}"
+        break
+    return table(words, head, [map(text, row) for row in rows])
+
+
+def lateness_list(summary: StudySummary) -> str:
+    """Return in words how late products are, nothing where none is due."""
+    texts = []
+    for cell in summary.cells:
+        due = cell.line and cell.line.due
+        if due and due.late and due.lateness_s:
+            worst = due.lateness_quantiles_s["p99"]
+            texts.append(
+                f"{cell.label}: a product is late with probability"
+                f" {due.late.estimate:.3f}, any of them in"
+                f" {100 * due.any_late.estimate:.1f} % of the replications; mean lateness"
+                f" {due.lateness_s.estimate:.1f} s, P99 {worst:.1f} s"
+            )
+    return bullets("Lateness", texts)
+
+
+def ranking_table(summary: StudySummary, policy: str) -> str:
+    """Return the layouts under a policy in their order, as a table."""
+    rows = summary.ranked(policy)
+    keys = list(rows[0].variant)
+    cells = [
+        [
+            str(row.rank),
+            *(breakable(row.variant[key]) for key in keys),
+            f"{row.mean_s:.1f}",
+            text(row.behind),
+            "" if row.rank == 1 or row.told_apart else "not told apart",
+        ]
+        for row in rows
+    ]
+    share = f"{100 * summary.confidence:g} %"
+    caption = (
+        f"Layouts under {policy} by mean makespan in seconds; behind the quickest,"
+        f" replication by replication, with intervals that hold together with {share}"
+    )
+    return table(caption, ["rank", *keys, "mean", "behind", ""], cells)
+
+
+def refused_table(summary: StudySummary) -> str:
+    """Return the layouts that have no plan, with the reason; nothing where all have one."""
+    keys = list(summary.refused[0].layout) if summary.refused else []
+    rows = [
+        [*(breakable(item.layout[key]) for key in keys), text(item.reason)]
+        for item in summary.refused
+    ]
+    return table("Layouts without a plan", [*keys, "reason"], rows, "named")
+
+
 def lead(result: StudyResult) -> str:
     """Return in words how much was replicated."""
     experiment, summary = result.request.experiment, result.summary
@@ -226,3 +310,11 @@ def _span(found: Interval, form: str, factor: float = 1.0) -> str:
     if not isfinite(found.low):
         return words
     return f"{words} ({factor * found.low:.1f} to {factor * found.high:.1f})"
+
+
+def _mean(found: Interval | None, digits: int = 2) -> str:
+    return "-" if found is None else f"{found.estimate:.{digits}f}"
+
+
+def _p99(quantiles: dict[str, float]) -> str:
+    return f"{quantiles['p99']:.2f}" if quantiles else "-"
