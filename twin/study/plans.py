@@ -11,6 +11,7 @@ from pathlib import Path
 from planning.errors import RequestError, ScenarioError, TwinError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import is_driven
 from twin.check.check import check_scenario
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
@@ -222,7 +223,10 @@ def workloads(
         }
         text = json.dumps(origin, sort_keys=True)
         made_from = hashlib.sha256(text.encode()).hexdigest()
-        loads.append(Workload(graphs[name], model, scenario.seed, reasons, made_from))
+        graph = graphs[name]
+        if is_driven(graph) and model.disturbances.at_absolute_times:
+            graph = plans[name]  # whom the clock stops in a skill brakes along its path
+        loads.append(Workload(graph, model, scenario.seed, reasons, made_from))
     return loads
 
 

@@ -208,6 +208,11 @@ def test_ranks_of_samples() -> None:
         {"planning.shortcut_candidates": 0},
         {"planning.improve_tries": 2},
         {"planning.coordination": "synchronous"},
+        # Whom the clock stops in a skill brakes along its path.
+        {
+            "planning.speed_model": "limits",
+            "emergency_stops": [{"at_s": 6.0, "duration_s": 4.0}],
+        },
     ],
     ids=str,
 )
