@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from planning.transforms import Array
+from tests.twin.durations.known_distributions import KNOWN
 from twin.durations.bounded import Pert, Triangular, Uniform
 from twin.durations.fittable import Family, ShiftedFamily, golden_section
 from twin.durations.lifetimes import Exponential, Gamma, Weibull
@@ -17,30 +18,6 @@ from twin.fit.fitting import FAMILIES, section_model
 
 T = np.linspace(0.0, 14.0, 141)[None]
 
-# Parameters, and the same distribution of scipy.
-KNOWN: list[tuple[Family, list[float], object]] = [
-    (Uniform, [2, 5], stats.uniform(2, 3)),
-    (Triangular, [2, 3, 7], stats.triang(0.2, 2, 5)),
-    (Triangular, [2, 2, 7], stats.triang(0, 2, 5)),
-    (Triangular, [2, 7, 7], stats.triang(1, 2, 5)),
-    (Pert, [2, 3, 7], stats.beta(1.8, 4.2, 2, 5)),
-    (Pert, [2, 7, 7], stats.beta(5, 1, 2, 5)),
-    (TruncatedNormal, [8, 1], stats.norm(8, 1)),
-    (TruncatedNormal, [1, 2], stats.truncnorm(-0.5, np.inf, 1, 2)),
-    (TruncatedNormal, [-2, 2], stats.truncnorm(1, np.inf, -2, 2)),
-    (Exponential, [3], stats.expon(0, 3)),
-    (Lognormal, [1.5, 0.4], stats.lognorm(0.4, 0, np.exp(1.5))),
-    (Gamma, [3.5, 2], stats.gamma(3.5, 0, 2)),
-    (Weibull, [2.5, 4], stats.weibull_min(2.5, 0, 4)),
-    (ShiftedFamily(Gamma), [4, 3.5, 2], stats.gamma(3.5, 4, 2)),
-    (ShiftedFamily(Weibull), [4, 1.5, 2], stats.weibull_min(1.5, 4, 2)),
-    (ShiftedFamily(Exponential), [4, 2], stats.expon(4, 2)),
-    (
-        ShiftedFamily(Lognormal),
-        [4, 0.5, 0.4],
-        stats.lognorm(0.4, 4, np.exp(0.5)),
-    ),
-]
 IDS = [f"{family.title} {theta}" for family, theta, _ in KNOWN]
 
 
