@@ -74,7 +74,7 @@ class Figures(BaseModel):
 
     def content(self) -> dict[str, Any]:
         """Return them for JSON."""
-        return self.model_dump(exclude_unset=True)
+        return self.model_dump(mode="json", exclude_unset=True)
 
 
 def mean_interval(
