@@ -14,7 +14,7 @@ from numpy.polynomial import Polynomial
 from benchmarks.tracking.exported_motion import Reference, read_exported_motion
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
-from twin.audit.worlds.world import open_world
+from twin.audit.worlds.engines import open_world
 
 pytest.importorskip("pybullet")
 pinocchio = pytest.importorskip("pinocchio")

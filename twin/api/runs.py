@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from planning.errors import RequestError, ScenarioError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import AuditReport
-from twin.audit.worlds.world import engine_named
+from twin.audit.worlds.engines import engine_named
 from twin.check.check import CheckReport, check_scenario, require_checked
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder, write_motion

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
 from twin.api.runs import AnyPlan, scenario_of
-from twin.audit.worlds.world import engine_named
+from twin.audit.worlds.engines import engine_named
 from twin.comparison.comparison import shortcut_budget
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder

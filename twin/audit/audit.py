@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from planning.transforms import Transform
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import SLACK, ContactRule, GripWatch
+from twin.audit.grips import SLACK, ContactRule, grip_violations
 from twin.audit.keeping import (
     NodeSpans,
     edge_violations,
@@ -41,32 +40,31 @@ from twin.audit.motion.efforts import (
     greatest_efforts,
     tool_speeds_of_run,
 )
-from twin.audit.motion.executed import ObjectRow, Recording, read_recording
+from twin.audit.motion.executed import Recording, read_recording
 from twin.audit.motion.pairs import Asked, gaps
-from twin.audit.motion.reach import travel_of_points
+from twin.audit.motion.replay import Replay
 from twin.audit.motion.sampling import RunStretch, stretches
-from twin.audit.places import helpers_left, place_violations, start_violations
+from twin.audit.places import (
+    helpers_left,
+    jump_violations,
+    place_violations,
+    start_violations,
+)
 from twin.audit.processes import process_violations
-from twin.audit.resting import RestWatch, rest_violations
+from twin.audit.resting import hanging_violations, rest_violations
 from twin.audit.supports import support_violations
 from twin.audit.tools import tool_violations
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import (
-    AuditWorld,
+from twin.audit.worlds.engines import (
     Engine,
-    WatchedShape,
     engine_and_version,
     engine_named,
     open_world,
-    overlapping_at_home,
-    shapes_by_entity,
 )
+from twin.audit.worlds.world import AuditWorld, WatchedShape, overlapping_at_home
 from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
-
-JUMP = 0.001
-"""An object may move this far when it changes hands [m]."""
 
 _EVENTS = "events.jsonl"
 
@@ -147,24 +145,28 @@ def audit_run(
     """
     tpg = load_plan(folder)
     recording = read_recording(folder, tpg.cell)
+    replay = Replay(tpg.cell, recording)
     log = folder / _EVENTS
     spans = logged_spans(tpg, log) if log.exists() else {}
     with Auditor(tpg, engine, wanted) as auditor:
         report = auditor.audit(
             recording, progress, ordered=ordered, finished=finished, spans=spans
         )
-    found = [*report.violations, *start_violations(tpg.cell, recording)]
-    found += limit_violations(tpg.cell, recording)
-    efforts = efforts_of_run(tpg.cell, recording)
-    found += effort_violations(tpg.cell, recording, efforts)
-    found += tool_speed_violations(tool_speeds_of_run(tpg.cell, recording))
+    efforts = efforts_of_run(replay)
+    found = [
+        *report.violations,
+        *start_violations(replay),
+        *limit_violations(replay),
+        *effort_violations(replay, efforts),
+        *tool_speed_violations(tool_speeds_of_run(replay)),
+    ]
     if finished and wanted is not None:
-        found += place_violations(tpg.cell, recording, wanted)
-        report = replace(report, helpers=helpers_left(tpg.cell, recording, wanted))
+        found += place_violations(replay, wanted)
+        report = replace(report, helpers=helpers_left(replay, wanted))
     if ordered and spans:
         found += edge_violations(tpg, spans, _EVENTS)
         if finished and wanted is not None:
-            found += rest_violations(tpg, recording, wanted, spans)
+            found += rest_violations(tpg, replay, wanted, spans)
     greatest = tuple(greatest_efforts(tpg.cell, efforts))
     return replace(report, violations=_by_time(found), efforts=greatest)
 
@@ -223,31 +225,28 @@ class Auditor(AbstractContextManager["Auditor"]):
             finished: whether it came to its end, so that all processes must be done.
             spans: when nodes were started and completed, by robot or machine, where a log says so.
         """
-        rule = self._rule.during(recording)
-        watch = _Watch(self._world, rule, self._exempt, within)
-        wanted = self._wanted
-        others = wanted and (
-            RestWatch(self._world, wanted, held_in_place(self._tpg, recording, wanted)),
-            GripWatch(self._world, wanted),
-        )
-        for stretch in stretches(self._world, recording):
-            for other in others or ():
-                other.look(stretch)
+        world, wanted, tpg = self._world, self._wanted, self._tpg
+        replay = Replay(tpg.cell, recording)
+        rule = self._rule.during(recording.robots)
+        watch = _Watch(world, rule, self._exempt, within)
+        for stretch in stretches(world, replay):
             watch.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), recording.end)
-        found = list(joint_violations(recording.robots, self._world.limits))
-        for other in others or ():
-            found += other.violations()
+        moved = moved_spans(tpg, recording.robots)
+        found = [
+            *joint_violations(recording.robots, world.limits),
+            *jump_violations(world, replay),
+        ]
         if wanted is not None:
-            found += support_violations(self._world, self._tpg, recording, wanted)
-            found += tool_violations(self._world, recording, wanted)
+            held = held_in_place(tpg, replay, wanted)
+            found += hanging_violations(world, replay, wanted, held)
+            found += grip_violations(world, replay, wanted)
+            found += support_violations(world, tpg, replay, wanted, moved)
+            found += tool_violations(world, replay, wanted)
             if finished:
-                found += process_violations(
-                    self._world, self._tpg, recording, wanted, spans or {}
-                )
+                found += process_violations(world, tpg, replay, wanted, spans or {})
         if ordered:
-            moved = moved_spans(self._tpg, recording.robots)
-            found += edge_violations(self._tpg, moved, "trajectory.parquet")
+            found += edge_violations(tpg, moved, "trajectory.parquet")
         return watch.report(engine_and_version(self._engine), found)
 
 
@@ -268,20 +267,14 @@ class _Watch:
         self._deepest_graze = 0.0
         # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
         self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
-        self._jumped: list[Violation] = []
-        self._before: RunStretch | None = None
-        self._shapes = shapes_by_entity(world.objects)
-        self._starts = {item.name: item.start for item in world.cell.objects}
-        self._number = {name: k for k, name in enumerate(self._shapes)}
 
     def look(self, stretch: RunStretch) -> None:
         """Check one stretch."""
-        self._jumps(stretch)
         moved = {
             tuple(int(r.distinct[k]) for r in stretch.robots)
             for k in range(len(stretch.t))
         }
-        self._configurations += len(moved) - (self._before is not None)
+        self._configurations += len(moved) - (self._samples > 0)
         holders = {name: p.holder for name, p in stretch.placements.items()}
 
         @cache
@@ -314,39 +307,10 @@ class _Watch:
                         links = f"{a.detail} - {b.detail}"
                         seen[number] = (t, -gap.distance, links)
         self._samples += len(stretch.t)
-        self._before = stretch
-
-    def _jumps(self, stretch: RunStretch) -> None:
-        """Check that objects that change hands stay where they are.
-
-        What comes up must do so where the plan says.
-        """
-        if self._before is None:
-            return
-        t = float(stretch.t[0])
-        before, now = self._before.placements, stretch.placements
-        moved = {k for k, row in now.items() if before.get(k) is not row}
-        if not moved:
-            return
-        for name in sorted(moved, key=self._number.__getitem__):
-            row, jump = before.get(name), 0.0
-            for shape in self._shapes[name]:
-                old = (
-                    shape.at(self._starts[name])
-                    if row is None
-                    else _pose_of(self._before, shape, -1)
-                )
-                ends = np.stack([old, _pose_of(stretch, shape, 0)])
-                turn, at = ends[:, :3, :3], ends[:, :3, 3]
-                jump = max(jump, float(travel_of_points(turn, at, shape.radius)[0]))
-            if jump > JUMP:
-                after = now[name].holder
-                detail = f"when it goes from {_whose(row)} to {after or 'rest'}"
-                self._jumped.append(Violation(t, t, name, "jump", jump, detail, "jump"))
 
     def report(self, engine: str, besides: Sequence[Violation] = ()) -> AuditReport:
         """Return everything seen so far, and what was found besides."""
-        found = [*besides, *self._jumped]
+        found = list(besides)
         for pair, seen in self._overlaps.items():
             numbers = np.array(sorted(seen))
             for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
@@ -362,19 +326,6 @@ class _Watch:
             self._rule.tolerance,
             self._deepest_graze,
         )
-
-
-def _pose_of(piece: RunStretch, shape: WatchedShape, sample: int) -> Transform:
-    """Return where a shape of an object is at a sample of a stretch."""
-    row = piece.placements[shape.entity]
-    if row.holder is None:
-        return shape.at(row.pose)
-    (track,) = (k for k in piece.moving if k.shape is shape)
-    return track.pose(sample)
-
-
-def _whose(row: ObjectRow | None) -> str:
-    return (row.holder if row else None) or "rest"
 
 
 def _by_time(found: Iterable[Violation]) -> tuple[Violation, ...]:

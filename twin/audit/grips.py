@@ -5,20 +5,26 @@ Contact rules of the audit: allowed contacts from the plan, depth limits from th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import copy
-from dataclasses import replace
 
 import numpy as np
 
+from planning.cell.workcell import CellObject
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.motion.executed import ObjectRow, Recording
-from twin.audit.motion.sampling import RunStretch
-from twin.audit.tools import Hand, hand_of
+from twin.audit.motion.executed import RobotRows
+from twin.audit.motion.replay import Replay
+from twin.audit.tools import Hand, hand_at
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import FAR, AuditWorld, WatchedShape
+from twin.audit.worlds.world import (
+    FAR,
+    AuditWorld,
+    WatchedShape,
+    flange_poses,
+    shapes_by_entity,
+)
 
 GRIP = 0.005
 """What is held may be this far away from the closed tool of its holder [m]."""
@@ -28,84 +34,64 @@ _PLAY = 1e-4
 """A box may be wider than its fingers open by this: rounding of files [m]."""
 
 
-class GripWatch:
-    """Measures once for every hold, when it begins: from then on tool and object move as one.
+def grip_violations(
+    world: AuditWorld, replay: Replay, wanted: Wanted
+) -> Iterator[Violation]:
+    """Yield what is held by who is not at it, or wider than fingers open.
 
-    Fingers that stand open in the geometry of a tool close by half of what is left of their
-    opening beside the thinnest edge of the object.
+    Every hold is measured once, when it begins: from then on tool and object move as one. Fingers
+    that stand open in the geometry of a tool close by half of what is left of their opening beside
+    the thinnest edge of the object.
 
     Args:
         world: to measure in.
+        replay: what was executed.
         wanted: how far fingers stand open.
     """
-
-    def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
-        self._world, self._wanted = world, wanted
-        self._known: dict[str, ObjectRow] = {}
-        self._open: dict[str, Violation] = {}
-        self._found: list[Violation] = []
-
-    def look(self, stretch: RunStretch) -> None:
-        """Check what has come into a hand at the start of a stretch."""
-        t = float(stretch.t[0])
-        tools = {tool.name for tool in self._wanted.tools}
-        for name, row in stretch.placements.items():
-            if self._known.get(name) is row:
-                continue
-            self._known[name] = row
-            if name in self._open:
-                self._found.append(replace(self._open.pop(name), t_end=t))
-            if row.holder is not None and name not in tools:
-                self._measure(stretch, name, row.holder)
-        self._last = float(stretch.t[-1])
-
-    def violations(self) -> list[Violation]:
-        """Return the holds that do not fit, from when to when."""
-        self._found += [replace(v, t_end=self._last) for v in self._open.values()]
-        self._open = {}
-        return self._found
-
-    def _measure(self, stretch: RunStretch, name: str, holder: str) -> None:
-        tracks = [k for k in stretch.moving if k.shape.entity == name]
-        arm = tracks[0].holder
-        assert arm is not None
-        q, rows = stretch.robots[arm].q[0], stretch.placements
-        hand = hand_of(self._world, arm, q, rows, self._wanted)
-        for track in tracks:
-            self._world.place(track.shape, track.pose(0))
+    robots = {robot.name: k for k, robot in enumerate(world.cell.robots)}
+    shapes = shapes_by_entity(world.objects)
+    tools = {tool.name for tool in wanted.tools}
+    for stay in replay.in_order:
+        t = max(stay.t, 0.0)
+        if stay.holder not in robots or stay.object in tools or stay.until <= t:
+            continue
+        robot = robots[stay.holder]
+        rows = replay.robots[stay.holder].at(np.array([t]))
+        held = flange_poses(world, robot, rows)[0] @ stay.pose
+        hand = hand_at(world, replay, wanted, robot, t)
+        for own in shapes[stay.object]:
+            world.place(own, own.at(held))
         gap, tool = min(
-            (self._world.distance(shape, track.shape, FAR), shape.detail)
-            for shape in hand.shapes
-            for track in tracks
+            (world.distance(part, own, FAR), part.detail)
+            for part in hand.shapes
+            for own in shapes[stay.object]
         )
-        grip, opening = hand.grip, hand.opening(self._wanted.opening_m)
-        closing = max(finger_travel(track.shape, opening) for track in tracks)
-        t = float(stretch.t[0])
-        if grip is not None and grip.opening is not None:
-            width = self._width(name, hand, stretch.placements[name].pose)
-            if width is not None and width > opening + _PLAY:
-                detail = (
-                    f"is {width * 1e3:.2f} mm wide between the fingers of {grip.tool}, which open to"
-                    f" {opening * 1e3:.2f} mm"
-                )
-                self._open[name] = Violation(
-                    t, t, name, holder, width - opening, detail, "grip"
-                )
-                return
-        if gap > GRIP + closing:
-            detail = f"is held {gap * 1e3:.2f} mm away from {tool}"
+        opening = hand.opening(wanted.opening_m)
+        closing = max(finger_travel(own, opening) for own in shapes[stay.object])
+        width = _width(world.cell.object(stay.object), hand, stay.pose)
+        if width > opening + _PLAY:
+            fingers = "" if hand.grip is None else hand.grip.tool
+            depth, detail = width - opening, f"is {width * 1e3:.2f} mm wide between"
+            detail += f" the fingers of {fingers}, which open to {opening * 1e3:.2f} mm"
+        elif gap > GRIP + closing:
+            depth, detail = gap, f"is held {gap * 1e3:.2f} mm away from {tool}"
             detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
-            self._open[name] = Violation(t, t, name, holder, gap, detail, "grip")
+        else:
+            continue
+        until = min(stay.until, replay.end)
+        yield Violation(t, until, stay.object, stay.holder, depth, detail, "grip")
 
-    def _width(self, name: str, hand: Hand, held: Transform) -> float | None:
-        """Return how wide a box is along the axis in which fingers close [m].
 
-        None where that cannot be told: of what is no box, fingers may grip any part.
-        """
-        item, tool = self._world.cell.object(name), hand.frames.get("tool")
-        if tool is None or not item.shape.is_box:
-            return None
-        return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
+def _width(item: CellObject, hand: Hand, held: Transform) -> float:
+    """Return how wide a box is along the axis in which fingers close [m].
+
+    Nothing where that cannot be told: without fingers, or of what is no box, which fingers may
+    grip at any part.
+    """
+    tool, grip = hand.frames.get("tool"), hand.grip
+    if grip is None or grip.opening is None or tool is None or not item.shape.is_box:
+        return 0.0
+    return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
 
 
 def finger_travel(shape: WatchedShape, opening: float) -> float:
@@ -143,7 +129,7 @@ class ContactRule:
     def __init__(self, tpg: TemporalPlanGraph, wanted: Wanted | None = None) -> None:
         self._nodes = frozenset(() if wanted is None else wanted.joined)
         self._node_depth = 0.0 if wanted is None else wanted.joined_overlap_m
-        self._recording = Recording({}, (), 0.0)
+        self._robots: Mapping[str, RobotRows] = {}
         self._tasks = {chain.robot: chain.task for chain in tpg.chains}
         self._known: dict[tuple[str, float], frozenset[int]] = {}
         objects = {box.name for box in tpg.cell.objects}
@@ -163,10 +149,10 @@ class ContactRule:
                 entry = contact.tasks, contact.grazing
                 self._allowed.setdefault(pair, []).append(entry)
 
-    def during(self, recording: Recording) -> ContactRule:
+    def during(self, robots: Mapping[str, RobotRows]) -> ContactRule:
         """Return the rule for an execution, which tells which task each robot is at."""
         rule = copy(self)
-        rule._recording, rule._known = recording, {}
+        rule._robots, rule._known = robots, {}
         return rule
 
     def depth(
@@ -209,7 +195,7 @@ class ContactRule:
         key = (robot, t)
         if key not in self._known:
             tasks = self._tasks.get(robot, np.empty(0, dtype=np.int64))
-            nodes = self._recording.robots[robot].nodes_at(t)
+            nodes = self._robots[robot].nodes_at(t)
             own = tasks[np.clip(nodes, 0, len(tasks) - 1)] if len(tasks) else tasks
             self._known[key] = frozenset(own.tolist())
         return self._known[key]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 
@@ -19,8 +18,8 @@ from planning.tasks.task import Task
 from planning.transforms import Array
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.motion.executed import Recording, RobotRows
-from twin.audit.supports import STANDING
+from twin.audit.motion.executed import RobotRows
+from twin.audit.motion.replay import Replay, Stay
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 
@@ -121,7 +120,7 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
 
 def keeping_violations(
     tpg: TemporalPlanGraph,
-    recording: Recording,
+    replay: Replay,
     wanted: Wanted,
     ends: Mapping[str, float],
     spans: Mapping[str, NodeSpans],
@@ -135,7 +134,7 @@ def keeping_violations(
 
     Args:
         tpg: says what else is kept hold of, and until when.
-        recording: what was executed, to its end.
+        replay: what was executed, to its end.
         wanted: until when the scenario wants parts to be kept hold of.
         ends: when steps that have names were complete [s].
         spans: when nodes were started and completed, by robot or machine; without those of a
@@ -144,32 +143,28 @@ def keeping_violations(
     asked: dict[str, tuple[float, str]] = {
         part: (ends[step], step) for part, step in wanted.keeps.items() if step in ends
     }
-    for part, task, end in _kept_until(tpg, recording, spans):
+    for part, task, end in _kept_until(tpg, replay, spans):
         asked[part] = max(asked.get(part, (end, task)), (end, task), key=itemgetter(0))
     for part, (end, until) in asked.items():
-        placed = _placed(recording, part)
-        if placed is None:
-            continue
-        robot, begin = placed
-        leaves = _leaves(recording.robots[robot], begin)
-        if leaves < end - 1e-6:
-            detail = f"is let go of {end - leaves:.3f} s before {until} is complete"
-            yield Violation(leaves, end, part, robot, 0.0, detail, "support")
+        for stay in _put_down(replay, part):
+            leaves = replay.robots[str(stay.giver)].leaves(stay.t)
+            if leaves < end - 1e-6:
+                detail = f"is let go of {end - leaves:.3f} s before {until} is complete"
+                who = str(stay.giver)
+                yield Violation(leaves, end, part, who, 0.0, detail, "support")
 
 
 def held_in_place(
-    tpg: TemporalPlanGraph, recording: Recording, wanted: Wanted
+    tpg: TemporalPlanGraph, replay: Replay, wanted: Wanted
 ) -> dict[str, tuple[float, float]]:
     """Return from when to when parts that are kept hold of are held where they were put down [s].
 
     That is as long as who placed them stands still, whatever they are kept hold of for.
     """
-    parts = {*wanted.keeps, *(part for part, _ in _kept_in_plan(tpg))}
-    placed = {part: _placed(recording, part) for part in parts}
     return {
-        part: (at[1], _leaves(recording.robots[at[0]], at[1]))
-        for part, at in placed.items()
-        if at is not None
+        part: (stay.t, replay.robots[str(stay.giver)].leaves(stay.t))
+        for part in {*wanted.keeps, *(part for part, _ in _kept_in_plan(tpg))}
+        for stay in _put_down(replay, part)
     }
 
 
@@ -189,22 +184,19 @@ def _kept_in_plan(tpg: TemporalPlanGraph) -> Iterator[tuple[str, int]]:
         back, place = tpg.tasks[second], before.get(second)
         if place is None or back.handlings or back.object is None:
             continue
-        if not any(
-            (h.object, h.holder) == (back.object, None) for h in place.handlings
-        ):
-            continue
-        yield back.object, first
+        if any((h.object, h.holder) == (back.object, None) for h in place.handlings):
+            yield back.object, first
 
 
 def _kept_until(
-    tpg: TemporalPlanGraph, recording: Recording, spans: Mapping[str, NodeSpans]
+    tpg: TemporalPlanGraph, replay: Replay, spans: Mapping[str, NodeSpans]
 ) -> Iterator[tuple[str, str, float]]:
     """Yield parts that the plan keeps hold of, the words of the task until which, and its end."""
     for part, first in _kept_in_plan(tpg):
         chain = tpg.chains[tpg.chain_index[tpg.tasks[first].robot]]
         nodes = np.flatnonzero(chain.task == first)
-        if chain.robot in recording.robots:
-            rows = recording.robots[chain.robot]
+        if chain.robot in replay.robots:
+            rows = replay.robots[chain.robot]
             end = float(rows.t[np.isin(rows.node, nodes)].max(initial=-np.inf))
         elif chain.robot in spans:
             end = float(spans[chain.robot].end[nodes].max())
@@ -214,22 +206,9 @@ def _kept_until(
             yield part, tpg.tasks[first].label, end
 
 
-def _placed(recording: Recording, part: str) -> tuple[str, float] | None:
-    """Return who put a part down last, and when [s]; None if nobody did."""
-    rows = [row for row in recording.objects if row.object == part]
-    for before, row in reversed(list(pairwise(rows))):
-        if row.holder is None and before.holder in recording.robots:
-            assert before.holder is not None
-            return before.holder, row.t
-    return None
-
-
-def _leaves(rows: RobotRows, begin: float) -> float:
-    """Return when a robot that stands at a time begins to move [s]; never is infinity."""
-    here = rows.at(np.array([begin]))[0]
-    after = np.flatnonzero(rows.t > begin)
-    moved = np.any(np.abs(rows.q[after] - here) > STANDING, axis=1)
-    if not moved.any():
-        return float("inf")
-    first = int(after[int(np.argmax(moved))])
-    return float(max(rows.t[first - 1], begin))
+def _put_down(replay: Replay, part: str) -> tuple[Stay, ...]:
+    """Return where a part lies since a robot put it down last; nothing if none did."""
+    stays = replay.stays.get(part, ())
+    return tuple(
+        stay for stay in stays if stay.holder is None and stay.giver in replay.robots
+    )[-1:]

@@ -10,17 +10,17 @@ Joint limits and joint speeds of what was executed, against those of the URDF.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.cell.robot_model import MotionLimits
-from planning.cell.workcell import PlacedRobot, Workcell
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 from twin.audit.motion.efforts import RobotEfforts, ToolSpeeds
-from twin.audit.motion.executed import Recording, RobotRows
-from twin.audit.motion.movers import moving_samples, states_at
+from twin.audit.motion.executed import RobotRows
+from twin.audit.motion.replay import Replay
 from twin.audit.violation import Violation, ViolationKind
 from twin.audit.worlds.world import JointLimits
 
@@ -36,48 +36,69 @@ def joint_violations(
         robots: what was executed.
         limits: of each robot.
     """
-    for name, rows in robots.items():
-        yield from _out_of_range(name, rows, limits[name])
-        yield from _too_fast(name, rows, limits[name])
+    for robot, rows in robots.items():
+        own = limits[robot]
+        beyond = np.maximum(rows.q - own.upper, own.lower - rows.q) / _BEYOND
+        nearest = np.where(rows.q > own.upper, own.upper, own.lower)
+        told = _Told(robot, own.names, rows.t, rows.t, rows.node)
+        yield from told.excesses("joint-limit", own.units, beyond, rows.q, nearest)
+        seconds, way = np.diff(rows.t)[:, None], np.abs(np.diff(rows.q, axis=0))
+        share = way / (own.velocity * (seconds * (1.0 + _BEYOND) + _TICKS))
+        speed, units = way / np.maximum(seconds, _TICKS), [f"{u}/s" for u in own.units]
+        steps = _steps_of(robot, own.names, rows)
+        yield from steps.excesses("joint-speed", units, share, speed, own.velocity)
 
 
-def _out_of_range(
-    robot: str, rows: RobotRows, limits: JointLimits
-) -> Iterator[Violation]:
-    beyond = np.maximum(rows.q - limits.upper, limits.lower - rows.q)
-    for joint, where in runs(beyond > _BEYOND):
-        worst = where[np.argmax(beyond[where, joint])]
-        above = rows.q[worst, joint] > limits.upper[joint]
-        limit = (limits.upper if above else limits.lower)[joint]
-        unit = limits.units[joint]
-        yield Violation(
-            float(rows.t[where[0]]),
-            float(rows.t[where[-1]]),
-            robot,
-            limits.names[joint],
-            0.0,
-            f"{_against(rows.q[worst, joint], limit, unit)}, node {rows.node[worst]}",
-            "joint-limit",
-        )
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """Rows, or steps between rows, in which joints may be beyond limits.
+
+    Attributes:
+        robot: its name.
+        names: of the joints.
+        begin, end: of each row or step, shape (m,) [s].
+        node: of each, shape (m,); None where that is not told.
+    """
+
+    robot: str
+    names: Sequence[str]
+    begin: Array
+    end: Array
+    node: Indices | None = None
+
+    def excesses(
+        self,
+        kind: ViolationKind,
+        units: Sequence[str],
+        share: Array,
+        values: Array,
+        limits: Array | float,
+        words: str = "",
+    ) -> Iterator[Violation]:
+        """Yield a violation from where each joint begins to be beyond its limit to where it ends.
+
+        Args:
+            kind: of limit.
+            units: of values and limits, joint by joint.
+            share: of what is allowed, more than 1 where it is too much, shape (m, n).
+            values: shape (m, n).
+            limits: shape (n,) or (m, n), or one for all.
+            words: added to values and limits.
+        """
+        limits = np.broadcast_to(limits, share.shape)
+        for joint, where in runs(share > 1.0):
+            worst = where[np.argmax(share[where, joint])]
+            value, limit = values[worst, joint], limits[worst, joint]
+            # What must fit has no limit that could be named.
+            said = _against(value, limit, units[joint]) if np.isfinite(limit) else ""
+            node = "" if self.node is None else f", node {self.node[worst]}"
+            times = float(self.begin[where[0]]), float(self.end[where[-1]])
+            name, detail = self.names[joint], said + words + node
+            yield Violation(*times, self.robot, name, 0.0, detail, kind)
 
 
-def _too_fast(robot: str, rows: RobotRows, limits: JointLimits) -> Iterator[Violation]:
-    seconds, way = np.diff(rows.t)[:, None], np.abs(np.diff(rows.q, axis=0))
-    share = way / (limits.velocity * (seconds * (1.0 + _BEYOND) + _TICKS))
-    speed = way / np.maximum(seconds, _TICKS)
-    for joint, where in runs(share > 1.0):
-        worst = where[np.argmax(share[where, joint])]
-        limit, unit = limits.velocity[joint], f"{limits.units[joint]}/s"
-        most = _against(speed[worst, joint], limit, unit)
-        yield Violation(
-            float(rows.t[where[0]]),
-            float(rows.t[where[-1] + 1]),
-            robot,
-            limits.names[joint],
-            0.0,
-            f"{most}, node {rows.node[worst + 1]}",
-            "joint-speed",
-        )
+def _steps_of(robot: str, names: Sequence[str], rows: RobotRows) -> _Told:
+    return _Told(robot, names, rows.t[:-1], rows.t[1:], rows.node[1:])
 
 
 def _against(value: float, limit: float, unit: str) -> str:
@@ -112,19 +133,16 @@ _DIGITS = float(np.finfo(np.float64).eps)
 _EFFORT = 1e-4
 """Share of an effort by which it may be exceeded."""
 
+_MISFIT = "speeds and accelerations are not those of the positions"
+
 _SPEED, _WAY = 1e-7, 1e-8
 """Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
 
 
-def limit_violations(cell: Workcell, recording: Recording) -> Iterator[Violation]:
-    """Yield where a robot that is to keep to limits does not.
-
-    Args:
-        cell: says which robots have limits, and which.
-        recording: what was executed.
-    """
-    for robot in cell.robots:
-        rows = recording.robots[robot.name]
+def limit_violations(replay: Replay) -> Iterator[Violation]:
+    """Yield where a robot that is to keep to limits does not."""
+    for robot in replay.cell.robots:
+        rows = replay.robots[robot.name]
         if robot.limits is None or len(rows.t) < 2:
             continue
         if rows.v is None or rows.a is None:
@@ -132,76 +150,47 @@ def limit_violations(cell: Workcell, recording: Recording) -> Iterator[Violation
             what = "has limits, and its table neither speeds nor accelerations"
             yield Violation(*at, robot.name, "", 0.0, what, "joint-motion")
             continue
-        names = robot.model.joint_names
-        units = ["m" if slides else "rad" for slides in robot.model.chain.prismatic]
-        yield from _sum_violations(robot, rows)
-        for kind, unit, share, told in _shares(rows, rows.v, rows.a, robot.limits):
-            for joint, where in runs(share > 1.0):
-                worst = where[np.argmax(share[where, joint])]
-                most = "speeds and accelerations are not those of the positions"
-                if told is not None:
-                    value, limit = told[0][worst, joint], told[1][joint]
-                    most = _against(value, limit, f"{units[joint]}{unit}")
-                yield Violation(
-                    float(rows.t[where[0]]),
-                    float(rows.t[where[-1] + 1]),
-                    robot.name,
-                    names[joint],
-                    0.0,
-                    f"{most}, node {rows.node[worst + 1]}",
-                    kind,
-                )
+        limit = robot.limits.sum_of_speeds
+        if np.isfinite(limit):
+            t = rows.moving_samples(float(rows.t[0]), float(rows.t[-1]))
+            speed = np.abs(rows.states(t)[1]).sum(axis=1)
+            told = _Told(robot.name, ("all joints",), t, t)
+            words = " for all joint speeds added up"
+            yield from _seen(told, "joint-speed", "rad/s", (speed, limit), words)
+        slides = robot.model.chain.prismatic
+        steps = _steps_of(robot.name, robot.model.joint_names, rows)
+        found = _shares(rows, rows.v, rows.a, robot.limits)
+        for kind, unit, share, values, limits in found:
+            units = [("m" if slide else "rad") + unit for slide in slides]
+            words = _MISFIT if kind == "joint-motion" else ""
+            yield from steps.excesses(kind, units, share, values, limits, words)
 
 
-def _sum_violations(robot: PlacedRobot, rows: RobotRows) -> Iterator[Violation]:
-    """Yield where the speeds of all joints add up to more than they may, at samples."""
-    assert robot.limits is not None
-    limit = robot.limits.sum_of_speeds
-    if np.isinf(limit):
-        return
-    t = moving_samples(rows, float(rows.t[0]), float(rows.t[-1]))
-    speed = np.abs(states_at(rows, t)[1]).sum(axis=1)
-    what = "rad/s", " for all joint speeds added up"
-    yield from _seen(robot.name, "all joints", t, (speed, limit), what, "joint-speed")
-
-
-def tool_speed_violations(
-    speeds: Iterable[ToolSpeeds],
-) -> Iterator[Violation]:
+def tool_speed_violations(speeds: Iterable[ToolSpeeds]) -> Iterator[Violation]:
     """Yield where a tool was faster than it may be.
 
     Args:
         speeds: of the tools for which that is limited.
     """
     for own in speeds:
-        what = "m/s", f" with {'a part' if own.loaded else 'nothing'} in hand"
-        told = own.speed, own.limit
-        yield from _seen(own.robot, "tool", own.t, told, what, "tool-speed")
+        words = f" with {'a part' if own.loaded else 'nothing'} in hand"
+        told = _Told(own.robot, ("tool",), own.t, own.t)
+        yield from _seen(told, "tool-speed", "m/s", (own.speed, own.limit), words)
 
 
 def _seen(
-    robot: str,
-    second: str,
-    t: Array,
-    told: tuple[Array, float],
-    what: tuple[str, str],
-    kind: ViolationKind,
+    told: _Told, kind: ViolationKind, unit: str, at: tuple[Array, float], words: str
 ) -> Iterator[Violation]:
-    """Yield where samples are beyond a limit, one violation from where it begins to where it ends."""
-    (values, limit), (unit, words) = told, what
-    for _, where in runs(values[:, None] > limit * (1.0 + _BEYOND)):
-        most = _against(float(np.max(values[where])), limit, unit) + words
-        times = float(t[where[0]]), float(t[where[-1]])
-        yield Violation(*times, robot, second, 0.0, most, kind)
+    """Yield where samples of one value are beyond a limit."""
+    values, limit = at[0][:, None], at[1]
+    share = values / (limit * (1.0 + _BEYOND))
+    yield from told.excesses(kind, (unit,), share, values, limit, words)
 
 
 def _shares(
     rows: RobotRows, v: Array, a: Array, limits: MotionLimits
-) -> Iterator[tuple[ViolationKind, str, Array, tuple[Array, Array] | None]]:
-    """Yield of what is limited its unit, shares of it step by step, and its values and limits.
-
-    A share of more than 1 is a violation; what steps must fit has no limit that could be named.
-    """
+) -> Iterator[tuple[ViolationKind, str, Array, Array, Array | float]]:
+    """Yield of what is limited its unit, shares of it step by step, and its values and limits."""
     span = np.diff(rows.t)[:, None]
     begin, end = a[:-1], a[1:]
     steepest = np.maximum(np.abs(begin), np.abs(end))
@@ -218,16 +207,16 @@ def _shares(
     way += span * span * (end - begin) / 12.0
     room = slip + (steepest * _STEP * span + either * span + _SPEED) * span + _WAY
     misfit = np.maximum(misfit, np.abs(way) / room)
-    yield "joint-motion", "", misfit, None
+    yield "joint-motion", "", misfit, misfit, np.inf
     room = limits.velocity * (1.0 + _BEYOND) + steepest * _TICKS
-    yield "joint-speed", "/s", fastest / room, (fastest, limits.velocity)
+    yield "joint-speed", "/s", fastest / room, fastest, limits.velocity
     room = limits.acceleration * (1.0 + _BEYOND) + np.maximum(off[:-1], off[1:])
-    told = steepest, limits.acceleration
-    yield "joint-acceleration", "/s^2", steepest / room, told
+    share = steepest / room
+    yield "joint-acceleration", "/s^2", share, steepest, limits.acceleration
     # Steps of nanoseconds say little of jerk but for the rounding of accelerations.
     room = limits.jerk * (span * (1.0 + _BEYOND) + _TICKS)
     room = room + limits.acceleration * _BEYOND + 2.0 * either
-    yield "joint-jerk", "/s^3", jerk * span / room, (jerk, limits.jerk)
+    yield "joint-jerk", "/s^3", jerk * span / room, jerk, limits.jerk
 
 
 def _off(rows: RobotRows, v: Array, jerk: Array, limits: MotionLimits) -> Array:
@@ -259,32 +248,20 @@ def _fastest(v: Array, begin: Array, end: Array, span: Array, off: Array) -> Arr
 
 
 def effort_violations(
-    cell: Workcell,
-    recording: Recording,
-    efforts: Mapping[str, RobotEfforts],
+    replay: Replay, efforts: Mapping[str, RobotEfforts]
 ) -> Iterator[Violation]:
     """Yield where a joint needed more than it can exert though gravity alone leaves it something.
 
     Args:
-        cell: names the joints.
-        recording: what was executed.
+        replay: what was executed.
         efforts: of the robots of which they are known.
     """
     for robot, own in efforts.items():
-        rows, model = recording.robots[robot], cell.robot(robot).model
+        rows, model = replay.robots[robot], replay.cell.robot(robot).model
         step = np.searchsorted(rows.t, own.t, side="right") - 1
         step = np.clip(step, 0, len(rows.t) - 2)
-        share = np.abs(own.effort) / own.limit
-        for joint, where in runs((share > 1.0 + _EFFORT) & own.borne):
-            worst = where[np.argmax(share[where, joint])]
-            unit = "N" if model.chain.prismatic[joint] else "N m"
-            yield Violation(
-                float(own.t[where[0]]),
-                float(own.t[where[-1]]),
-                robot,
-                model.joint_names[joint],
-                0.0,
-                f"{_against(abs(own.effort[worst, joint]), own.limit[joint], unit)},"
-                f" node {rows.node[step[worst] + 1]}",
-                "joint-effort",
-            )
+        effort = np.abs(own.effort)
+        share = np.where(own.borne, effort / (own.limit * (1.0 + _EFFORT)), 0.0)
+        units = ["N" if slides else "N m" for slides in model.chain.prismatic]
+        told = _Told(robot, model.joint_names, own.t, own.t, rows.node[step + 1])
+        yield from told.excesses("joint-effort", units, share, effort, own.limit)

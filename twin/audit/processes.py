@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import finger_travel
 from twin.audit.keeping import NodeSpans, keeping_violations
-from twin.audit.motion.executed import Recording, RobotRows
-from twin.audit.places import rows_at
+from twin.audit.motion.executed import RobotRows
+from twin.audit.motion.replay import Replay
 from twin.audit.resting import machine_work
-from twin.audit.supports import SUPPORT, stands_still
-from twin.audit.tools import flange_poses, hand_of, tool_frames, tool_on
+from twin.audit.supports import nearest_hand
+from twin.audit.tools import tool_frames, tool_on
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted, WantedProcess
-from twin.audit.worlds.world import FAR, AuditWorld
+from twin.audit.worlds.world import FAR, AuditWorld, flange_poses
 
 NEAR = 0.001
 """A tool comes as near as this to where its process is done [m]."""
@@ -52,7 +51,7 @@ class _DoneProcess:
 def process_violations(
     world: AuditWorld,
     tpg: TemporalPlanGraph,
-    recording: Recording,
+    replay: Replay,
     wanted: Wanted,
     spans: Mapping[str, NodeSpans],
 ) -> Iterator[Violation]:
@@ -67,37 +66,37 @@ def process_violations(
     Args:
         world: to measure in.
         tpg: says which tasks are processes.
-        recording: what was executed, to its end.
+        replay: what was executed, to its end.
         wanted: the processes.
         spans: when nodes were started and completed, by robot or machine; empty where no log says
             so, and then machines' work is waited for by nobody.
     """
     left = [task.index for task in tpg.tasks]
-    ends = dict(_placed_at(recording, wanted))
+    ends = dict(_placed_at(replay, wanted))
     begins = dict(ends)
     for process in wanted.processes:
         tried = [
-            (index, _done(world, tpg, recording, wanted, process, index))
+            (index, _done(world, tpg, replay, wanted, process, index))
             for index in left
             if tpg.tasks[index].kind == process.process
         ]
         if not tried:
-            yield _not_done(recording, process, 0.0, "was not done")
+            yield _not_done(replay.end, process, 0.0, "was not done")
             continue
         index, done = min(tried, key=lambda entry: (entry[1].missed, entry[0]))
         if done.words:
             missed = done.missed if np.isfinite(done.missed) else 0.0
-            yield _not_done(recording, process, missed, done.words)
+            yield _not_done(replay.end, process, missed, done.words)
             continue
         left.remove(index)
         if process.name is not None:
             begins[process.name], ends[process.name] = done.begin, done.end
         if process.hold is not None:
-            yield from _held(world, recording, wanted, process.hold, done)
+            yield from _held(world, replay, wanted, process.hold, done)
     if spans:
         work = machine_work(tpg, wanted, spans).items()
         ends.update({wanted.rests[k].name or "": end for k, (_, _, end) in work})
-    yield from keeping_violations(tpg, recording, wanted, ends, spans)
+    yield from keeping_violations(tpg, replay, wanted, ends, spans)
     for name, after in wanted.order():
         if name in begins and after in ends and begins[name] < ends[after] - 1e-6:
             detail = f"{name} begins before {after} is complete"
@@ -105,55 +104,51 @@ def process_violations(
             yield Violation(t, ends[after], name, after, 0.0, detail, "process")
 
 
-def _placed_at(recording: Recording, wanted: Wanted) -> Iterator[tuple[str, float]]:
+def _placed_at(replay: Replay, wanted: Wanted) -> Iterator[tuple[str, float]]:
     """Yield the names of steps that place objects, with when those came to rest last [s]."""
     for place in wanted.places:
-        rows = [row for row in recording.objects if row.object == place.object]
-        if place.name is not None and len(rows) > 1 and rows[-1].holder is None:
-            yield place.name, rows[-1].t
+        stays = replay.stays.get(place.object or "", ())
+        if place.name is not None and len(stays) > 1 and stays[-1].holder is None:
+            yield place.name, stays[-1].t
 
 
 def _not_done(
-    recording: Recording, process: WantedProcess, missed: float, words: str
+    end: float, process: WantedProcess, missed: float, words: str
 ) -> Violation:
-    end, owner = recording.end, process.owner or "world"
+    owner = process.owner or "world"
     return Violation(end, end, process.words, owner, missed, words, "process")
 
 
 def _done(
     world: AuditWorld,
     tpg: TemporalPlanGraph,
-    recording: Recording,
+    replay: Replay,
     wanted: Wanted,
     process: WantedProcess,
     index: int,
 ) -> _DoneProcess:
-    task = tpg.tasks[index]
-    rows = recording.robots[task.robot]
-    chain = tpg.chains[tpg.chain_index[task.robot]]
+    robot = tpg.tasks[index].robot
+    rows = replay.robots[robot]
+    chain = tpg.chains[tpg.chain_index[robot]]
     span = _span(rows, np.flatnonzero(chain.task == index))
     if span is None:
-        return _DoneProcess(task.robot, 0.0, 0.0, np.inf, "was not done")
+        return _DoneProcess(robot, 0.0, 0.0, np.inf, "was not done")
+    otherwise = partial(_DoneProcess, robot, *span, np.inf)
+    if process.robots is not None and robot not in process.robots:
+        return otherwise(f"was done by {robot}")
     begin, end = span
-    if process.robots is not None and task.robot not in process.robots:
-        words = f"was done by {task.robot}"
-        return _DoneProcess(task.robot, begin, end, np.inf, words)
-    place = _place(world.cell, recording, process, end)
+    place = _place(replay, process, end)
     if place is None:
-        words = f"{process.owner} is in a hand meanwhile"
-        return _DoneProcess(task.robot, begin, end, np.inf, words)
-    times = np.unique(
-        np.r_[
-            rows.t[(rows.t > begin) & (rows.t < end)], np.arange(begin, end, _STEP), end
-        ]
-    )
-    tip = _tip(world.cell, recording, wanted, process, task.robot, (begin, end))
+        return otherwise(f"{process.owner} is in a hand meanwhile")
+    tip = _tip(replay, wanted, process, robot, span)
     if isinstance(tip, str):
-        return _DoneProcess(task.robot, begin, end, np.inf, tip)
-    number = [robot.name for robot in world.cell.robots].index(task.robot)
+        return otherwise(tip)
+    inside = rows.t[(rows.t > begin) & (rows.t < end)]
+    times = np.unique(np.r_[inside, np.arange(begin, end, _STEP), end])
+    number = [placed.name for placed in world.cell.robots].index(robot)
     tools = flange_poses(world, number, rows.at(times)) @ tip
     missed, words = _missed(tools, [place @ at for at in process.path])
-    return _DoneProcess(task.robot, begin, end, missed, words)
+    return _DoneProcess(robot, begin, end, missed, words)
 
 
 def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
@@ -171,36 +166,32 @@ def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
     return float(rows.t[max(0, int(own[0]) - 1)]), float(rows.t[own[-1]])
 
 
-def _place(
-    cell: Workcell, recording: Recording, process: WantedProcess, t: float
-) -> Transform | None:
+def _place(replay: Replay, process: WantedProcess, t: float) -> Transform | None:
     """Return where a process is done, None while its part is in a hand."""
     if process.owner is None:
         return process.pose
-    row = rows_at(cell, recording, t).get(process.owner)
-    if row is None or row.holder is not None:
+    stay = replay.place(process.owner, t)
+    if stay is None or stay.holder is not None:
         return None
-    return np.asarray(row.pose @ process.pose)
+    return np.asarray(stay.pose @ process.pose)
 
 
 def _tip(
-    cell: Workcell,
-    recording: Recording,
+    replay: Replay,
     wanted: Wanted,
     process: WantedProcess,
     robot: str,
     span: tuple[float, float],
 ) -> Transform | str:
     """Return where the frame of a process is in the flange frame, or what is wrong with the tool."""
-    frames = cell.robot(robot).model.frames
+    placed = replay.cell.robot(robot)
+    frames = placed.model.frames
     if any(tool.robot == robot for tool in wanted.tools):
-        rows = [rows_at(cell, recording, t) for t in span]
-        on_it = [tool_on(wanted, there, robot) for there in rows]
+        on_it = [tool_on(wanted, replay, robot, t) for t in span]
         names = ["no tool" if tool is None else tool.name for tool in on_it]
         if process.tool is not None and set(names) != {process.tool}:
             return f"was done with {' and '.join(dict.fromkeys(names))}, not {process.tool}"
-        placed, tool = cell.robot(robot), on_it[0]
-        frames = {} if tool is None else tool_frames(placed, tool)
+        frames = {} if on_it[0] is None else tool_frames(placed, on_it[0])
     if process.frame == "flange":
         return np.eye(4)
     return frames.get(process.frame, f"was done without a frame {process.frame!r}")
@@ -226,33 +217,17 @@ def _missed(tools: Array, path: list[Transform]) -> tuple[float, str]:
 
 def _held(
     world: AuditWorld,
-    recording: Recording,
+    replay: Replay,
     wanted: Wanted,
     part: str,
     done: _DoneProcess,
 ) -> Iterator[Violation]:
     """Yield that a part was not held while a process was done."""
-    shapes = [item for item in world.objects if item.entity == part]
-    there = rows_at(world.cell, recording, done.end)
-    row = there[part]
-    least, closing = FAR, 0.0
-    for k, robot in enumerate(world.cell.robots):
-        rows = recording.robots[robot.name]
-        if robot.name == done.robot or row.holder is not None:
-            continue
-        if not stands_still(rows, done.begin, done.end):
-            continue
-        q = rows.at(np.array([done.begin]))[0]
-        hand = hand_of(world, k, q, there, wanted)
-        opening = hand.opening(wanted.opening_m)
-        for shape in shapes:
-            world.place(shape, shape.at(row.pose))
-            gap = min(world.distance(item, shape, FAR) for item in hand.shapes)
-            closes = finger_travel(shape, opening)
-            if gap - closes < least - closing:
-                least, closing = gap, closes
-    if least > SUPPORT + closing:
+    stay, span = replay.place(part, done.end), (done.begin, done.end)
+    there = {} if stay is None else {part: stay}
+    hand = nearest_hand(world, replay, wanted, span, done.robot, there)
+    if not hand.is_near:
         detail = "is not held meanwhile by another robot that stands still"
-        if least < FAR:
-            detail += f": the nearest is {least * 1e3:.2f} mm away"
-        yield Violation(done.begin, done.end, part, done.robot, 0.0, detail, "support")
+        if hand.gap < FAR:
+            detail += f": the nearest is {hand.gap * 1e3:.2f} mm away"
+        yield Violation(*span, part, done.robot, 0.0, detail, "support")

@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, product
 
+import networkx as nx
 import numpy as np
 
 from planning.tasks.task import GONE, Task
-from planning.transforms import Array, Transform, translation
+from planning.transforms import Transform, translation
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.keeping import NodeSpans
-from twin.audit.motion.executed import ObjectRow, Recording
-from twin.audit.motion.sampling import RunStretch
+from twin.audit.motion.replay import Replay, Stay
 from twin.audit.places import PLACED, distance_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import TOUCH, Wanted, WantedRest
@@ -25,8 +25,13 @@ _SINKS = 0.3
 """What comes nearer by this share of the way that an object sinks carries it."""
 
 
-class RestWatch:
-    """Looks at every state of what is at rest, and notes who hangs in the air.
+def hanging_violations(
+    world: AuditWorld,
+    replay: Replay,
+    wanted: Wanted,
+    held: Mapping[str, tuple[float, float]],
+) -> Iterator[Violation]:
+    """Yield what hangs in the air, from when to when.
 
     Fixtures stand, and so do tools that are changed, which racks hold, and parts that their robot
     keeps hold of. What rests on something that stands, stands too; see ``Hold`` for what counts as
@@ -34,117 +39,119 @@ class RestWatch:
 
     Args:
         world: to measure in.
+        replay: what was executed.
         wanted: what keeps objects at rest, and how near is touching.
         held: from when to when parts are held where they were put down: they stand meanwhile [s].
     """
+    pile, end = _Pile(world, wanted), replay.end
+    hanging: dict[str, tuple[float, float, str]] = {}
+    ends = [until for _, until in held.values() if 0.0 < until <= end]
+    for t, there in replay.states(*ends):
+        kept = {name for name, (begin, until) in held.items() if begin <= t < until}
+        if not pile.update(there, frozenset(wanted.doors | kept)):
+            continue
+        now = pile.floating()
+        for name in [name for name in hanging if name not in now]:
+            yield _hung(name, hanging.pop(name), t)
+        for name in now:
+            if name not in hanging:
+                hanging[name] = (t, *pile.nearest(name, now))
+    for name, since in hanging.items():
+        yield _hung(name, since, end)
 
-    def __init__(
-        self,
-        world: AuditWorld,
-        wanted: Wanted,
-        held: Mapping[str, tuple[float, float]],
-    ) -> None:
+
+def _hung(name: str, since: tuple[float, float, str], until: float) -> Violation:
+    begin, gap, nearest = since
+    detail = f"rests on nothing: {gap * 1e3:.2f} mm away from {nearest}, the nearest that stands"
+    return Violation(begin, until, name, nearest, gap, detail, "hanging")
+
+
+class _Pile:
+    """Fixtures and what is at rest, and who carries whom.
+
+    Args:
+        world: to measure in.
+        wanted: what keeps objects at rest, and how near is touching.
+    """
+
+    def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
         self._world, self._wanted = world, wanted
-        self._held_from_to, self._propped = held, frozenset[str]()
-        cell = world.cell
+        self._propped = frozenset[str]()
         self._shapes = shapes_by_entity((*world.fixtures, *world.objects))
-        self._poses: dict[str, Transform] = {f.name: f.pose for f in cell.fixtures}
+        self._fixtures = frozenset(item.name for item in world.cell.fixtures)
         # The upright box around each thing; nowhere, where it is not at rest.
         self._names = tuple(self._shapes)
         self._number = {name: k for k, name in enumerate(self._names)}
         self._bounds = np.full((len(self._names), 2, 3), np.nan)
-        for name in self._poses:
-            self._bounds[self._number[name]] = self._box_of(name)
-        self._fixtures = tuple(self._poses)
-        self._rows: dict[str, ObjectRow] = {}
-        self._carriers: dict[str, set[str]] = {}
-        self._carried: dict[str, set[str]] = {name: set() for name in self._names}
+        self._poses: dict[str, Transform] = {}
+        self._rests: dict[str, Stay] = {}
         self._ground = {*self._fixtures, *(tool.name for tool in wanted.tools)}
         self._stands = set(self._ground)
+        self._carries: nx.DiGraph[str] = nx.DiGraph()
+        self._carries.add_nodes_from(self._names)
         self._goals = {p.object: p.pose for p in wanted.places if p.object}
-        self._hanging: dict[str, tuple[float, float, str]] = {}
-        self._found: list[Violation] = []
+        for item in world.cell.fixtures:
+            self._put(item.name, item.pose)
 
-    def look(self, stretch: RunStretch) -> None:
-        """Check the state of a stretch, where it is another than before."""
-        self._last = float(stretch.t[-1])
-        begin = float(stretch.t[0])
-        ends = {end for _, end in self._held_from_to.values()}
-        for t in (begin, *sorted(end for end in ends if begin < end <= self._last)):
-            self._look_at(stretch.placements, t)
+    def update(self, there: Mapping[str, Stay], propped: frozenset[str]) -> bool:
+        """Take over what has changed; tell whether anything has.
 
-    def _look_at(self, placements: Mapping[str, ObjectRow], t: float) -> None:
-        """Check the state at a time [s]."""
-        if self._update(placements, t):
-            hanging = self._floating()
-            for name in [name for name in self._hanging if name not in hanging]:
-                self._close(name, t)
-            for name in hanging:
-                if name not in self._hanging:
-                    self._hanging[name] = (t, *self._nearest(name, hanging))
-
-    def violations(self) -> list[Violation]:
-        """Return what hung in the air, from when to when."""
-        for name in list(self._hanging):
-            self._close(name, self._last)
-        return self._found
-
-    def _close(self, name: str, until: float) -> None:
-        since, gap, nearest = self._hanging.pop(name)
-        detail = f"rests on nothing: {gap * 1e3:.2f} mm away from {nearest}, the nearest that stands"
-        self._found.append(
-            Violation(since, until, name, nearest, gap, detail, "hanging")
-        )
-
-    def _update(self, placements: Mapping[str, ObjectRow], t: float) -> bool:
-        """Take over what has changed by a time [s]; tell whether anything has."""
-        resting = {k: row for k, row in placements.items() if row.holder is None}
-        gone = [k for k, row in self._rows.items() if resting.get(k) is not row]
-        come = [k for k, row in resting.items() if self._rows.get(k) is not row]
-        spans = self._held_from_to.items()
-        held = {name for name, (begin, end) in spans if begin <= t < end}
-        propped = frozenset(self._wanted.doors | held)
+        Args:
+            there: where everything is that is there.
+            propped: what stands though nothing carries it.
+        """
+        resting = {name: stay for name, stay in there.items() if stay.holder is None}
+        gone = [k for k, stay in self._rests.items() if resting.get(k) is not stay]
+        come = [k for k, stay in resting.items() if self._rests.get(k) is not stay]
         fallen = changed = propped != self._propped
         self._propped = propped
         for name in gone:
-            del self._rows[name], self._poses[name]
+            del self._rests[name], self._poses[name]
             self._bounds[self._number[name]] = np.nan
-            for carrier in self._carriers.pop(name):
-                self._carried[carrier].discard(name)
-            for other in self._carried[name]:
-                self._carriers[other].discard(name)
-                fallen = True
-            self._carried[name].clear()
+            carried = list(self._carries.out_edges(name))
+            fallen |= bool(carried)
+            self._carries.remove_edges_from([*self._carries.in_edges(name), *carried])
             self._stands -= {name} - self._ground
         if fallen:
-            self._stands = {*self._ground, *(propped & self._rows.keys())}
+            self._stands = {*self._ground, *(propped & self._rests.keys())}
             self._stand_on(self._stands)
         for name in come:
-            self._rows[name] = resting[name]
-            self._poses[name] = resting[name].pose
-            self._bounds[self._number[name]] = self._box_of(name)
-            self._carriers[name] = set()
+            self._rests[name] = resting[name]
+            self._put(name, resting[name].pose)
             for other in self._near(name):
                 self._join(name, other)
-            if name in propped or not self._carriers[name].isdisjoint(self._stands):
+            carriers = self._carries.predecessors(name)
+            if name in propped or not self._stands.isdisjoint(carriers):
                 self._stands.add(name)
                 self._stand_on([name])
         return bool(gone or come or changed)
+
+    def floating(self) -> list[str]:
+        """Return what does not stand."""
+        return [name for name in self._rests if name not in self._stands]
+
+    def nearest(self, name: str, hanging: Sequence[str]) -> tuple[float, str]:
+        """Return how near something is to what stands, and what that is [m]."""
+        gaps = {o: self._gap(name, o) for o in self._poses if o not in hanging}
+        nearest = min(gaps, key=gaps.__getitem__, default="anything")
+        return gaps.get(nearest, FAR), nearest
 
     def _stand_on(self, names: Iterable[str]) -> None:
         """Note that what is carried by things that stand, stands too."""
         front = list(names)
         while front:
-            new = self._carried[front.pop()] - self._stands
+            new = set(self._carries.successors(front.pop())) - self._stands
             self._stands |= new
             front += new
 
-    def _box_of(self, name: str) -> Array:
-        """Return the corners of the upright box around an object, shape (2, 3)."""
-        places = [(shape.at(self._poses[name]), shape) for shape in self._shapes[name]]
-        middle = np.array([pose[:3, 3] for pose, _ in places])
-        reach = np.array([np.abs(pose[:3, :3]) @ shape.half for pose, shape in places])
-        return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
+    def _put(self, name: str, pose: Transform) -> None:
+        """Note a pose, and the corners of the upright box around what is there."""
+        self._poses[name] = pose
+        places = [(shape.at(pose), shape) for shape in self._shapes[name]]
+        middle = np.array([at[:3, 3] for at, _ in places])
+        reach = np.array([np.abs(at[:3, :3]) @ shape.half for at, shape in places])
+        low, high = (middle - reach).min(axis=0), (middle + reach).max(axis=0)
+        self._bounds[self._number[name]] = low, high
 
     def _near(self, name: str) -> list[str]:
         low, high = self._bounds[self._number[name]]
@@ -158,36 +165,29 @@ class RestWatch:
         return sorted((found & self._poses.keys()) - {name})
 
     def _join(self, first: str, second: str) -> None:
-        """Note who of two carries whom, if they touch."""
-        joined = self._are_joined(first, second)
-        if not joined and self._gap(first, second) > self._touch(first, second):
+        """Note who of two carries whom, if they touch.
+
+        Joints may have room where the scenario puts them.
+        """
+        gap, touch, room = self._gap(first, second), TOUCH, None
+        if self._in_place(first) and self._in_place(second):
+            touch = max(TOUCH, self._wanted.touch_m)
+            room = self._wanted.joined.get(frozenset({first, second}))
+        joined = room is not None and gap <= touch + room
+        if gap > touch and not joined:
             return
         hold = "joints" if joined else self._wanted.hold
-        carries = [
-            hold == "joints" or self._sinks_into(a, b)
-            for a, b in ((first, second), (second, first))
+        pairs = (first, second), (second, first)
+        # What comes nearer if it sinks is carried.
+        carried = [
+            hold == "joints" or gap - self._gap(*pair, sunk=touch) >= _SINKS * touch
+            for pair in pairs
         ]
         if hold == "studs":
-            carries = [any(carries)] * 2
-        if carries[0]:
-            self._carriers[first].add(second)
-            self._carried[second].add(first)
-        if carries[1] and second in self._carriers:
-            self._carriers[second].add(first)
-            self._carried[first].add(second)
-
-    def _touch(self, first: str, second: str) -> float:
-        """Return how near is touching: joints may have room where the scenario puts them [m]."""
-        if not (self._in_place(first) and self._in_place(second)):
-            return TOUCH
-        return max(TOUCH, self._wanted.touch_m)
-
-    def _are_joined(self, first: str, second: str) -> bool:
-        """Tell whether two things are joined, which they are in their places, as near as they may be."""
-        room = self._wanted.joined.get(frozenset({first, second}))
-        if room is None or not (self._in_place(first) and self._in_place(second)):
-            return False
-        return self._gap(first, second) <= self._touch(first, second) + room
+            carried = [any(carried)] * 2
+        for (upper, lower), does in zip(pairs, carried, strict=True):
+            if does and upper not in self._fixtures:
+                self._carries.add_edge(lower, upper)
 
     def _in_place(self, name: str) -> bool:
         """Tell whether something is a fixture, or where the scenario puts it."""
@@ -195,12 +195,6 @@ class RestWatch:
             return True
         goal = self._goals.get(name)
         return goal is not None and np.abs(goal - self._poses[name]).max() <= 1e-3
-
-    def _sinks_into(self, upper: str, lower: str) -> bool:
-        """Tell whether one object comes nearer to another if it sinks."""
-        way = self._touch(upper, lower)
-        nearer = self._gap(upper, lower) - self._gap(upper, lower, sunk=way)
-        return nearer >= _SINKS * way
 
     def _gap(self, first: str, second: str, *, sunk: float = 0.0) -> float:
         pairs = product(self._placed(first, sunk), self._placed(second, 0.0))
@@ -213,14 +207,6 @@ class RestWatch:
             self._world.place(shape, shape.at(pose))
         return shapes
 
-    def _floating(self) -> list[str]:
-        return [name for name in self._rows if name not in self._stands]
-
-    def _nearest(self, name: str, hanging: list[str]) -> tuple[float, str]:
-        gaps = {o: self._gap(name, o) for o in self._poses if o not in hanging}
-        nearest = min(gaps, key=gaps.__getitem__, default="anything")
-        return gaps.get(nearest, FAR), nearest
-
 
 _TICK = 1e-6
 """Times of tables may differ by their rounding [s]."""
@@ -228,7 +214,7 @@ _TICK = 1e-6
 
 def rest_violations(
     tpg: TemporalPlanGraph,
-    recording: Recording,
+    replay: Replay,
     wanted: Wanted,
     spans: Mapping[str, NodeSpans],
 ) -> Iterator[Violation]:
@@ -240,33 +226,29 @@ def rest_violations(
 
     Args:
         tpg: says which tasks are processes, and of which machines.
-        recording: what was executed, to its end.
+        replay: what was executed, to its end.
         wanted: where the scenario wants what, in which order.
         spans: when nodes were started and completed, by robot or machine.
     """
-    rows: dict[str, list[ObjectRow]] = {item.name: [] for item in tpg.cell.objects}
-    for row in recording.objects:
-        rows[row.object].append(row)
     looked: dict[str, int] = {}
     times: dict[str, tuple[float, float]] = {}
     work = machine_work(tpg, wanted, spans)
     for k, rest in enumerate(wanted.rests):
-        own = rows[rest.part]
+        own = replay.stays[rest.part]
         # To be put down somewhere it comes to rest anew.
         first = looked.get(rest.part, 0) + (rest.process is None)
         at = next((n for n in range(first, len(own)) if _lies(tpg, own[n], rest)), None)
         if at is None:
-            yield _violation(recording.end, rest, "it never lies where it should")
+            yield _violation(replay.end, rest, "it never lies where it should")
             continue
         looked[rest.part] = at
         if rest.process is None:
             continue
         if k not in work:
-            yield _violation(recording.end, rest, "was not done")
+            yield _violation(replay.end, rest, "was not done")
             continue
         task, begin, end = work[k]
-        since = own[at].t
-        until = own[at + 1].t if at + 1 < len(own) else np.inf
+        since, until = own[at].t, own[at].until
         if not since - _TICK <= begin <= end <= until + _TICK:
             words = (
                 f"was done from {begin:.3f} s to {end:.3f} s, and {rest.part} lies there from"
@@ -274,7 +256,7 @@ def rest_violations(
             )
             yield _violation(begin, rest, words)
         door = next((h.object for h in task.handlings), None)
-        if door in wanted.doors and not _shut(rows[str(door)], begin, end):
+        if door in wanted.doors and not _shut(replay.stays[str(door)], begin, end):
             yield _violation(begin, rest, f"{door} was not shut until its end")
         if rest.name is not None:
             times[rest.name] = begin, end
@@ -299,7 +281,9 @@ def machine_work(
         index = next((n for n, task in left.items() if _is(rest, task)), None)
         if rest.process is not None and index is not None:
             task = left.pop(index)
-            work[k] = task, *_span(tpg, spans, task.robot, index)
+            nodes = tpg.chains[tpg.chain_index[task.robot]].task == index
+            own = spans[task.robot]
+            work[k] = task, float(own.begin[nodes].min()), float(own.end[nodes].max())
     return work
 
 
@@ -312,28 +296,19 @@ def _is(rest: WantedRest, task: Task) -> bool:
     )
 
 
-def _lies(tpg: TemporalPlanGraph, row: ObjectRow, rest: WantedRest) -> bool:
+def _lies(tpg: TemporalPlanGraph, stay: Stay, rest: WantedRest) -> bool:
     item = tpg.cell.object(rest.part)
-    return row.holder is None and distance_of(item, row.pose, rest.pose) <= PLACED
+    return stay.holder is None and distance_of(item, stay.pose, rest.pose) <= PLACED
 
 
-def _span(
-    tpg: TemporalPlanGraph, spans: Mapping[str, NodeSpans], machine: str, index: int
-) -> tuple[float, float]:
-    """Return from when to when a machine was at a task [s]."""
-    nodes = np.flatnonzero(tpg.chains[tpg.chain_index[machine]].task == index)
-    own = spans[machine]
-    return float(own.begin[nodes].min()), float(own.end[nodes].max())
-
-
-def _shut(rows: Sequence[ObjectRow], begin: float, end: float) -> bool:
+def _shut(stays: Sequence[Stay], begin: float, end: float) -> bool:
     """Tell whether a door was shut within some time, and until the end of it [s]."""
     return any(
         shut.holder is None
         and opened.holder == GONE
         and begin - _TICK <= shut.t <= end
         and opened.t >= end - _TICK
-        for shut, opened in pairwise(rows)
+        for shut, opened in pairwise(stays)
     )
 
 

@@ -50,7 +50,7 @@ def print_versions(
     Args:
         as_json: print JSON only.
     """
-    from twin.audit.worlds.world import INSTALL, engine_named
+    from twin.audit.worlds.engines import INSTALL, engine_named
 
     found = {"python": platform.python_version(), "system": platform.platform()}
     found["processors"] = str(os.cpu_count())

@@ -40,7 +40,7 @@ def verify_folder(
         quiet: print errors only.
     """
     from scheduling.verification.verify import verify_plan
-    from twin.audit.worlds.world import engine_named
+    from twin.audit.worlds.engines import engine_named
     from twin.host.progress import StageDisplay, of_stage
     from twin.trial.plan_result import plan_of_run
     from twin.trial.simulation import audit_standing_states

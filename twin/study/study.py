@@ -13,7 +13,7 @@ import numpy as np
 from planning.errors import RequestError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
-from twin.audit.worlds.world import Engine, engine_named
+from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine

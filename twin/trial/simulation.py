@@ -26,7 +26,7 @@ from scheduling.verification.graph_structure import find_precedence
 from twin.audit.audit import Auditor
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.violation import Violation
-from twin.audit.worlds.world import Engine, engine_and_version, engine_named
+from twin.audit.worlds.engines import Engine, engine_and_version, engine_named
 from twin.durations.measured import packaged_timings
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages

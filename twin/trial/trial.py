@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import save_plan
-from twin.audit.worlds.world import Engine, engine_named
+from twin.audit.worlds.engines import Engine, engine_named
 from twin.host.guard import write_json
 from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing

@@ -30,8 +30,10 @@ from twin.audit.audit import Auditor, AuditReport, audit_run
 from twin.audit.grips import CONTACT_DEPTH, SLACK
 from twin.audit.motion.executed import read_recording
 from twin.audit.motion.pairs import FINEST
+from twin.audit.motion.replay import Replay
 from twin.audit.motion.sampling import STEP, stretches
-from twin.audit.worlds.world import open_world, overlapping_at_home
+from twin.audit.worlds.engines import open_world
+from twin.audit.worlds.world import overlapping_at_home
 
 X, Y = 0.42, -0.05
 EDGE = X + BRICK[0] / 2
@@ -388,17 +390,18 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     world = open_world(tpg.cell)
     exempt = overlapping_at_home(world)
     least, deepest, samples = np.inf, {}, 0
-    for stretch in stretches(world, recording):
-        moving, resting = stretch.moving, stretch.resting
+    for stretch in stretches(world, Replay(tpg.cell, recording)):
+        moving, resting = stretch.movers.tracks, stretch.boxes.tracks
         arms = len(world.robot_shapes)
         for sample in range(len(stretch.t)):
             samples += 1
             for index, robot in enumerate(stretch.robots):
                 world.configure(index, robot.q[sample])
             for load in moving[arms:]:
-                pose = np.eye(4)
-                pose[:3, :3], pose[:3, 3] = load.rotation[sample], load.centre[sample]
-                world.place(load.shape, pose)
+                at, link = stretch.robots[load.holder], np.eye(4)
+                link[:3, :3] = at.rotation[sample, load.link]
+                link[:3, 3] = at.position[sample, load.link]
+                world.place(load.shape, link @ load.pose)
             for i, a in enumerate(moving):
                 for j, b in enumerate([*moving, *resting]):
                     if j <= i or (i, j) in exempt:
@@ -435,9 +438,8 @@ def test_no_point_moves_further_than_the_step(tmp_path: Path) -> None:
     recording = read_recording(folder, tpg.cell)
     world = open_world(tpg.cell)
     largest = 0.0
-    for stretch in stretches(world, recording):
-        for track in stretch.moving:
-            largest = max(largest, float(track.steps.max()))
+    for stretch in stretches(world, Replay(tpg.cell, recording)):
+        largest = max(largest, float(stretch.movers.steps.max()))
     world.close()
     assert STEP / 2 < largest <= STEP
 

@@ -17,8 +17,9 @@ from tests.twin.audit.audit_cell import (
 from twin.audit.audit import Auditor, audit_run
 from twin.audit.motion.executed import read_recording
 from twin.audit.motion.pairs import FINEST
+from twin.audit.motion.replay import Replay
 from twin.audit.motion.sampling import stretches
-from twin.audit.worlds.world import open_world
+from twin.audit.worlds.engines import open_world
 
 
 def sweep(turn: float) -> HandWrittenRun:
@@ -102,20 +103,21 @@ def test_nothing_gets_further_than_its_bound(tmp_path: Path) -> None:
         recording = read_recording(run.write(tmp_path), run.cell)
         world = auditor._world
         tightest = 0.0
-        for stretch in stretches(world, recording):
+        for stretch in stretches(world, Replay(run.cell, recording)):
             rows = stretch.robots[0]
             for k in range(0, len(stretch.t) - 1, 7):
                 share = np.linspace(0.0, 1.0, 20)[:, None]
                 q = rows.q[k] + share * (rows.q[k + 1] - rows.q[k])
                 rotation, position = world.link_frames(0, q)
-                for track in stretch.moving:
-                    if track.holder != 0 or track.steps[k] == 0.0:
+                steps = stretch.movers.steps[k]
+                for track, step in zip(stretch.movers.tracks, steps, strict=True):
+                    if track.holder != 0 or step == 0.0:
                         continue
                     shape, link = track.shape, track.link
                     for side in np.vstack([np.eye(3), -np.eye(3)]):
                         local = shape.centre + shape.radius * side
                         points = rotation[:, link] @ local + position[:, link]
                         way = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-                        assert way <= track.steps[k] + 1e-7  # Bullet rounds poses
-                        tightest = max(tightest, way / track.steps[k])
+                        assert way <= step + 1e-7  # Bullet rounds poses
+                        tightest = max(tightest, way / step)
     assert tightest > 0.5

@@ -18,6 +18,7 @@ from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import effort_violations
 from twin.audit.motion.efforts import efforts_of_run, greatest_efforts
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
+from twin.audit.motion.replay import Replay
 
 G = 9.80665
 PENDULUM = """<robot name="pendulum">
@@ -64,7 +65,7 @@ def test_efforts_of_a_pendulum(load: float, kind: str, tmp_path: Path) -> None:
     )
     recording = Recording({"one": rows}, moves, float(t[-1]))
     cell = Workcell((robot,), (), (part,))
-    own = efforts_of_run(cell, recording)["one"]
+    own = efforts_of_run(Replay(cell, recording))["one"]
     times, efforts = own.t, own.effort
     assert np.max(np.diff(times)) <= 0.01 + 1e-12
     inertia, lever = 0.2 + 4.0 * 0.5**2, 4.0 * 0.5
@@ -118,7 +119,8 @@ def test_lifting_takes_the_work_that_the_height_is_worth(name: str) -> None:
     work = []
     for moves in ((), (ObjectRow(0.0, "part", "one", grip),)):
         recording = Recording({"one": rows}, moves, float(t[-1]))
-        own = efforts_of_run(Workcell((robot,), (), (part,)), recording)["one"]
+        cell = Workcell((robot,), (), (part,))
+        own = efforts_of_run(Replay(cell, recording))["one"]
         fine = [state_at(t, share, v, a, time)[1] for time in own.t]
         power = own.effort @ way * np.array(fine)
         work.append(np.trapezoid(power, own.t))
@@ -133,9 +135,9 @@ def test_nothing_is_told_without_masses_or_limits(tmp_path: Path) -> None:
     rows = RobotRows(t, q[:, None], np.arange(5), v[:, None], a[:, None])
     recording = Recording({"one": rows}, (), float(t[-1]))
     bare = pendulum(tmp_path, mass=0.0)
-    assert efforts_of_run(Workcell((bare,), (), ()), recording) == {}
+    assert efforts_of_run(Replay(Workcell((bare,), (), ()), recording)) == {}
     robot = replace(pendulum(tmp_path), limits=None)
-    assert efforts_of_run(Workcell((robot,), (), ()), recording) == {}
+    assert efforts_of_run(Replay(Workcell((robot,), (), ()), recording)) == {}
 
 
 @pytest.mark.parametrize(
@@ -148,8 +150,8 @@ def test_more_than_a_joint_can_exert_is_found(
     """What is asked for is greatest where the arm is raised from rest, a little after it begins."""
     robot, recording, most = raised(tmp_path)
     cell = Workcell((with_effort(robot, most * limit),), (), ())
-    own = efforts_of_run(cell, recording)
-    found = list(effort_violations(cell, recording, own))
+    replay = Replay(cell, recording)
+    found = list(effort_violations(replay, efforts_of_run(replay)))
     assert [v.kind for v in found] == kinds
     for v in found:
         assert (v.first, v.second) == ("one", "turn")
@@ -163,10 +165,11 @@ def test_what_gravity_alone_takes_is_no_violation(tmp_path: Path) -> None:
     robot, recording, _ = raised(tmp_path)
     # Less than what it takes to hold the arm where it begins.
     cell = Workcell((with_effort(robot, 0.5 * 4.0 * 0.5 * G),), (), ())
-    own = efforts_of_run(cell, recording)
+    replay = Replay(cell, recording)
+    own = efforts_of_run(replay)
     (most,) = greatest_efforts(cell, own)
     assert most.share > 2.0
-    assert not list(effort_violations(cell, recording, own))
+    assert not list(effort_violations(replay, own))
 
 
 def raised(folder: Path) -> tuple[PlacedRobot, Recording, float]:

@@ -19,14 +19,13 @@ from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_ce
 from twin.audit.audit import AuditReport, audit_run
 from twin.audit.grips import SLACK
 from twin.audit.motion.sampling import STEP
-from twin.audit.worlds.world import (
-    AuditWorld,
+from twin.audit.worlds.engines import (
     Engine,
-    WatchedShape,
     engine_and_version,
     engine_named,
     open_world,
 )
+from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 NEAR = 0.05
 

@@ -9,8 +9,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import rotation, translation
 from twin.audit.worlds.coal_world import CoalWorld
-from twin.audit.worlds.exact_urdf import measured_chain
-from twin.audit.worlds.world import JointAxes
+from twin.audit.worlds.link_chain import JointAxes, measured_chain
 
 
 @pytest.mark.parametrize("name", ["gp4", "iiwa14", "mobile-manipulator"])
@@ -18,10 +17,9 @@ def test_a_chain_is_what_was_measured(name: str) -> None:
     model = robot_model(name)
     base = translation(0.1, 0.2, 0.3) @ rotation("z", 0.7)
     world = CoalWorld(Workcell((PlacedRobot("arm", model, base, model.home),), (), ()))
-    arm = world._arms[0]
-    assert arm._chain is not None
+    assert world._chains[0] is not None
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (20, model.dof))
-    for own, told in zip(world.link_frames(0, q), arm._measured(q), strict=True):
+    for own, told in zip(world.link_frames(0, q), world._measured(0, q), strict=True):
         assert np.allclose(own, told, rtol=0.0, atol=1e-12)
 
 

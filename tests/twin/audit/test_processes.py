@@ -18,9 +18,10 @@ from tests.twin.audit.audit_cell import (
     two_arm_cell,
 )
 from twin.audit.motion.executed import Recording, RobotRows
+from twin.audit.motion.replay import Replay
 from twin.audit.processes import process_violations
 from twin.audit.wanted import Wanted, WantedProcess
-from twin.audit.worlds.world import open_world
+from twin.audit.worlds.engines import open_world
 
 HIGH = TOP + 0.1
 
@@ -52,10 +53,9 @@ def said(place: Transform, *, passed: bool = True) -> list[str]:
     still = cell.robot("right").home[None]
     rows["right"] = RobotRows(np.zeros(1), still, np.full(1, -1))
     snap = WantedProcess("snap in", "snap", None, place, (np.eye(4),))
+    replay = Replay(cell, Recording(rows, (), 4.0))
     with closing(open_world(cell)) as world:
-        found = process_violations(
-            world, plan, Recording(rows, (), 4.0), Wanted(processes=(snap,)), {}
-        )
+        found = process_violations(world, plan, replay, Wanted(processes=(snap,)), {})
         return [violation.detail for violation in found]
 
 

@@ -13,7 +13,8 @@ from planning.contacts.precedence import near_to
 from planning.transforms import from_rpy
 from scheduling.verification.reference import measure, resting_parts
 from tests.planning.cell.round_forms import stands_out
-from twin.audit.worlds.world import engine_named, open_world, shapes_by_entity
+from twin.audit.worlds.engines import engine_named, open_world
+from twin.audit.worlds.world import shapes_by_entity
 
 needs_pybullet = pytest.mark.skipif(
     engine_named(None) != "pybullet", reason="PyBullet is not installed"

@@ -21,7 +21,7 @@ from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.twin.audit.audit_cell import HandWrittenRun
 from twin.audit.audit import audit_run
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import ENGINES, open_world
+from twin.audit.worlds.engines import ENGINES, open_world
 
 PART = (0.05, 0.03, 0.04)
 

@@ -36,7 +36,7 @@ def least_distances(
 ) -> dict[tuple[str, str], tuple[float, float]]:
     """Least distance of a held part from a robot and its load [m], and when [s]."""
     robots = {robot.name: ReferenceRobot(robot) for robot in tpg.cell.robots}
-    rule = ContactRule(tpg).during(recording)
+    rule = ContactRule(tpg).during(recording.robots)
     allowed: dict[frozenset[str], list[frozenset[int]]] = {}
     for contact in tpg.allowed:
         pair = frozenset((contact.first, contact.second))

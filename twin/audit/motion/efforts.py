@@ -1,7 +1,5 @@
 """Efforts that joints needed for what was executed, by inverse dynamics with what was in hand.
 
-A robot as its description has it, with pinocchio: for what its joints exert and how fast its tool is.
-
 How fast tools were in what was executed, of robots for which that is limited.
 """
 
@@ -9,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,81 +14,10 @@ import numpy.typing as npt
 import pinocchio
 from scipy import constants
 
-from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.robots.descriptions.fitting import written_options
-from planning.robots.descriptions.xml_files import read_xml
-from planning.robots.registry import ROBOTS
 from planning.transforms import Array
-from twin.audit.motion.executed import ObjectRow, Recording
-from twin.audit.motion.movers import moving_samples, states_at
-
-
-class DescribedArm:
-    """The joints and bodies in the file of a robot.
-
-    Args:
-        model: its file and the names of its joints are used.
-
-    Attributes:
-        body: all joints of the file; gravity is pinocchio's own.
-        last: index of the robot's last joint in it.
-        columns: where rates of the robot's joints are among all.
-    """
-
-    def __init__(self, model: RobotModel) -> None:
-        self.body = body = pinocchio.buildModelFromUrdf(str(model.urdf))
-        names = list(body.names)
-        self._joints = [body.joints[names.index(name)] for name in model.joint_names]
-        self.last = names.index(model.joint_names[-1])
-        self.columns = [joint.idx_v for joint in self._joints]
-        self._still = pinocchio.neutral(body)
-        moved = set(model.joint_names)
-        if held := [name for name in names[1:] if name not in moved]:
-            known = written_options(read_xml(model.urdf))
-            frozen = (known or ROBOTS[model.name]).frozen
-            for name in held:
-                self._still[body.joints[names.index(name)].idx_q] = frozen[name]
-
-    def state(self, q: Array) -> Array:
-        """Return a configuration as pinocchio has it, with the joints that are held.
-
-        Args:
-            q: joint values of the robot, shape (n,).
-        """
-        state = self._still.copy()
-        for joint, value in zip(self._joints, q.tolist(), strict=True):
-            if joint.nq == joint.nv:
-                state[joint.idx_q] = value
-            else:  # a continuous joint is kept as the cosine and the sine of its angle
-                state[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-        return np.asarray(state)
-
-    def rates(self, v: Array) -> Array:
-        """Return speeds or accelerations of all joints, shape (all joints,).
-
-        Args:
-            v: those of the robot's, shape (n,).
-        """
-        rates = np.zeros(self.body.nv)
-        rates[self.columns] = v
-        return rates
-
-    def point_speeds(self, q: Array, v: Array, point: Array) -> Array:
-        """Return how fast a point goes that is fixed to the last joint, shape (m,) [m/s].
-
-        Args:
-            q, v: states of the robot, shape (m, n).
-            point: in the frame of the last joint, shape (3,) [m].
-        """
-        data, speeds = self.body.createData(), np.empty(len(q))
-        for k in range(len(q)):
-            at, rates = self.state(q[k]), self.rates(v[k])
-            pinocchio.forwardKinematics(self.body, data, at, rates)
-            motion = data.v[self.last]
-            speeds[k] = np.linalg.norm(motion.linear + np.cross(motion.angular, point))
-        return speeds
-
+from twin.audit.motion.replay import Replay, Stay
+from twin.audit.worlds.described_arm import DescribedArm
 
 _SPARE = 0.01
 """Share of its effort that gravity has to leave a joint which can be held to it."""
@@ -141,21 +67,20 @@ class GreatestEffort:
     unweighed: tuple[str, ...]
 
 
-def efforts_of_run(cell: Workcell, recording: Recording) -> dict[str, RobotEfforts]:
+def efforts_of_run(replay: Replay) -> dict[str, RobotEfforts]:
     """Return the efforts of the robots that keep to limits of motion and have efforts and masses.
 
     A robot has masses where its description gives one to what its last joint moves.
     """
-    objects = {item.name: item for item in cell.objects}
     found = {}
-    for robot in cell.robots:
-        rows, drives = recording.robots[robot.name], robot.model.drives
+    for robot in replay.cell.robots:
+        rows, drives = replay.robots[robot.name], robot.model.drives
         if rows.v is None or len(rows.t) < 2 or robot.limits is None or drives is None:
             continue
         dynamics = _Dynamics(robot)
         limit = np.where(drives.effort > 0.0, drives.effort, np.inf)
         if dynamics.has_masses and np.any(np.isfinite(limit)):
-            found[robot.name] = _efforts(dynamics, robot, limit, recording, objects)
+            found[robot.name] = _efforts(dynamics, robot, limit, replay)
     return found
 
 
@@ -173,27 +98,16 @@ def greatest_efforts(
 
 
 def _efforts(
-    dynamics: _Dynamics,
-    robot: PlacedRobot,
-    limit: Array,
-    recording: Recording,
-    objects: Mapping[str, CellObject],
+    dynamics: _Dynamics, robot: PlacedRobot, limit: Array, replay: Replay
 ) -> RobotEfforts:
-    rows, changes = recording.robots[robot.name], list(recording.objects)
+    rows, objects = replay.robots[robot.name], replay.cell.objects
     room = (1.0 - _SPARE) * limit
-    held: dict[str, ObjectRow] = {}
-    bounds = sorted({float(rows.t[0]), float(rows.t[-1]), *(r.t for r in changes)})
     at_home = np.abs(dynamics.gravity(robot.home[None]))[0] <= room
     times, efforts, borne = [], [], []
-    for begin, end in pairwise(bounds):
-        while changes and changes[0].t <= begin:
-            row = changes.pop(0)
-            held.pop(row.object, None)
-            if row.holder == robot.name:
-                held[row.object] = row
-        dynamics.hold([(objects[name], row) for name, row in held.items()])
-        t = moving_samples(rows, begin, end)
-        q, v, a = states_at(rows, t)
+    for begin, end, held in replay.held(robot.name):
+        dynamics.hold([(replay.cell.object(stay.object), stay) for stay in held])
+        t = rows.moving_samples(begin, end)
+        q, v, a = rows.states(t)
         own = dynamics.efforts(q, v, a)
         can = np.repeat(at_home[None], len(t), axis=0)
         over = np.any(np.abs(own) > limit, axis=1)
@@ -201,15 +115,14 @@ def _efforts(
         times.append(t)
         efforts.append(own)
         borne.append(can)
-    names = dict.fromkeys(
-        row.object for row in recording.objects if row.holder == robot.name
-    )
+    weightless = {item.name for item in objects if item.mass <= 0.0}
+    names = [stay.object for stay in replay.in_order if stay.holder == robot.name]
     return RobotEfforts(
         np.concatenate(times),
         np.vstack(efforts),
         limit,
         np.vstack(borne),
-        tuple(name for name in names if objects[name].mass <= 0.0),
+        tuple(name for name in dict.fromkeys(names) if name in weightless),
     )
 
 
@@ -231,16 +144,16 @@ class _Dynamics:
         beyond = [k for k in range(last, model.njoints) if last in model.supports[k]]
         self.has_masses = sum(model.inertias[k].mass for k in beyond) > 0.0
 
-    def hold(self, held: Sequence[tuple[CellObject, ObjectRow]]) -> None:
+    def hold(self, held: Sequence[tuple[CellObject, Stay]]) -> None:
         """Take into the hand what is held from now on, and nothing else."""
         self._model = self._bare.copy()
-        for item, row in held:
+        for item, stay in held:
             if item.mass > 0.0:
                 box = pinocchio.Inertia.FromBox(item.mass, *item.size.tolist())
                 body = pinocchio.Inertia(
                     item.mass, np.array(item.shape.centre_of_mass), box.inertia
                 )
-                pose = self._flange * pinocchio.SE3(row.pose)
+                pose = self._flange * pinocchio.SE3(stay.pose)
                 self._model.appendBodyToJoint(self._arm.last, body, pose)
         self._data = self._model.createData()
 
@@ -278,37 +191,25 @@ class ToolSpeeds:
     loaded: bool
 
 
-def tool_speeds_of_run(cell: Workcell, recording: Recording) -> Iterator[ToolSpeeds]:
-    """Yield the speeds of all tools whose speed is limited, from change to change of what is held.
-
-    Args:
-        cell: says which robots have limits, and where their tools are.
-        recording: what was executed.
-    """
-    for robot in cell.robots:
-        limits, rows = robot.limits, recording.robots[robot.name]
+def tool_speeds_of_run(replay: Replay) -> Iterator[ToolSpeeds]:
+    """Yield the speeds of all tools whose speed is limited, from change to change of what is held."""
+    for robot in replay.cell.robots:
+        limits, rows = robot.limits, replay.robots[robot.name]
         if limits is None or rows.v is None or len(rows.t) < 2:
             continue
         if np.isinf(min(limits.tool_speed, limits.loaded_tool_speed)):
             continue
         arm, tools = DescribedArm(robot.model), {tool.name for tool in robot.tools}
-        changes = [(row.t, row.object, row.holder) for row in recording.objects]
-        held: set[str] = set()
-        ends = {float(rows.t[0]), float(rows.t[-1]), *(t for t, _, _ in changes)}
-        for begin, end in pairwise(sorted(ends)):
-            while changes and changes[0][0] <= begin:
-                _, name, holder = changes.pop(0)
-                held.discard(name)
-                if holder == robot.name:
-                    held.add(name)
-            loaded = bool(held - tools)
+        for begin, end, held in replay.held(robot.name):
+            names = {stay.object for stay in held}
+            loaded = bool(names - tools)
             limit = limits.tool_speed
             if loaded:
                 limit = min(limit, limits.loaded_tool_speed)
             if np.isfinite(limit):
-                t = moving_samples(rows, begin, end)
-                q, v, _ = states_at(rows, t)
-                speed = arm.point_speeds(q, v, _tip(robot, held))
+                t = rows.moving_samples(begin, end)
+                q, v, _ = rows.states(t)
+                speed = arm.point_speeds(q, v, _tip(robot, names))
                 yield ToolSpeeds(robot.name, t, speed, limit, loaded)
 
 

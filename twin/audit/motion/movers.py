@@ -2,26 +2,39 @@
 
 Bounds of distances from below, many pairs at a time: between spheres, between upright boxes, and
 from the box that is turned with a shape to the sphere around the other.
-
-Fixtures and objects at rest, kept from stretch to stretch: only what changes hands is worked out anew.
-
-States of robots between the rows of a table: configurations, speeds, accelerations at any time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Array, Indices, Transform
-from twin.audit.motion.executed import ObjectRow, RobotRows, Track
+from twin.audit.motion.reach import RobotSamples, motion_bounds
+from twin.audit.motion.replay import Stay
+from twin.audit.worlds.link_chain import JointAxes
 from twin.audit.worlds.world import AuditWorld, WatchedShape
 
-_STILL = np.zeros((0, 1))
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A shape, and what it moves with.
+
+    Attributes:
+        shape: the shape.
+        holder: index of the robot that moves it, None at rest.
+        link: index of the link it moves with, 0 for the base.
+        pose: of it in the frame of its link, None of a robot's own; in the world, at rest.
+    """
+
+    shape: WatchedShape
+    holder: int | None
+    link: int
+    pose: Transform | None
 
 
 @dataclass(frozen=True)
@@ -42,7 +55,7 @@ class RestingBoxes:
 
 
 class StandingTable:
-    """Table of the fixtures, and of the objects that are at rest now.
+    """Table of the fixtures, and of the objects that are at rest now: only what changes is worked out.
 
     Args:
         world: the cell.
@@ -54,20 +67,18 @@ class StandingTable:
         for k, shape in enumerate(shapes):
             self._shapes.setdefault(shape.entity, []).append((k, shape))
         self._tracks: list[Track | None] = [None] * len(shapes)
-        self._centre = np.zeros((len(shapes), 3))
-        self._reach = np.zeros((len(shapes), 3))
+        self._centre, self._reach = np.zeros((2, len(shapes), 3))
         self._radius = np.array([shape.radius for shape in shapes])
         for item in world.cell.fixtures:
-            for k, shape in self._shapes[item.name]:
-                self._put(k, shape, shape.at(item.pose))
+            self._put(item.name, item.pose)
 
-    def put(self, row: ObjectRow) -> None:
+    def put(self, stay: Stay) -> None:
         """Take over where an object is from now on."""
-        for k, shape in self._shapes[row.object]:
-            if row.holder is None:
-                self._put(k, shape, shape.at(row.pose))
-            else:
-                self._tracks[k] = None
+        self._put(stay.object, None if stay.holder is not None else stay.pose)
+
+    def take(self, name: str) -> None:
+        """Take away an object that is not there any more."""
+        self._put(name, None)
 
     def boxes(self) -> RestingBoxes:
         """Return what stands now."""
@@ -79,13 +90,14 @@ class StandingTable:
             self._radius[there],
         )
 
-    def _put(self, k: int, shape: WatchedShape, pose: Transform) -> None:
-        rotation, centre = pose[None, :3, :3], pose[None, :3, 3]
-        reach = np.abs(rotation) @ shape.half
-        self._tracks[k] = Track(
-            shape, None, 0, rotation, centre, rotation, reach, _STILL, pose
-        )
-        self._centre[k], self._reach[k] = centre[0], reach[0]
+    def _put(self, name: str, pose: Transform | None) -> None:
+        for k, shape in self._shapes[name]:
+            self._tracks[k] = None
+            if pose is not None:
+                at = shape.at(pose)
+                self._tracks[k] = Track(shape, None, 0, at)
+                self._centre[k] = at[:3, 3]
+                self._reach[k] = np.abs(at[:3, :3]) @ shape.half
 
 
 _AT_ONCE = 400_000
@@ -97,24 +109,55 @@ class Movers:
     """The spheres and boxes around k moving shapes at m samples.
 
     Attributes:
+        tracks: of the shapes.
         centre: shape (m, k, 3) [m].
-        reach: half edges of upright boxes, shape (m, k, 3) [m].
         turn: rotations of boxes that are turned with the shapes, shape (m, k, 3, 3).
-        half: their half edges, shape (k, 3) [m].
-        radius: of the spheres, shape (k,) [m].
-        moved: how far any point of a shape gets until the sample before or the one after,
-            whichever is more, shape (m, k) [m].
-        low, high: corners of the upright boxes around all the way, shape (k, 3) [m].
+        reach: half edges of upright boxes, shape (m, k, 3) [m].
+        bounds: how far any point of a shape gets at most from sample to sample, as seen from the
+            base and each moved link of its robot, shape (m - 1, k, links) [m].
     """
 
+    tracks: Sequence[Track]
     centre: Array
-    reach: Array
     turn: Array
-    half: Array
-    radius: Array
-    moved: Array
-    low: Array
-    high: Array
+    reach: Array
+    bounds: Array
+
+    @cached_property
+    def steps(self) -> Array:
+        """How far any point of a shape gets in the world, step by step, shape (m - 1, k) [m]."""
+        return np.asarray(self.bounds[:, :, 0])
+
+    @cached_property
+    def moved(self) -> Array:
+        """How far any point of a shape gets until the sample before or the one after, (m, k) [m]."""
+        steps = np.pad(self.steps, ((1, 1), (0, 0)))
+        return np.maximum(steps[:-1], steps[1:])[: len(self.centre)]
+
+    @cached_property
+    def half(self) -> Array:
+        """Half edges of the turned boxes, shape (k, 3) [m]."""
+        return np.array([track.shape.half for track in self.tracks])
+
+    @cached_property
+    def radius(self) -> Array:
+        """Radius of the spheres, shape (k,) [m]."""
+        return np.array([track.shape.radius for track in self.tracks])
+
+    @cached_property
+    def low(self) -> Array:
+        """Least corners of the upright boxes around all the way, shape (k, 3) [m]."""
+        return np.asarray((self.centre - self.reach).min(axis=0))
+
+    @cached_property
+    def high(self) -> Array:
+        """Greatest corners of those, shape (k, 3) [m]."""
+        return np.asarray((self.centre + self.reach).max(axis=0))
+
+    def at_first(self) -> Movers:
+        """Return the same at the first sample alone."""
+        parts = (self.centre[:1], self.turn[:1], self.reach[:1])
+        return Movers(self.tracks, *parts, self.bounds)
 
     def near_movers(
         self, first: Indices, second: Indices, room: Array
@@ -193,21 +236,64 @@ class Movers:
         return _outside(np.abs(local) - self.half[shapes])
 
 
-def movers_of(tracks: Sequence[Track], samples: slice) -> Movers:
-    """Return the spheres and boxes around moving shapes at some samples."""
-    centre = np.stack([track.centre[samples] for track in tracks], axis=1)
-    reach = np.stack([track.reach[samples] for track in tracks], axis=1)
-    steps = np.stack([np.append(track.steps, 0.0)[samples] for track in tracks], axis=1)
-    before = np.concatenate([np.zeros((1, len(tracks))), steps[:-1]])
+class MovedShapes:
+    """All that one robot moves: its own shapes, then the objects that it holds.
+
+    Args:
+        robot: its index.
+        own: its shapes.
+        held: the shapes that it holds, each with its pose in the frame of the hand.
+        hand: index of the link that they move with.
+
+    Attributes:
+        tracks: of the shapes.
+    """
+
+    def __init__(
+        self,
+        robot: int,
+        own: Sequence[WatchedShape],
+        held: Sequence[tuple[WatchedShape, Transform]],
+        hand: int,
+    ) -> None:
+        self.tracks = [
+            *(Track(shape, robot, shape.joint + 1, None) for shape in own),
+            *(Track(shape, robot, hand, pose) for shape, pose in held),
+        ]
+        at = [(track.shape, track.pose) for track in self.tracks]
+        centres = [s.centre if pose is None else pose[:3, 3] for s, pose in at]
+        turns = [s.turn if pose is None else pose[:3, :3] @ s.turn for s, pose in at]
+        self._links = np.array([track.link for track in self.tracks], dtype=np.int64)
+        self._centre = np.array(centres).reshape(-1, 3)
+        self._turn = np.array(turns).reshape(-1, 3, 3)
+        self._half = np.array([shape.half for shape, _ in at]).reshape(-1, 3)
+        self._radius = np.array([shape.radius for shape, _ in at])
+
+    def sampled(self, axes: JointAxes, samples: RobotSamples) -> Movers:
+        """Return them at some samples of the robot."""
+        rotation = samples.rotation[:, self._links]
+        centre = np.einsum("msij,sj->msi", rotation, self._centre)
+        centre += samples.position[:, self._links]
+        turn = rotation @ self._turn
+        reach = np.einsum("msij,sj->msi", np.abs(turn), self._half)
+        bounds = motion_bounds(axes, samples, self._links, centre, self._radius)
+        return Movers(self.tracks, centre, turn, reach, bounds)
+
+
+def joined_movers(parts: Sequence[Movers], order: Sequence[int]) -> Movers:
+    """Return the shapes of all robots in an order."""
+    tracks = [track for part in parts for track in part.tracks]
+    links = max(part.bounds.shape[2] for part in parts)
+    bounds = [
+        np.pad(part.bounds, ((0, 0), (0, 0), (0, links - part.bounds.shape[2])))
+        for part in parts
+    ]
     return Movers(
-        centre,
-        reach,
-        np.stack([track.turn[samples] for track in tracks], axis=1),
-        np.array([track.shape.half for track in tracks]),
-        np.array([track.shape.radius for track in tracks]),
-        np.maximum(steps, before),
-        (centre - reach).min(axis=0),
-        (centre + reach).max(axis=0),
+        [tracks[k] for k in order],
+        np.concatenate([part.centre for part in parts], axis=1)[:, order],
+        np.concatenate([part.turn for part in parts], axis=1)[:, order],
+        np.concatenate([part.reach for part in parts], axis=1)[:, order],
+        np.concatenate(bounds, axis=1)[:, order],
     )
 
 
@@ -228,33 +314,3 @@ def _each(
     ):
         if len(part):
             yield int(numbers[part_rows[0]]), part.tolist()
-
-
-_SAMPLE_S = 0.01
-"""So often a robot is looked at, at least, while it moves [s]."""
-
-
-def moving_samples(rows: RobotRows, begin: float, end: float) -> Array:
-    """Return the times of all rows in a span, its ends, and more while the robot moves."""
-    low, high = np.searchsorted(rows.t, [begin, end])
-    knots = np.unique(np.concatenate([[begin], rows.t[low:high], [end]]))
-    assert rows.v is not None
-    moves = np.any(rows.v != 0.0, axis=1)
-    parts = [knots]
-    for a, b in pairwise(knots.tolist()):
-        k = int(np.searchsorted(rows.t, a, side="right"))
-        if moves[max(k - 1, 0)] or moves[min(k, len(moves) - 1)]:
-            count = int(np.ceil((b - a) / _SAMPLE_S))
-            parts.append(np.linspace(a, b, count + 1)[1:-1])
-    return np.unique(np.concatenate(parts))
-
-
-def states_at(rows: RobotRows, t: Array) -> tuple[Array, Array, Array]:
-    """Return configurations, speeds and accelerations at some times, shape (m, n) each."""
-    assert rows.v is not None
-    assert rows.a is not None
-    k = np.clip(np.searchsorted(rows.t, t, side="right") - 1, 0, len(rows.t) - 2)
-    span, since = (rows.t[k + 1] - rows.t[k])[:, None], (t - rows.t[k])[:, None]
-    jerk = (rows.a[k + 1] - rows.a[k]) / span
-    v = rows.v[k] + since * (rows.a[k] + 0.5 * since * jerk)
-    return rows.at(t), v, rows.a[k] + since * jerk

@@ -20,8 +20,7 @@ from math import ceil
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
-from twin.audit.motion.executed import Track
-from twin.audit.motion.movers import movers_of
+from twin.audit.motion.movers import Track
 from twin.audit.motion.reach import RobotSamples
 from twin.audit.motion.sampling import RunStretch
 from twin.audit.worlds.world import AuditWorld, WatchedShape
@@ -231,13 +230,14 @@ def _pairs(
     the one after: what is not close at two samples is apart all the time between them. In a
     stretch in which nothing moves pairs are looked at once.
     """
-    moving, boxes = stretch.moving, stretch.boxes
+    movers, boxes = stretch.movers, stretch.boxes
+    moving = movers.tracks
     if not moving:
         return
     stands = all(r.distinct[0] == r.distinct[-1] for r in stretch.robots)
     watched = max(asked.least(), 0.0)  # how far apart robots are of interest
-    travelled = [np.append(0.0, np.cumsum(track.steps)) for track in moving]
-    movers = movers_of(moving, slice(0, 1) if stands else slice(None))
+    travelled = _summed(movers.steps)
+    looked = movers.at_first() if stands else movers
     holders = np.array([track.holder for track in moving])
     first, second = _own_pairs(len(moving), exempt)
     loads = [track.shape.entity for track in moving[arms:]]
@@ -247,11 +247,14 @@ def _pairs(
         first, second = first[apart], second[apart]
     between = holders[first] != holders[second]
     room = np.where(between, watched, 0.0)
-    for n, close in movers.near_movers(first, second, room):
+    for n, close in looked.near_movers(first, second, room):
         i, j = int(first[n]), int(second[n])
         a, b = moving[i], moving[j]
-        same = a.holder == b.holder
-        moved = _travelled_within(a, b) if same else travelled[i] + travelled[j]
+        if between[n]:
+            moved = travelled[:, i] + travelled[:, j]
+        else:  # as seen from the inner one
+            outer = j if a.link <= b.link else i
+            moved = _summed(movers.bounds[:, outer, min(a.link, b.link)])
         apart = close
         if between[n] and j >= arms:
             apart = _not_meant(a.shape, b.shape, close, asked)
@@ -261,8 +264,9 @@ def _pairs(
             yield _Watched(a, b, apart, moved.tolist(), bool(between[n]))
     # A base and a box at rest: nothing moves; bases stand on tables.
     some = [k for k, track in enumerate(moving) if track.link > 0 or k >= arms]
-    for i, k, close in movers.near_boxes(np.array(some), boxes):
-        yield _Watched(moving[i], boxes.tracks[k], close, travelled[i].tolist(), False)
+    for i, k, close in looked.near_boxes(np.array(some), boxes):
+        alone = travelled[:, i].tolist()
+        yield _Watched(moving[i], boxes.tracks[k], close, alone, False)
 
 
 def _not_meant(
@@ -285,10 +289,10 @@ def _own_pairs(
     return first, second
 
 
-def _travelled_within(a: Track, b: Track) -> Array:
-    """Return how far one has moved as seen from the other, when one robot moves both."""
-    inner, outer = (a, b) if a.link <= b.link else (b, a)
-    return np.append(0.0, np.cumsum(outer.moved[:, inner.link]))
+def _summed(steps: Array) -> Array:
+    """Return how far things have moved up to each sample, from 0 on, shape (m, ...) [m]."""
+    none = np.zeros((1, *steps.shape[1:]))
+    return np.concatenate([none, np.cumsum(steps, axis=0)])
 
 
 class _Placer:
@@ -302,35 +306,32 @@ class _Placer:
     def put(self, track: Track, at: float) -> None:
         """Place a shape as it is at a sample, or between it and the next."""
         if track.holder is None:
-            assert track.at is not None
-            self.world.place(track.shape, track.at)
+            assert track.pose is not None
+            self.world.place(track.shape, track.pose)
             return
         k, samples = int(at), self._stretch.robots[track.holder]
         number, share = int(samples.distinct[k]), at - k
         if share > 0.0 and int(samples.distinct[k + 1]) == number:
             share = 0.0
         now = number, share
-        if track.shape.robot is None:
+        if track.pose is not None:
             if self._loads.get(track.shape.number) != now:
                 self._loads[track.shape.number] = now
-                self.world.place(track.shape, self._pose(track, k, share))
+                self.world.place(track.shape, self._pose(track, track.pose, k, share))
         elif self._arms[track.holder] != now:
             self._arms[track.holder] = now
             self.world.configure(track.holder, _between(samples, k, share))
 
-    def _pose(self, load: Track, k: int, share: float) -> Transform:
+    def _pose(self, load: Track, local: Transform, k: int, share: float) -> Transform:
         """Return the pose of an object in the hand, at a sample or after it."""
-        pose = load.pose(k)
+        assert load.holder is not None
+        samples, hand = self._stretch.robots[load.holder], np.eye(4)
+        rotation, position = samples.rotation[k], samples.position[k]
         if share > 0.0:
-            assert load.holder is not None
-            samples = self._stretch.robots[load.holder]
             q = _between(samples, k, share)
-            rotation, position = self.world.link_frames(load.holder, q[None])
-            turn = rotation[0, load.link] @ samples.rotation[k, load.link].T
-            arm = pose[:3, 3] - samples.position[k, load.link]
-            pose[:3, :3] = turn @ pose[:3, :3]
-            pose[:3, 3] = turn @ arm + position[0, load.link]
-        return pose
+            (rotation,), (position,) = self.world.link_frames(load.holder, q[None])
+        hand[:3, :3], hand[:3, 3] = rotation[load.link], position[load.link]
+        return np.asarray(hand @ local)
 
 
 def _between(samples: RobotSamples, k: int, share: float) -> Array:

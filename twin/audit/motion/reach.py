@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.transforms import Array, Indices
-from twin.audit.worlds.world import JointAxes
+from twin.audit.worlds.link_chain import JointAxes
 
 ROUNDING = 1e-7
 """Poses of links are rounded by less than this [m]."""

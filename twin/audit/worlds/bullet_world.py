@@ -10,27 +10,27 @@ neighbouring samples of a motion do not share such a slip.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from planning.cell.shape import Box, Capsule, Cylinder, Shape
+from planning.cell.shape import Box, Capsule, Cylinder
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.silence import silenced
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.worlds.exact_urdf import (
+from twin.audit.worlds.exact_urdf import ShapeLink
+from twin.audit.worlds.link_chain import Frames, JointAxes
+from twin.audit.worlds.world import (
+    BASE,
+    AuditWorld,
     Convex,
-    LinkChain,
-    measured_chain,
-    one_shape_a_link,
-    solids,
+    JointLimits,
+    LinkShape,
+    WatchedShape,
 )
-from twin.audit.worlds.world import BASE, JointAxes, JointLimits, WatchedShape
 
 with silenced():  # it greets on standard error
     import pybullet
@@ -40,15 +40,16 @@ MARGIN = 0.001
 """Bullet's margin of the shapes of a URDF [m]."""
 
 
-class BulletWorld:
+class BulletWorld(AuditWorld):
     """A PyBullet world without dynamics, for distances between bodies that are posed.
 
     Args:
         cell: what to load.
     """
 
+    margin = MARGIN
+
     def __init__(self, cell: Workcell) -> None:
-        self.cell = cell
         with silenced():  # it tells its options
             self._bullet = BulletClient(pybullet.DIRECT)
         # A description that changed on disk must not be taken from the cache.
@@ -60,108 +61,65 @@ class BulletWorld:
         self._set_joints = self._bullet.resetJointStatesMultiDof
         self._set_pose = self._bullet.resetBasePositionAndOrientation
         self._closest = self._bullet.getClosestPoints
+        # Of each robot its body, and Bullet's numbers of the joints that move and of all links.
         self._bodies: list[int] = []
-        self._chains: list[LinkChain | None] = []
         self._moved: list[list[int]] = []
-        self.robot_shapes: list[WatchedShape] = []
-        self.limits: dict[str, JointLimits] = {}
-        self.axes: list[JointAxes] = []
-        for index, robot in enumerate(cell.robots):
-            self._load(index, robot)
-        self.fixtures = [
-            item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
-        ]
-        self.objects = [
-            item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
-        ]
+        self._links: list[dict[str, int]] = []
+        super().__init__(cell)
 
     def close(self) -> None:
         """Disconnect from Bullet."""
         self._bullet.disconnect()
 
-    def _load(self, index: int, robot: PlacedRobot) -> None:
-        """Load a robot and note its shapes: what moves each, and a sphere around it."""
-        model = robot.model
-        text, shapes = one_shape_a_link(model.urdf, model.package_dirs, MARGIN)
-        body = self._urdf_body(text, robot.base)
-        joints: dict[str, int] = {}
-        links: dict[str, int] = {}
-        parent: dict[int, int] = {}
-        for j in range(self._bullet.getNumJoints(body)):
-            info = self._bullet.getJointInfo(body, j)
-            joints[info[1].decode()] = j
-            links[info[12].decode()] = j
-            parent[j] = info[16]
+    def _load(self, robot: PlacedRobot, text: str) -> tuple[JointAxes, JointLimits]:
+        model, body = robot.model, self._urdf_body(text, robot.base)
+        count = self._bullet.getNumJoints(body)
+        infos = [self._bullet.getJointInfo(body, j) for j in range(count)]
+        joints = {info[1].decode(): j for j, info in enumerate(infos)}
         missing = [name for name in model.joint_names if name not in joints]
         if missing:
             raise RobotModelError(
                 f"{model.urdf} has no joint {missing[0]!r}", choices=tuple(joints)
             )
-        moved = [joints[name] for name in model.joint_names]
-        self._bodies.append(body)
-        self._moved.append(moved)
-        self.limits[robot.name] = self._limits(body, moved, model.name)
-        self.axes.append(self._axes(body, moved))
         entry = ROBOTS.get(model.name)
         for name, value in (entry.frozen if entry else {}).items():
             self._bullet.resetJointState(body, joints[name], value)
-        rotation, position = self._measured(index, np.zeros((1, len(moved))))
-        own = self.axes[index], (robot.base[:3, :3], robot.base[:3, 3])
-        self._chains.append(measured_chain(*own, partial(self._measured, index)))
-        self.configure(index, np.zeros(len(moved)))
-        # pinocchio names shapes "<link>_<number>"; only the names are used here.
-        tool = {
-            p.body.name.rsplit("_", 1)[0]
-            for p in robot.model.parts
-            if p.group == "tool"
-        }
-        for shape in shapes:
-            link = links[shape.link]
-            carrier = link
-            while carrier != BASE and carrier not in moved:
-                carrier = parent[carrier]
-            joint = moved.index(carrier) if carrier != BASE else BASE
-            low, high = np.array(self._bullet.getAABB(body, link))
-            turn = rotation[0, joint + 1].T
-            centre = turn @ (0.5 * (low + high) - position[0, joint + 1])
-            half = 0.5 * (high - low)
-            radius = float(np.linalg.norm(half))
-            entity = f"{robot.name}/{'tool' if shape.owner in tool else 'arm'}"
-            detail = f"{robot.name}/{shape.owner}"
-            number = self._know(body, link, shape.margin)
-            self.robot_shapes.append(
-                WatchedShape(
-                    entity, detail, number, index, joint, centre, radius, half, turn
-                )
-            )
+        moved = [joints[name] for name in model.joint_names]
+        self._bodies.append(body)
+        self._moved.append(moved)
+        self._links.append({info[12].decode(): j for j, info in enumerate(infos)})
+        own = [infos[j] for j in moved]
+        slides = np.array([info[2] == pybullet.JOINT_PRISMATIC for info in own])
+        lower, upper, speed = np.array([(i[8], i[9], i[11]) for i in own]).T
+        # Bullet says of a continuous joint that its range is empty.
+        free = lower > upper
+        limits = JointLimits(
+            model.joint_names,
+            np.where(free, -np.inf, lower),
+            np.where(free, np.inf, upper),
+            speed,
+            tuple("m" if slide else "rad" for slide in slides),
+        )
+        return JointAxes(np.array([info[13] for info in own]), slides), limits
+
+    def _link(self, robot: int, link: ShapeLink) -> LinkShape:
+        body, moved = self._bodies[robot], self._moved[robot]
+        number = carrier = self._links[robot][link.link]
+        while carrier != BASE and carrier not in moved:
+            carrier = self._bullet.getJointInfo(body, carrier)[16]
+        joint = moved.index(carrier) if carrier != BASE else BASE
+        zero = np.zeros(len(moved))
+        rotation, position = self._measured(robot, zero[None])
+        low, high = np.array(self._bullet.getAABB(body, number))
+        turn, half = rotation[0, joint + 1].T, 0.5 * (high - low)
+        centre = turn @ (0.5 * (low + high) - position[0, joint + 1])
+        radius = float(np.linalg.norm(half))
+        known = self._know(body, number, link.margin)
+        return LinkShape(known, joint, centre, radius, half, turn)
 
     def _know(self, body: int, link: int, margin: float) -> int:
         self._known.append((body, link, margin))
         return len(self._known) - 1
-
-    def _limits(self, body: int, moved: list[int], model: str) -> JointLimits:
-        """Return the limits that the URDF gives the joints, or the registry in its place."""
-        infos = [self._bullet.getJointInfo(body, j) for j in moved]
-        lower, upper, speed = np.array([(i[8], i[9], i[11]) for i in infos]).T
-        # Bullet says of a continuous joint that its range is empty.
-        free = lower > upper
-        entry = ROBOTS.get(model)
-        if entry and entry.velocity is not None:
-            speed = np.asarray(entry.velocity, dtype=float)
-        return JointLimits(
-            tuple(info[1].decode() for info in infos),
-            np.where(free, -np.inf, lower),
-            np.where(free, np.inf, upper),
-            speed,
-            tuple("m" if i[2] == pybullet.JOINT_PRISMATIC else "rad" for i in infos),
-        )
-
-    def _axes(self, body: int, moved: list[int]) -> JointAxes:
-        infos = [self._bullet.getJointInfo(body, j) for j in moved]
-        return JointAxes(
-            np.array([info[13] for info in infos]),
-            np.array([info[2] == pybullet.JOINT_PRISMATIC for info in infos]),
-        )
 
     def _urdf_body(self, text: str, base: Transform) -> int:
         """Load a description, fixed at a pose; return Bullet's number for it."""
@@ -178,22 +136,8 @@ class BulletWorld:
             )
         return body
 
-    def _thing(
-        self, name: str, made_of: Shape, pose: Transform
-    ) -> Iterator[WatchedShape]:
-        """Yield the shapes of a fixture or an object, placed."""
-        for solid in solids(made_of):
-            body = self._bullet.createMultiBody(0, self._geometry(solid.form))
-            # What is left of the margins of round forms is made up for when they are measured.
-            self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
-            item = solid.shape(name, self._know(body, BASE, 0.0))
-            self.place(item, item.at(pose))
-            yield item
-
-    def _geometry(self, form: Convex) -> int:
-        """Return Bullet's number for a form."""
+    def _body(self, form: Convex) -> int:
         create = self._bullet.createCollisionShape
-        number: int
         if isinstance(form, Box):
             half = [0.5 * edge for edge in form.size]
             number = create(pybullet.GEOM_BOX, halfExtents=half)
@@ -209,7 +153,10 @@ class BulletWorld:
             )
         else:
             number = create(pybullet.GEOM_MESH, vertices=form.tolist())
-        return number
+        body = self._bullet.createMultiBody(0, number)
+        # What is left of the margins of round forms is made up for when they are measured.
+        self._bullet.changeDynamics(body, BASE, collisionMargin=0.0)
+        return self._know(body, BASE, 0.0)
 
     def place(self, item: WatchedShape, pose: Transform) -> None:
         """Pose a shape of a fixture or an object."""
@@ -224,13 +171,7 @@ class BulletWorld:
         values = [[value] for value in q.tolist()]
         self._set_joints(self._bodies[robot], self._moved[robot], values)
 
-    def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
-        """Return where the base and the moved links of a robot are, as Bullet measured them."""
-        chain = self._chains[robot]
-        return self._measured(robot, q) if chain is None else chain.frames(q)
-
-    def _measured(self, robot: int, q: Array) -> tuple[Array, Array]:
-        """Return where Bullet puts the base and the moved links of a robot."""
+    def _measured(self, robot: int, q: Array) -> Frames:
         body, moved = self._bodies[robot], self._moved[robot]
         states = np.empty((len(q), len(moved), 7))
         for k, row in enumerate(q):

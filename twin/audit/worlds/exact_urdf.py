@@ -6,34 +6,18 @@ Bullet gives every shape of a URDF a margin of 1 mm that cannot be taken away. I
 hulls of meshes by it, and rounds the edges of boxes and cylinders off with it. So for Bullet
 boxes and cylinders are made larger by 1 mm here: what it then measures is the distance of the
 sharp shape less 1 mm, for them as for hulls.
-
-Poses of a robot's links from a few that an engine measured.
-
-An engine says where the links are at a few configurations and along which axes its joints move;
-from that follow all others, many at a time. Where they do not follow, because a joint does not
-carry the next one, the robot is left to the engine, one configuration after another.
-
-What the audit takes a fixture or an object to be: its forms as they are, not planning's pieces.
-
-Only meshes are what planning cut them into: no engine measures how deep two hollow things overlap.
-That their pieces contain them is checked where they are cut.
 """
 
 from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from planning.cell.shape import Box, Capsule, Cylinder, Mesh, Shape
 from planning.errors import RobotModelError
 from planning.robots.descriptions.xml_files import find_mesh
-from planning.transforms import Array, Transform, translation
-from twin.audit.worlds.world import BASE, JointAxes, WatchedShape
 
 
 @dataclass(frozen=True)
@@ -146,161 +130,3 @@ def _unit_inertia() -> ElementTree.Element:
     ones = {"ixx": "1", "iyy": "1", "izz": "1", "ixy": "0", "ixz": "0", "iyz": "0"}
     ElementTree.SubElement(inertial, "inertia", ones)
     return inertial
-
-
-Frames = tuple[Array, Array]
-"""Rotations, shape (m, n + 1, 3, 3), and positions, shape (m, n + 1, 3): base, then links."""
-
-_SAME = 1e-6
-"""Links are where the engine puts them to within this [m per metre, and entries of rotations]:
-Bullet rounds rotations by less than half of it."""
-
-_TRIED = 16
-"""Random configurations from which the chain is read off."""
-
-
-@dataclass(frozen=True)
-class LinkChain:
-    """A robot whose joints follow one another, as an engine has measured it.
-
-    Attributes:
-        axes: of its joints.
-        base: rotation and position of its base, shapes (3, 3) and (3,).
-        turns: rotation of each link as seen from the one before, all joints at nought, shape
-            (n, 3, 3).
-        offsets: position likewise, shape (n, 3) [m].
-    """
-
-    axes: JointAxes
-    base: tuple[Array, Array]
-    turns: Array
-    offsets: Array
-
-    def frames(self, q: Array) -> Frames:
-        """Return where the base and the links are at configurations, shape (m, n)."""
-        count = len(self.offsets)
-        rotation = np.empty((len(q), count + 1, 3, 3))
-        position = np.empty((len(q), count + 1, 3))
-        rotation[:, 0], position[:, 0] = self.base
-        for j in range(count):
-            before, axis = rotation[:, j], self.axes.direction[j]
-            turn = before @ self.turns[j]
-            position[:, j + 1] = position[:, j] + before @ self.offsets[j]
-            if self.axes.prismatic[j]:
-                position[:, j + 1] += (turn @ axis) * q[:, j, None]
-                rotation[:, j + 1] = turn
-            else:
-                rotation[:, j + 1] = turn @ _turned(axis, q[:, j])
-        return rotation, position
-
-
-def measured_chain(
-    axes: JointAxes, base: tuple[Array, Array], measure: Callable[[Array], Frames]
-) -> LinkChain | None:
-    """Return the chain of a robot, None where its joints do not follow one another.
-
-    Args:
-        axes: of its joints.
-        base: rotation and position of its base.
-        measure: returns what the engine says of configurations, shape (m, n).
-    """
-    count = len(axes.prismatic)
-    tried = np.random.default_rng(0).uniform(-2.0, 2.0, (_TRIED, count))
-    rotation, position = measure(tried)
-    turns, offsets = np.empty((count, 3, 3)), np.empty((count, 3))
-    for j in range(count):
-        axis, back = axes.direction[j], rotation[:, j].transpose(0, 2, 1)
-        turn = back @ rotation[:, j + 1]
-        if not axes.prismatic[j]:
-            turn = turn @ _turned(axis, -tried[:, j])
-        turns[j] = _nearest_rotation(turn.mean(axis=0))
-        way = np.einsum("mab,mb->ma", back, position[:, j + 1] - position[:, j])
-        if axes.prismatic[j]:
-            way = way - tried[:, j, None] * (turns[j] @ axis)
-        offsets[j] = way.mean(axis=0)
-    chain = LinkChain(axes, base, turns, offsets)
-    own_rotation, own_position = chain.frames(tried)
-    size = 1.0 + float(np.abs(position - position[:, :1]).max())
-    same = (
-        np.abs(own_rotation - rotation).max() <= _SAME
-        and np.abs(own_position - position).max() <= _SAME * size
-    )
-    return chain if same else None
-
-
-def _nearest_rotation(matrix: Array) -> Array:
-    """Return the rotation that is nearest to a matrix, shape (3, 3)."""
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
-
-
-def _turned(axis: Array, angle: Array) -> Array:
-    """Return rotations about a unit axis, shape (m, 3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, rest = np.sin(angle)[:, None, None], 1.0 - np.cos(angle)[:, None, None]
-    return np.asarray(np.eye(3) + sine * cross + rest * (cross @ cross))
-
-
-Convex = Box | Cylinder | Capsule | Array
-"""A form, or the corners of a hull, shape (c, 3)."""
-
-
-@dataclass(frozen=True, eq=False)
-class WorldSolid:
-    """A convex form of a fixture or an object.
-
-    Attributes:
-        form: centred at the origin.
-        local: its pose in the frame of the fixture or object, None for the same frame.
-        half: half edges of the box around it, shape (3,) [m].
-        radius: of the sphere around it [m].
-    """
-
-    form: Convex
-    local: Transform | None
-    half: Array
-    radius: float
-
-    def shape(self, entity: str, number: int) -> WatchedShape:
-        """Return it as a shape that a world knows by a number."""
-        return WatchedShape(
-            entity,
-            entity,
-            number,
-            None,
-            BASE,
-            np.zeros(3),
-            self.radius,
-            self.half,
-            np.eye(3),
-            self.local,
-        )
-
-
-def solids(made_of: Shape) -> Iterator[WorldSolid]:
-    """Yield the convex forms of a fixture or an object."""
-    for element in made_of.elements:
-        form, pose = element.form, element.pose
-        local = None if np.array_equal(pose, np.eye(4)) else pose
-        if isinstance(form, Mesh):
-            for hull in form.hulls:
-                middle = 0.5 * (hull.min(axis=0) + hull.max(axis=0))
-                own = np.ascontiguousarray(hull - middle)
-                half = np.abs(own).max(axis=0)
-                radius = float(np.linalg.norm(own, axis=1).max())
-                there = pose @ translation(*middle.tolist())
-                yield WorldSolid(own, there, half, radius)
-        elif isinstance(form, Box):
-            half = 0.5 * np.asarray(form.size, dtype=float)
-            yield WorldSolid(form, local, half, float(np.linalg.norm(half)))
-        else:
-            high = 0.5 * form.length
-            if isinstance(form, Capsule):
-                high += form.radius
-                radius = high
-            else:
-                radius = float(np.hypot(form.radius, high))
-            yield WorldSolid(
-                form, local, np.array([form.radius, form.radius, high]), radius
-            )

@@ -1,24 +1,21 @@
-"""What the audit asks of a collision library: a world of shapes that are posed and measured.
-
-Which collision library the audit measures with: PyBullet where it is installed, else coal.
-"""
+"""What the audit asks of a collision library: a world of shapes that are posed and measured."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
-from typing import Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from planning.cell.workcell import Workcell
-from planning.errors import RequestError
-from planning.transforms import Array, Transform
+from planning.cell.shape import Box, Capsule, Cylinder, Mesh, Shape
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.robots.registry import ROBOTS
+from planning.transforms import Array, Transform, translation
+from twin.audit.worlds.exact_urdf import ShapeLink, one_shape_a_link
+from twin.audit.worlds.link_chain import Frames, JointAxes, LinkChain, measured_chain
 
 BASE = -1
 """In place of a joint's index: what the base of a robot carries."""
@@ -82,56 +79,97 @@ class JointLimits:
 
 
 @dataclass(frozen=True)
-class JointAxes:
-    """The axes of a robot's joints.
+class LinkShape:
+    """A shape of a robot as a library has loaded it; fields are those of ``WatchedShape``."""
+
+    number: int
+    joint: int
+    centre: Array
+    radius: float
+    half: Array
+    turn: Array
+
+
+Convex = Box | Cylinder | Capsule | Array
+"""A form, or the corners of a hull, shape (c, 3)."""
+
+
+class AuditWorld(ABC):
+    """The audit's own copy of a cell: robots from their URDF files, what else there is from its forms.
+
+    A library loads, poses and measures bodies, which it knows by numbers.
+
+    Args:
+        cell: what to load.
 
     Attributes:
-        direction: in the frame of the link that the joint moves, shape (n, 3).
-        prismatic: shape (n,).
+        cell: see there.
+        robot_shapes: all shapes of all robots: convex primitives, and the hulls of meshes.
+        fixtures, objects: at least one shape for each, in the order of the cell.
+        limits: what the joints of each robot allow.
+        axes: of the joints of each robot, in the order of the cell.
+
+    Raises:
+        RobotModelError: a description cannot be read, or has other joints.
     """
 
-    direction: Array
-    prismatic: npt.NDArray[np.bool_]
+    margin = 0.0
+    """That the library gives every shape of a URDF [m]."""
 
+    def __init__(self, cell: Workcell) -> None:
+        self.cell = cell
+        self.robot_shapes: list[WatchedShape] = []
+        self.limits: dict[str, JointLimits] = {}
+        self.axes: list[JointAxes] = []
+        self._chains: list[LinkChain | None] = []
+        for index, robot in enumerate(cell.robots):
+            self._add_robot(index, robot)
+        self.fixtures = [
+            item for f in cell.fixtures for item in self._thing(f.name, f.shape, f.pose)
+        ]
+        self.objects = [
+            item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
+        ]
 
-class AuditWorld(Protocol):
-    """The audit's own copy of a cell: robots from their URDF files, what else there is from its forms."""
-
-    @property
-    def cell(self) -> Workcell:
-        """What was loaded."""
-
-    @property
-    def robot_shapes(self) -> Sequence[WatchedShape]:
-        """All shapes of all robots: convex primitives, and the hulls of meshes."""
-
-    @property
-    def fixtures(self) -> Sequence[WatchedShape]:
-        """At least one shape a fixture, in the order of the cell."""
-
-    @property
-    def objects(self) -> Sequence[WatchedShape]:
-        """At least one shape an object, in the order of the cell."""
-
-    @property
-    def limits(self) -> Mapping[str, JointLimits]:
-        """What the joints of each robot allow."""
-
-    @property
-    def axes(self) -> Sequence[JointAxes]:
-        """Axes of the joints of each robot, in the order of the cell."""
-
+    @abstractmethod
     def close(self) -> None:
         """Let go of what the library holds."""
 
+    @abstractmethod
     def place(self, item: WatchedShape, pose: Transform) -> None:
         """Pose a shape of a fixture or an object; the pose may not change afterwards."""
 
+    @abstractmethod
     def configure(self, robot: int, q: Array) -> None:
         """Put a robot at a configuration, shape (n,)."""
 
-    def link_frames(self, robot: int, q: Array) -> tuple[Array, Array]:
-        """Return where the base and the moved links of a robot are.
+    @abstractmethod
+    def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
+        """Return the signed distance of two shapes as they are placed now [m].
+
+        Args:
+            a, b: the shapes.
+            reach: beyond this distance ``reach`` is returned.
+        """
+
+    @abstractmethod
+    def _load(self, robot: PlacedRobot, text: str) -> tuple[JointAxes, JointLimits]:
+        """Load a robot, the next one, from a description; velocities are those of it."""
+
+    @abstractmethod
+    def _link(self, robot: int, link: ShapeLink) -> LinkShape:
+        """Return the shape of a link of a robot."""
+
+    @abstractmethod
+    def _body(self, form: Convex) -> int:
+        """Load a form that is centred at the origin; return the number of its body."""
+
+    @abstractmethod
+    def _measured(self, robot: int, q: Array) -> Frames:
+        """Return what ``link_frames`` does, by the library alone."""
+
+    def link_frames(self, robot: int, q: Array) -> Frames:
+        """Return where the base and the moved links of a robot are, as the library measured them.
 
         Args:
             robot: its index.
@@ -141,14 +179,77 @@ class AuditWorld(Protocol):
             Rotations, shape (m, n + 1, 3, 3), and positions in the world, shape
             (m, n + 1, 3) [m]; entry 0 is the base, entry j + 1 the link that joint j moves.
         """
+        chain = self._chains[robot]
+        return self._measured(robot, q) if chain is None else chain.frames(q)
 
-    def distance(self, a: WatchedShape, b: WatchedShape, reach: float) -> float:
-        """Return the signed distance of two shapes as they are placed now [m].
+    def _add_robot(self, index: int, robot: PlacedRobot) -> None:
+        """Load a robot and note its shapes: what moves each, and a sphere around it."""
+        model, base = robot.model, (robot.base[:3, :3], robot.base[:3, 3])
+        text, links = one_shape_a_link(model.urdf, model.package_dirs, self.margin)
+        axes, limits = self._load(robot, text)
+        entry = ROBOTS.get(model.name)
+        if entry and entry.velocity is not None:  # in place of what the URDF says
+            limits = replace(limits, velocity=np.asarray(entry.velocity, dtype=float))
+        self.axes.append(axes)
+        self.limits[robot.name] = limits
+        chain = measured_chain(axes, base, partial(self._measured, index))
+        self._chains.append(chain)
+        # pinocchio names shapes "<link>_<number>"; only the names are used here.
+        parts = (part for part in model.parts if part.group == "tool")
+        tool = {part.body.name.rsplit("_", 1)[0] for part in parts}
+        for link in links:
+            own = self._link(index, link)
+            entity = f"{robot.name}/{'tool' if link.owner in tool else 'arm'}"
+            detail = f"{robot.name}/{link.owner}"
+            around = own.centre, own.radius, own.half, own.turn
+            self.robot_shapes.append(
+                WatchedShape(entity, detail, own.number, index, own.joint, *around)
+            )
 
-        Args:
-            a, b: the shapes.
-            reach: beyond this distance ``reach`` is returned.
+    def _thing(
+        self, name: str, made_of: Shape, pose: Transform
+    ) -> Iterator[WatchedShape]:
+        """Yield the shapes of a fixture or an object, placed.
+
+        They are its forms as they are, not planning's pieces. Only meshes are what planning cut
+        them into: no library measures how deep two hollow things overlap. That their pieces
+        contain them is checked where they are cut.
         """
+        for form, local in _convex_forms(made_of):
+            half, radius = _box_and_ball(form)
+            around = np.zeros(3), radius, half, np.eye(3)
+            number = self._body(form)
+            item = WatchedShape(name, name, number, None, BASE, *around, local)
+            self.place(item, item.at(pose))
+            yield item
+
+
+def _convex_forms(made_of: Shape) -> Iterator[tuple[Convex, Transform | None]]:
+    """Yield convex forms, centred, and their poses in the shape, None for the same frame."""
+    for element in made_of.elements:
+        form, pose = element.form, element.pose
+        if isinstance(form, Mesh):
+            for hull in form.hulls:
+                middle = 0.5 * (hull.min(axis=0) + hull.max(axis=0))
+                there = pose @ translation(*middle.tolist())
+                yield np.ascontiguousarray(hull - middle), there
+        else:
+            yield form, None if np.array_equal(pose, np.eye(4)) else pose
+
+
+def _box_and_ball(form: Convex) -> tuple[Array, float]:
+    """Return half edges of the box, shape (3,), and the radius of the sphere around a form [m]."""
+    if isinstance(form, np.ndarray):
+        half = np.abs(form).max(axis=0)
+        return half, float(np.linalg.norm(form, axis=1).max())
+    if isinstance(form, Box):
+        half = 0.5 * np.asarray(form.size, dtype=float)
+        return half, float(np.linalg.norm(half))
+    high = 0.5 * form.length
+    if isinstance(form, Capsule):
+        high += form.radius
+    radius = high if isinstance(form, Capsule) else float(np.hypot(form.radius, high))
+    return np.array([form.radius, form.radius, high]), radius
 
 
 def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedShape]]:
@@ -157,6 +258,14 @@ def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedSh
     for item in shapes:
         out.setdefault(item.entity, []).append(item)
     return out
+
+
+def flange_poses(world: AuditWorld, robot: int, q: Array) -> Array:
+    """Return where a robot's flange is at configurations, shape (m, 4, 4)."""
+    rotation, position = world.link_frames(robot, q)
+    out = np.tile(np.eye(4), (len(q), 1, 1))
+    out[:, :3, :3], out[:, :3, 3] = rotation[:, -1], position[:, -1]
+    return np.asarray(out @ world.cell.robots[robot].model.flange)
 
 
 def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
@@ -174,69 +283,3 @@ def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:
             if touching or world.distance(a, b, 1.0) <= 0.0:
                 out.add((i, j))
     return frozenset(out)
-
-
-Engine = Literal["pybullet", "coal"]
-
-ENGINES: tuple[Engine, ...] = ("pybullet", "coal")
-"""Libraries the audit can measure with, the stronger witness first."""
-
-INSTALL = "pip install 'assembly-twin[audit]'" + (
-    "" if sys.version_info < (3, 12) else " (compiles it, with a C++ compiler)"
-)
-"""What installs PyBullet: there are ready-made packages for Python 3.11 only."""
-
-
-def engine_named(name: str | None) -> Engine:
-    """Return the engine of a name; without one PyBullet where it is installed, else coal.
-
-    Raises:
-        RequestError: there is no such engine, or it is not installed.
-    """
-    if name is None:
-        return "pybullet" if _loads_pybullet() is None else "coal"
-    if name not in ENGINES:
-        raise RequestError(f"audit: there is no engine {name!r}", choices=ENGINES)
-    if name == "pybullet" and (why := _loads_pybullet()) is not None:
-        raise RequestError(
-            f"audit: PyBullet does not load ({why}); choose the engine coal, or {INSTALL}"
-        )
-    return name
-
-
-def _loads_pybullet() -> str | None:
-    """Return why PyBullet cannot be used, None where it can."""
-    try:
-        import twin.audit.worlds.bullet_world  # noqa: F401
-    except Exception as error:  # a broken library may raise anything
-        return f"{type(error).__name__}: {error}"
-    return None
-
-
-@cache
-def engine_and_version(engine: Engine) -> str:
-    """Return an engine as reports name it: ``"coal 3.0.3"``."""
-    try:
-        return f"{engine} {version(engine)}"
-    except PackageNotFoundError:  # compiled into its place by hand
-        return engine
-
-
-def open_world(cell: Workcell, engine: Engine | None = None) -> AuditWorld:
-    """Return a cell loaded into an engine; close it after use.
-
-    Args:
-        cell: what to load: URDF files of robots, boxes for the rest.
-        engine: by default PyBullet where it is installed, else coal.
-
-    Raises:
-        RequestError: the engine is not installed.
-        RobotModelError: a description cannot be read.
-    """
-    if engine_named(engine) == "pybullet":
-        from twin.audit.worlds.bullet_world import BulletWorld
-
-        return BulletWorld(cell)
-    from twin.audit.worlds.coal_world import CoalWorld
-
-    return CoalWorld(cell)

@@ -20,7 +20,7 @@ from scipy import stats
 
 from planning.errors import RequestError, TwinError
 from planning.transforms import Array
-from twin.audit.worlds.world import Engine
+from twin.audit.worlds.engines import Engine
 from twin.host.guard import finite
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant
