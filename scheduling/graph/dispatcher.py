@@ -101,16 +101,7 @@ class Dispatcher:
             raise PlanInvariantError(
                 f"robot {name!r}: node {node} was completed before {edges}"
             )
-        self._done[robot] = done + 1
-        targets = list(self._successors.get(number, ()))
-        if node + 1 < self._length[robot]:
-            targets.insert(0, number + 1)
-        safe = []
-        for target in targets:
-            self._unmet[target] -= 1
-            if self._unmet[target] == 0:
-                safe.append(self._node(target))
-        return safe
+        return self._advance(robot)
 
     def observe(self, robot: int, node: int) -> None:
         """Take note that a robot has completed a node, whether it was allowed to or not.
@@ -118,13 +109,23 @@ class Dispatcher:
         All its nodes before it count as complete too.
         """
         self._number(robot, node)
-        while (done := self._done[robot]) <= node:
-            number = self._first[robot] + done
-            self._done[robot] = done + 1
-            if done + 1 < self._length[robot]:
-                self._unmet[number + 1] -= 1
-            for target in self._successors.get(number, ()):
-                self._unmet[target] -= 1
+        while self._done[robot] <= node:
+            self._advance(robot)
+
+    def _advance(self, robot: int) -> list[Node]:
+        """Take a robot's next node as complete; return the nodes that have become safe by it."""
+        done = self._done[robot]
+        number = self._first[robot] + done
+        self._done[robot] = done + 1
+        targets = self._successors.get(number, [])
+        if done + 1 < self._length[robot]:
+            targets = [number + 1, *targets]
+        safe = []
+        for target in targets:
+            self._unmet[target] -= 1
+            if self._unmet[target] == 0:
+                safe.append(self._node(target))
+        return safe
 
     def waits_for(self, robot: int, node: int) -> list[Node]:
         """Return the incomplete sources of a node's type-2 edges: what it still waits for."""

@@ -100,35 +100,27 @@ class RoundedCorners:
     def inside(self, first: int, stop: int) -> RoundedCorners | None:
         """Return those among nodes ``range(first, stop)``, numbered from ``first``; None for none."""
         own = np.flatnonzero((self.begin >= first) & (self.stop <= stop))
-        return self._picked(own, -first)
+        return joined_corners((self._picked(own), -first))
 
     def outside(self, first: int, stop: int) -> RoundedCorners | None:
         """Return those of which no node is among nodes ``range(first, stop)``; None for none."""
-        return self._picked(
-            np.flatnonzero((self.begin >= stop) | (self.stop <= first)), 0
-        )
+        own = np.flatnonzero((self.begin >= stop) | (self.stop <= first))
+        return joined_corners((self._picked(own), 0))
 
-    def repeated(self, times: int, nodes: int) -> RoundedCorners:
+    def repeated(self, times: int, nodes: int) -> RoundedCorners | None:
         """Return the corners of a chain of some nodes that comes again and again."""
-        every = np.tile(np.arange(len(self.begin)), times)
-        whole = self._picked(every, 0)
-        assert whole is not None
-        shift = np.repeat(np.arange(times) * nodes, len(self.begin))
-        return RoundedCorners(
-            whole.begin + shift, whole.stop + shift, *list(vars(whole).values())[2:]
-        )
+        return joined_corners(*((self, k * nodes) for k in range(times)))
 
-    def _picked(self, own: Indices, shift: int) -> RoundedCorners | None:
-        """Return some bends with their corners, their nodes numbered anew."""
-        if not len(own):
-            return None
+    def _picked(self, own: Indices) -> RoundedCorners:
+        """Return some bends with their corners."""
         corners = [np.flatnonzero(self.bend == k) for k in own]
-        rows = np.concatenate(corners)
+        rows = np.concatenate([*corners, np.empty(0, dtype=np.int64)])
+        counts = [len(part) for part in corners]
         return RoundedCorners(
-            self.begin[own] + shift,
-            self.stop[own] + shift,
+            self.begin[own],
+            self.stop[own],
             self.length[own],
-            np.repeat(np.arange(len(own)), [len(part) for part in corners]),
+            np.repeat(np.arange(len(own)), counts),
             self.at[rows],
             self.window[rows],
             self.corner[rows],
@@ -136,29 +128,23 @@ class RoundedCorners:
 
 
 def joined_corners(
-    a: RoundedCorners | None, b: RoundedCorners | None, shift: int
+    *parts: tuple[RoundedCorners | None, int],
 ) -> RoundedCorners | None:
-    """Return the corners of a chain in order.
+    """Return the corners of a chain in order, None for none.
 
     Args:
-        a: some of its corners.
-        b: others, whose nodes are numbered from ``shift``.
-        shift: a node.
+        parts: some of its corners, and the node from which their nodes are numbered.
     """
-    parts = []
-    for part, by in ((a, 0), (b, shift)):
-        if part is not None:
-            own = np.arange(len(part.begin))
-            moved = part._picked(own, by)
-            assert moved is not None
-            parts.append(moved)
-    if not parts:
+    some = [(part, by) for part, by in parts if part is not None and len(part.begin)]
+    if not some:
         return None
-    counts = [0, *(len(part.begin) for part in parts)]
-    whole = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in vars(parts[0])
-    }
-    bends = [part.bend + counts[k] for k, part in enumerate(parts)]
-    joined = RoundedCorners(**whole | {"bend": np.concatenate(bends)})
-    return joined._picked(np.argsort(joined.begin), 0)
+    bends = np.cumsum([0, *(len(part.begin) for part, _ in some)])
+    moved = [
+        vars(part)
+        | {"begin": part.begin + by, "stop": part.stop + by, "bend": part.bend + first}
+        for (part, by), first in zip(some, bends, strict=False)
+    ]
+    joined = RoundedCorners(
+        **{name: np.concatenate([own[name] for own in moved]) for name in moved[0]}
+    )
+    return joined._picked(np.argsort(joined.begin))

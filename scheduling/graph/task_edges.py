@@ -154,7 +154,7 @@ def with_barriers(
     for chain, own in zip(tpg.chains, slots, strict=True):
         if np.any(np.diff(own) < 0):
             raise PlanInvariantError(f"robot {chain.robot!r} goes back to a slot")
-    edges = [tpg.edges]
+    edges = []
     for k, own in enumerate(slots):
         entries = np.flatnonzero(np.diff(own, prepend=-1) > 0)
         for i, other in enumerate(slots):
@@ -166,9 +166,16 @@ def with_barriers(
             rows[:, 0], rows[:, 1] = i, last[new]
             rows[:, 2], rows[:, 3] = k, entries[new]
             edges.append(rows)
-    # Each once, its own ones first.
-    unique, first = np.unique(np.concatenate(edges), axis=0, return_index=True)
-    causes = np.full(sum(map(len, edges)), cause, dtype=np.uint8)
+    return _with_edges(tpg, edges, cause)
+
+
+def _with_edges(
+    tpg: TemporalPlanGraph, edges: Sequence[Indices], cause: int
+) -> TemporalPlanGraph:
+    """Return the graph with more edges, each once, its own ones first."""
+    every = np.concatenate([tpg.edges, *edges])
+    unique, first = np.unique(every, axis=0, return_index=True)
+    causes = np.full(len(every), cause, dtype=np.uint8)
     causes[: len(tpg.edges)] = tpg.cause
     return replace(tpg, edges=unique, cause=causes[first])
 
@@ -227,8 +234,4 @@ def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
     So a robot knows how far it may go before it is another one's turn.
     """
-    edges = np.concatenate([tpg.edges, turn_edges(tpg)])
-    unique, row = np.unique(edges, axis=0, return_index=True)
-    cause = np.full(len(edges), TASK_DEPENDENCY, dtype=np.uint8)
-    cause[: len(tpg.edges)] = tpg.cause
-    return replace(tpg, edges=unique, cause=cause[row])
+    return _with_edges(tpg, [turn_edges(tpg)], TASK_DEPENDENCY)

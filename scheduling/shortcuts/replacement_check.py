@@ -140,7 +140,7 @@ def _replaced(chain: NodeChain, swap: Swap, new: NodeChain) -> NodeChain:
             [chain.first[:begin], low + new.first, chain.first[stop + 1 :] + shift]
         ),
         duration=duration,
-        corners=joined_corners(kept, new.corners, begin),
+        corners=joined_corners((kept, 0), (new.corners, begin)),
     )
 
 

@@ -18,13 +18,18 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.graph_structure import Precedence
 from scheduling.verification.object_places import Carried, Resting
+from scheduling.verification.problems import Moment
 from scheduling.verification.reference import (
     ReferenceBody,
     ReferenceRobot,
     SeenFrom,
     resting_parts,
 )
-from scheduling.verification.sweeps import DIRECTIONS, SweepBounds, farthest
+from scheduling.verification.sweeps import (
+    DIRECTIONS,
+    SweepBounds,
+    farthest,
+)
 
 _FINER = 4
 """Pieces that one is cut into where it is looked at closer."""
@@ -125,30 +130,39 @@ class Pieces:
 
     Attributes:
         knots: piece k leads from knot k to knot k + 1, shape (s + 1, n).
-        begin: a node that is complete before ``begin`` starts is over before the piece; -1
-            for a piece that may last from the start, shape (s,).
-        end: the piece is over once node ``end`` is complete; the number of nodes for a piece
-            that may last for ever, shape (s,).
-        node: node that moves, or node before which the robot stands, shape (s,).
+        node: node that moves, or node before which the robot stands; once it is complete the piece
+            is over. The number of nodes for a piece that may last for ever, shape (s,).
         standing: True where the robot stands, shape (s,).
-        since, until: moments as node * room + waypoint, shape (s,).
+        since: moment at which the piece begins, as node * room + waypoint, shape (s,).
         room: see there.
         tasks: tasks that may allow a contact, shape (s, 2).
     """
 
     knots: Array
-    begin: Indices
-    end: Indices
     node: Indices
     standing: npt.NDArray[np.bool_]
     since: Indices
-    until: Indices
     room: int
     tasks: Indices
 
     def __len__(self) -> int:
         """Return the number of pieces."""
-        return len(self.begin)
+        return len(self.node)
+
+    @property
+    def keys(self) -> Indices:
+        """One number for a node, and one more for the stand before it: two a node."""
+        return 2 * self.node + self.standing
+
+    @property
+    def begin(self) -> Indices:
+        """A node that is complete before ``begin`` starts is over before the piece; -1 for none."""
+        return self.node - self.standing
+
+    @property
+    def until(self) -> Indices:
+        """Moment at which the piece ends."""
+        return self.since + ~self.standing
 
     def moment(self, node: int, waypoint: int) -> int:
         """Return a moment as one number."""
@@ -236,15 +250,21 @@ class VerifiedRobot:
         for x, body in enumerate(self.bodies):
             for k, motion in enumerate(body.motions):
                 pieces = np.flatnonzero(body.which == k)
-                sweeps.low[0][:, pieces, x], sweeps.high[0][:, pieces, x] = (
-                    motion.extents(pieces)
-                )
+                low, high = motion.extents(pieces)
+                sweeps.low[0][:, pieces, x] = low
+                sweeps.high[0][:, pieces, x] = high
         return sweeps.with_coarser()
 
     def which(self, bodies: Indices, pieces: Indices) -> Indices:
         """Return which motion of each body there is in a piece, shape (k,)."""
         table = np.stack([body.which for body in self.bodies])
         return np.asarray(table[bodies, pieces])
+
+    def moment(self, piece: int, body: str) -> Moment:
+        """Return a piece as it is named in a problem."""
+        pieces = self.pieces
+        node, task = int(pieces.node[piece]), int(pieces.tasks[piece, 1])
+        return Moment(self.name, node, task, bool(pieces.standing[piece]), body)
 
     def _while_held(self, c: Carried) -> npt.NDArray[np.bool_]:
         pieces = self.pieces
@@ -309,9 +329,9 @@ def at_once(
 
     They follow each other: those from the first number on, up to the second one.
     """
-    low = np.searchsorted(b.pieces.end, over_before(b.chain, a, precedence))
+    low = np.searchsorted(b.pieces.node, over_before(b.chain, a, precedence))
     past = over_before(a.chain, b, precedence)
-    high = np.searchsorted(past, a.pieces.end, side="right")
+    high = np.searchsorted(past, a.pieces.node, side="right")
     return low, np.maximum(low, high)
 
 
@@ -334,9 +354,8 @@ def while_there(
                 moment = pieces.moment(node, waypoint)
                 low[k] = np.searchsorted(pieces.until, moment, side="right")
             else:
-                low[k] = np.searchsorted(
-                    pieces.end, precedence.complete[chain][c][node]
-                )
+                over = precedence.complete[chain][c][node]
+                low[k] = np.searchsorted(pieces.node, over)
         if rest.taken is not None:
             c, node, waypoint = rest.taken
             if c == chain:
@@ -349,7 +368,7 @@ def while_there(
 def _standing_for_ever(home: Array) -> Pieces:
     one = np.zeros(1, dtype=np.int64)
     stands, tasks = np.ones(1, dtype=np.bool_), np.full((1, 2), -1)
-    return Pieces(np.stack([home] * 2), one - 1, one, one, stands, one, one, 1, tasks)
+    return Pieces(np.stack([home] * 2), one, stands, one, 1, tasks)
 
 
 def _cut(chain: NodeChain, weights: Array) -> Pieces:
@@ -379,12 +398,9 @@ def _cut(chain: NodeChain, weights: Array) -> Pieces:
 
     return Pieces(
         np.vstack([chain.start[None], np.insert(ends, where, stands, axis=0)]),
-        woven(node, holds - 1),
-        woven(node, holds),
         woven(node, holds),
         np.insert(np.zeros(len(motion), dtype=np.bool_), where, True),
         woven(moment, holds * room),
-        woven(moment + 1, holds * room),
         room,
         woven(np.repeat(chain.task[node][:, None], 2, axis=1), chain.task[near]),
     )

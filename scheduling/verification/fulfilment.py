@@ -18,8 +18,8 @@ from scheduling.graph.temporal_plan_graph import (
     NodeHandling,
     TemporalPlanGraph,
 )
-from scheduling.verification.continuity import JUMP, distance_of
-from scheduling.verification.graph_structure import Problem, node_problem
+from scheduling.verification.object_places import JUMP, distance_of
+from scheduling.verification.problems import Problem, node_problem
 
 _SAME = 1e-6
 """Joint values that differ by less are the same [rad or m]."""

@@ -5,8 +5,7 @@ Precedence of nodes comes from ancestor sets, as bits of integers.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
@@ -15,63 +14,16 @@ import numpy as np
 
 from planning.tasks.task import GONE
 from planning.transforms import Indices
-from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.object_places import (
-    handled_objects,
+    Whereabouts,
     planned_key,
     stand_during,
+    whereabouts,
 )
+from scheduling.verification.problems import Problem, pair_problem
 
 _Node = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One side of a problem.
-
-    Attributes:
-        robot: name of the robot, None for what rests in the world.
-        node: the node, or the node before which the robot stands, -1 where there is none.
-        task: its task, -1 where there is none.
-        standing: True when the robot stands before the node.
-        body: what comes close: ``"<robot>/arm"``, ``"<robot>/tool"``, object or fixture.
-    """
-
-    robot: str | None
-    node: int
-    task: int
-    standing: bool
-    body: str
-
-    def __str__(self) -> str:
-        """Describe it in one phrase."""
-        if self.robot is None:
-            return f"{self.body} at rest"
-        if self.standing:
-            return f"{self.body} of {self.robot!r} standing before node {self.node}"
-        return f"{self.body} of {self.robot!r} in node {self.node} (task {self.task})"
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A violation of the guarantee.
-
-    Attributes:
-        kind: ``"cycle"``, ``"order"`` (an edge or a chain against the planned order),
-            ``"dependency"``, ``"handling"``, ``"jump"`` (of an object), ``"task"`` (what is done is
-            not what the task says), ``"path"`` (a robot jumps), ``"nodes"``, ``"hold"``, ``"rest"``,
-            ``"itself"`` (a robot touches itself, or what it carries) or ``"grip"`` (what is in a
-            hand is too deep in it).
-        message: one sentence.
-        first, second: the two sides, None for a cycle, and where there is one side.
-        distance_m: distance measured where it was first seen, NaN where none was [m].
-    """
-
-    kind: str
-    message: str
-    first: Moment | None = None
-    second: Moment | None = None
-    distance_m: float = math.nan
 
 
 def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Problem]]:
@@ -87,9 +39,8 @@ def check_structure(tpg: TemporalPlanGraph) -> tuple[Precedence | None, list[Pro
     if precedence is None:
         return None, [Problem("cycle", "the edges form a cycle")]
     problems = list(_against_the_order(tpg))
-    for name, events in handled_objects(tpg).items():
-        problems += _unordered_handlings(tpg, precedence, name, events)
-        problems += _moving_holders(tpg, precedence, name, events)
+    for name, places in whereabouts(tpg).items():
+        problems += _unordered_handlings(tpg, precedence, name, places)
     problems += _dependencies_not_kept(tpg, precedence)
     return precedence, problems
 
@@ -98,52 +49,43 @@ def _against_the_order(tpg: TemporalPlanGraph) -> Iterator[Problem]:
     for a, chain in enumerate(tpg.chains):
         for v in range(1, len(chain)):
             if planned_key(tpg, a, v) < planned_key(tpg, a, v - 1):
-                yield _problem(
+                yield pair_problem(
                     tpg, "order", (a, v - 1), (a, v), "against the planned order"
                 )
     for a, u, b, v in tpg.edges.tolist():
         if planned_key(tpg, a, u) >= planned_key(tpg, b, v):
             text = "an edge against the planned order"
-            yield _problem(tpg, "order", (a, u), (b, v), text)
+            yield pair_problem(tpg, "order", (a, u), (b, v), text)
 
 
 def _unordered_handlings(
     tpg: TemporalPlanGraph,
     precedence: Precedence,
     name: str,
-    events: list[NodeHandling],
+    places: Sequence[Whereabouts],
 ) -> Iterator[Problem]:
-    for before, after in pairwise(events):
-        u, v = (before.robot, before.node), (after.robot, after.node)
-        if u[0] != v[0] and not precedence.precedes(*u, *v):
-            text = f"both handle {name!r} and are not ordered"
-            yield _problem(tpg, "handling", u, v, text)
+    """Yield handlings of an object that are not ordered.
 
-
-def _moving_holders(
-    tpg: TemporalPlanGraph,
-    precedence: Precedence,
-    name: str,
-    events: list[NodeHandling],
-) -> Iterator[Problem]:
-    """Yield where a robot need not stand still while another one gives it something or takes it."""
-    index = tpg.chain_index
-    holder: str | None = None
-    for event in events:
-        here = event.robot, event.node
-        for robot in {holder, event.holder} - {
-            None,
-            GONE,
-            tpg.chains[event.robot].robot,
-        }:
-            b = index[str(robot)]
-            v = stand_during(tpg, b, (*here, event.waypoint))[1]
+    A robot has to stand still, too, while another one gives it something or takes it.
+    """
+    for at in places:
+        if at.put is not None and at.taken is not None:
+            u, v = at.put[:2], at.taken[:2]
+            if u[0] != v[0] and not precedence.precedes(*u, *v):
+                text = f"both handle {name!r} and are not ordered"
+                yield pair_problem(tpg, "handling", u, v, text)
+    for before, after in pairwise(places):
+        assert after.put is not None
+        here, own = after.put[:2], tpg.chains[after.put[0]].robot
+        for robot in {before.holder, after.holder} - {None, GONE, own}:
+            b = tpg.chain_index[str(robot)]
+            leaves = stand_during(tpg, b, after.put)[1]
+            came, goes = (b, leaves - 1), (b, leaves)
             text = f"{name!r} is passed on and {robot!r} need not stand then"
-            if v > 0 and not precedence.precedes(b, v - 1, *here):
-                yield _problem(tpg, "handling", (b, v - 1), here, text)
-            if v < len(tpg.chains[b]) and not precedence.precedes(*here, b, v):
-                yield _problem(tpg, "handling", here, (b, v), text)
-        holder = event.holder
+            if leaves > 0 and not precedence.precedes(*came, *here):
+                yield pair_problem(tpg, "handling", came, here, text)
+            if leaves < len(tpg.chains[b]) and not precedence.precedes(*here, *goes):
+                yield pair_problem(tpg, "handling", here, goes, text)
 
 
 def _dependencies_not_kept(
@@ -160,27 +102,7 @@ def _dependencies_not_kept(
             u, v = ends[first], starts[second]
             if not precedence.precedes(*u, *v):
                 text = f"task {second} must wait for task {first}, and does not"
-                yield _problem(tpg, "dependency", u, v, text)
-
-
-def node_problem(tpg: TemporalPlanGraph, kind: str, node: _Node, text: str) -> Problem:
-    """Return a problem of one node, by chain and number."""
-    moment, name = _named(tpg, node)
-    return Problem(kind, f"{name}: {text}", moment)
-
-
-def _problem(
-    tpg: TemporalPlanGraph, kind: str, u: _Node, v: _Node, text: str
-) -> Problem:
-    (first, one), (second, other) = _named(tpg, u), _named(tpg, v)
-    return Problem(kind, f"{one} and {other}: {text}", first, second)
-
-
-def _named(tpg: TemporalPlanGraph, node: _Node) -> tuple[Moment, str]:
-    chain, number = tpg.chains[node[0]], node[1]
-    task = int(chain.task[number])
-    moment = Moment(chain.robot, number, task, False, chain.robot)
-    return moment, f"node {number} of {chain.robot!r} (task {task})"
+                yield pair_problem(tpg, "dependency", u, v, text)
 
 
 _BLOCK = 4096

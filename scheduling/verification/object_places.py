@@ -1,19 +1,32 @@
-"""Histories of objects by their handlings: in which hand, or at rest between which nodes."""
+"""Histories of objects by their handlings: in which hand, or at rest between which nodes.
+
+Each is one thing in one place or one hand, and jumps nowhere. An object moves only with who holds it,
+at one pose of its own in that hand. So it is enough to look at where it changes hands: where it is
+taken from and where it comes to must be one place.
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
 
 from planning.cell.shape import Shape
+from planning.cell.workcell import CellObject
 from planning.tasks.task import GONE
-from planning.transforms import Transform
+from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
 )
+from scheduling.verification.problems import Problem, node_problem
+
+_Moment = tuple[int, int, int]
+"""Chain, node and waypoint; 0 is the start of the node."""
 
 FlangeAt = Callable[[int, int, int], Transform]
 """World pose of a chain's flange at a moment: chain, node and waypoint; 0 is the node's start."""
@@ -59,8 +72,8 @@ class Resting:
     object: str
     pose: Transform
     shape: Shape
-    put: tuple[int, int, int] | None
-    taken: tuple[int, int, int] | None
+    put: _Moment | None
+    taken: _Moment | None
     tasks: tuple[int, ...] | None = None
 
 
@@ -72,13 +85,42 @@ def planned_key(
     return float(c.planned_start[node]), int(c.task[node]), node
 
 
-def handled_objects(tpg: TemporalPlanGraph) -> dict[str, list[NodeHandling]]:
-    """Return the handlings of every object, in planned order."""
-    found: dict[str, list[NodeHandling]] = {item.name: [] for item in tpg.cell.objects}
+@dataclass(frozen=True)
+class Whereabouts:
+    """Where an object is between two of its handlings.
+
+    Attributes:
+        holder: the robot that holds it, None at rest, GONE once it has left the cell.
+        pose: of its centre in the holder's flange frame, or in the world.
+        put: chain, node and waypoint from which on it is there, None from the start on.
+        taken: those from which on it is elsewhere, None if it stays.
+        there: False for what has not come up yet.
+    """
+
+    holder: str | None
+    pose: Transform
+    put: _Moment | None
+    taken: _Moment | None
+    there: bool = True
+
+
+def whereabouts(tpg: TemporalPlanGraph) -> dict[str, list[Whereabouts]]:
+    """Return where every object is, in planned order, its start first."""
+    found: dict[str, list[Whereabouts]] = {}
+    handled: dict[str, list[NodeHandling]] = {
+        item.name: [] for item in tpg.cell.objects
+    }
     for handling in tpg.handlings:
-        found[handling.object].append(handling)
-    for events in found.values():
+        handled[handling.object].append(handling)
+    for item in tpg.cell.objects:
+        events = handled[item.name]
         events.sort(key=lambda h: (*planned_key(tpg, h.robot, h.node), h.waypoint))
+        when: list[_Moment | None] = [(h.robot, h.node, h.waypoint) for h in events]
+        at = [(None, item.start), *((h.holder, h.pose) for h in events)]
+        found[item.name] = [
+            Whereabouts(*place, put, taken, there=put is not None or not item.later)
+            for place, put, taken in zip(at, [None, *when], [*when, None], strict=True)
+        ]
     return found
 
 
@@ -96,52 +138,35 @@ def object_histories(
     """
     carried: list[Carried] = []
     resting = [Resting(f.name, f.pose, f.shape, None, None) for f in tpg.cell.fixtures]
-    index = tpg.chain_index
-    for name, events in handled_objects(tpg).items():
-        item = tpg.cell.object(name)
-        holder: str | None = None
-        pose = item.start
-        put: tuple[int, int, int] | None = None
-        if item.later:  # it is nowhere until its first handling
-            if not events:
-                continue
-            up, events = events[0], events[1:]
-            pose, put = up.pose, (up.robot, up.node, up.waypoint)
-        for event in [*events, None]:
-            taken = None if event is None else (event.robot, event.node, event.waypoint)
-            if holder == GONE:
-                break
-            if holder is None:
-                resting.append(Resting(name, pose, item.shape, put, taken))
-            else:
-                assert put is not None
-                chain = index[holder]
-                count = len(tpg.chains[chain])
-                given = put[0] != chain
-                start = stand_during(tpg, chain, put) if given else put
-                if given:
-                    leaves = start if start[1] < count else None
-                    hand = flange(*start) @ pose
-                    tasks = _tasks(tpg, chain, start[1])
-                    resting.append(Resting(name, hand, item.shape, put, leaves, tasks))
-                end, fetched = taken or (chain, count, 0), False
-                if taken is not None and taken[0] != chain:
-                    end, fetched = stand_during(tpg, chain, taken), True
-                    stood = _end_before(tpg.chains[chain], end)
-                    hand = flange(*end) @ pose
-                    tasks = _tasks(tpg, chain, end[1])
-                    resting.append(Resting(name, hand, item.shape, stood, taken, tasks))
-                carried.append(
-                    Carried(name, chain, start[1:], end[1:], pose, given, fetched)
-                )
-            if event is not None:
-                holder, pose, put = event.holder, event.pose, taken
+    places = ((name, at) for name, own in whereabouts(tpg).items() for at in own)
+    for name, at in places:
+        shape = tpg.cell.object(name).shape
+        if at.holder == GONE or not at.there:
+            continue
+        if at.holder is None or at.put is None:
+            resting.append(Resting(name, at.pose, shape, at.put, at.taken))
+            continue
+        chain = tpg.chain_index[at.holder]
+        count = len(tpg.chains[chain])
+        start, end = at.put, at.taken or (chain, count, 0)
+        given, fetched = start[0] != chain, end[0] != chain
+        if given:
+            start = stand_during(tpg, chain, at.put)
+            until = start if start[1] < count else None
+            hand, tasks = flange(*start) @ at.pose, _tasks(tpg, chain, start[1])
+            resting.append(Resting(name, hand, shape, at.put, until, tasks))
+        if fetched:
+            end = stand_during(tpg, chain, end)
+            stood = _end_before(tpg.chains[chain], end)
+            hand, tasks = flange(*end) @ at.pose, _tasks(tpg, chain, end[1])
+            resting.append(Resting(name, hand, shape, stood, at.taken, tasks))
+        carried.append(
+            Carried(name, chain, start[1:], end[1:], at.pose, given, fetched)
+        )
     return carried, resting
 
 
-def stand_during(
-    tpg: TemporalPlanGraph, chain: int, moment: tuple[int, int, int]
-) -> tuple[int, int, int]:
+def stand_during(tpg: TemporalPlanGraph, chain: int, moment: _Moment) -> _Moment:
     """Return where a chain stands, by the planned order, when something happens on another one.
 
     The result is a moment: the chain, the node before which it stands, and 0.
@@ -152,9 +177,7 @@ def stand_during(
     return chain, node, 0
 
 
-def _end_before(
-    chain: NodeChain, stand: tuple[int, int, int]
-) -> tuple[int, int, int] | None:
+def _end_before(chain: NodeChain, stand: _Moment) -> _Moment | None:
     """Return the moment from which a robot stands before a node, None from the start on."""
     index, node, _ = stand
     if node == 0:
@@ -165,3 +188,81 @@ def _end_before(
 def _tasks(tpg: TemporalPlanGraph, chain: int, node: int) -> tuple[int, ...]:
     task = tpg.chains[chain].task
     return tuple(int(task[k]) for k in (node - 1, node) if 0 <= k < len(task))
+
+
+JUMP = 1e-4
+"""No point of an object may be further away from where it was as it changes hands [m]."""
+
+
+def jumps(tpg: TemporalPlanGraph, flange: FlangeAt) -> Iterator[Problem]:
+    """Yield where objects jump, or are handled by who does not have them.
+
+    Args:
+        tpg: the plan.
+        flange: see ``FlangeAt``.
+    """
+    for name, places in whereabouts(tpg).items():
+        for before, after in pairwise(places):
+            assert after.put is not None
+            wrong = _wrong(tpg, tpg.cell.object(name), before, after, flange)
+            if wrong is not None:
+                yield node_problem(tpg, "jump", after.put[:2], f"{name!r} {wrong}")
+
+
+def distance_of(item: CellObject, first: Transform, second: Transform) -> float:
+    """Return how far the corners of the box around an object are from pose to pose, at most [m]."""
+    shape = item.shape
+    ends = np.stack([shape.low, shape.high])
+    corners = np.array(list(product(*ends.T)))
+    away = _placed(first, corners) - _placed(second, corners)
+    return float(np.linalg.norm(away, axis=1).max())
+
+
+def _placed(pose: Transform, points: Array) -> Array:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _wrong(
+    tpg: TemporalPlanGraph,
+    item: CellObject,
+    before: Whereabouts,
+    after: Whereabouts,
+    flange: FlangeAt,
+) -> str | None:
+    """Return what is wrong with how an object changes hands, None if nothing is."""
+    assert after.put is not None
+    moment, holder, to = after.put, before.holder, after.holder
+    who = tpg.chains[moment[0]].robot
+
+    def in_world(at: Whereabouts) -> Transform:
+        """Return where it is then, if it is in a hand or at rest."""
+        if at.holder is None:
+            return at.pose
+        chain, there = tpg.chain_index[at.holder], moment
+        if chain != moment[0]:
+            there = stand_during(tpg, chain, moment)
+        return np.asarray(flange(*there) @ at.pose)
+
+    if holder == GONE:
+        return "is handled after it has left the cell"
+    if not before.there and to is not None:
+        return "is handled before it has come up"
+    if before.there and who not in (holder, to) and not tpg.cell.is_machine(who):
+        return f"changes hands, and {who!r} neither has it nor gets it"
+    if to == GONE:
+        return None
+    apart = distance_of(item, in_world(before), in_world(after))
+    words = _words(holder, to, before.there)
+    return words.format(f"{apart * 1e3:.2f} mm") if apart > JUMP else None
+
+
+def _words(holder: str | None, to: str | None, there: bool) -> str:
+    """Return what happens, with room for how far away from where it should."""
+    if holder is None and to is not None:
+        return f"is taken by {to!r} {{}} away from where it lies"
+    if holder is None:
+        at = "where it is to come up" if not there else "where it lies, by itself"
+        return f"is put {{}} away from {at}"
+    if to is None:
+        return f"is put down {{}} away from where it is in the hand of {holder!r}"
+    return f"is given to {to!r} {{}} away from where {holder!r} has it"

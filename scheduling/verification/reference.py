@@ -6,14 +6,13 @@ Shapes as coal knows them by itself: round things round, and hulls of what meshe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import singledispatch
 from typing import Any
 
 import coal
 import numpy as np
 import pinocchio
 
-from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
+from planning.cell.shape import Box, Capsule, Cylinder, Form, Shape
 from planning.cell.workcell import PlacedRobot
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform
@@ -30,30 +29,15 @@ def coal_forms(shape: Shape) -> list[_Posed]:
     ]
 
 
-@singledispatch
 def _forms(form: Form) -> list[Any]:
-    raise TypeError(f"no form: {form!r}")
-
-
-@_forms.register
-def _(form: Box) -> list[Any]:
-    return [coal.Box(*form.size)]
-
-
-@_forms.register
-def _(form: Cylinder) -> list[Any]:
-    return [coal.Cylinder(form.radius, form.length)]
-
-
-@_forms.register
-def _(form: Capsule) -> list[Any]:
-    # Also without length: coal's own answer for a sphere deep in a cylinder is the way out
-    # through the side, even where that through an end is shorter.
-    return [coal.Capsule(form.radius, form.length)]
-
-
-@_forms.register
-def _(form: Mesh) -> list[Any]:
+    if isinstance(form, Box):
+        return [coal.Box(*form.size)]
+    if isinstance(form, Cylinder):
+        return [coal.Cylinder(form.radius, form.length)]
+    if isinstance(form, Capsule):
+        # Also without length: coal's own answer for a sphere deep in a cylinder is the way out
+        # through the side, even where that through an end is shorter.
+        return [coal.Capsule(form.radius, form.length)]
     return [_hull(points) for points in form.hulls]
 
 
@@ -62,8 +46,7 @@ def _hull(points: Array) -> Any:
     model.beginModel(0, len(points))
     model.addVertices(np.asarray(points, dtype=np.float64))
     model.endModel()
-    model.buildConvexHull(True, "Qt")
-    return model.convex
+    return _convex(model)
 
 
 TOLERANCE = 2e-5

@@ -27,24 +27,23 @@ from scheduling.verification.bodies import (
     at_once,
     while_there,
 )
-from scheduling.verification.continuity import jumps
 from scheduling.verification.fulfilment import not_as_said
-from scheduling.verification.graph_structure import (
-    Moment,
-    Precedence,
-    Problem,
-    check_structure,
-)
+from scheduling.verification.graph_structure import Precedence, check_structure
 from scheduling.verification.measuring import Measuring
 from scheduling.verification.object_places import (
     Carried,
     Resting,
+    jumps,
     object_histories,
 )
-from scheduling.verification.own_body import touching_itself
+from scheduling.verification.problems import Moment, Problem
 from scheduling.verification.reference import TOLERANCE, ReferenceRobot
 from scheduling.verification.sweeps import Close, close_pairs
-from scheduling.verification.touching import allowed_depths, too_deep_in_hand
+from scheduling.verification.touching import (
+    allowed_depths,
+    too_deep_in_hand,
+    touching_itself,
+)
 
 __all__ = ["Moment", "Problem", "VerificationReport", "verify_plan"]
 
@@ -184,8 +183,8 @@ class _ClearanceCheck:
                 if len(self.problems) + len(seen) >= self.limit:
                     break
                 sides = (
-                    _RobotSide(a, a.bodies[x].motions[k]),
-                    _RobotSide(b, b.bodies[y].motions[m]),
+                    _Side(a.bodies[x].motions[k], a),
+                    _Side(b.bodies[y].motions[m], b),
                 )
                 kind = self.objects if loaded[x, y] else self.robots
                 self._settle(sides, (rows, columns), limits[x, y], kind, seen)
@@ -210,8 +209,8 @@ class _ClearanceCheck:
                     continue
                 self._settle(
                     (
-                        _RobotSide(robot, motion),
-                        _StillSide(still.motions[lies], rest.tasks),
+                        _Side(motion, robot),
+                        _Side(still.motions[lies], None, rest.tasks),
                     ),
                     (pieces, np.zeros_like(pieces)),
                     limit,
@@ -223,7 +222,7 @@ class _ClearanceCheck:
 
     def _settle(
         self,
-        sides: tuple[_RobotSide, _RobotSide | _StillSide],
+        sides: tuple[_Side, _Side],
         pairs: tuple[Indices, Indices],
         limit: float,
         measuring: Measuring,
@@ -255,53 +254,42 @@ class _ClearanceCheck:
 
 
 @dataclass(frozen=True)
-class _RobotSide:
-    """A part of a robot, or what it carries."""
+class _Side:
+    """A part of a robot or what it carries; or what lies in the world, or in a hand that stands.
 
-    robot: VerifiedRobot
-    motion: Motion
-
-    def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
-        """Tell in which pieces one of some tasks is done."""
-        found = np.isin(self.robot.pieces.tasks[pieces], list(tasks))
-        return np.asarray(found.any(axis=1))
-
-    def keys(self, pieces: Indices) -> Indices:
-        """Return one number for a node, and one for the stand before it: two a node."""
-        all_pieces = self.robot.pieces
-        return 2 * all_pieces.node[pieces] + all_pieces.standing[pieces]
-
-    def moment(self, piece: int) -> Moment:
-        """Return a piece as it is named in a problem."""
-        pieces = self.robot.pieces
-        return Moment(
-            self.robot.name,
-            int(pieces.node[piece]),
-            int(pieces.tasks[piece, 1]),
-            bool(pieces.standing[piece]),
-            self.motion.part.entity,
-        )
-
-
-@dataclass(frozen=True)
-class _StillSide:
-    """Something that lies in the world, or in the hand of a robot that stands."""
+    Attributes:
+        motion: of the part.
+        robot: whose; None for what lies.
+        tasks: in which it lies there, None for all.
+    """
 
     motion: Motion
-    tasks: tuple[int, ...] | None
+    robot: VerifiedRobot | None
+    tasks: tuple[int, ...] | None = None
 
     def in_tasks(self, pieces: Indices, tasks: frozenset[int]) -> npt.NDArray[np.bool_]:
-        """Tell whether one of some tasks is done; it is for the other side to say where it lies."""
+        """Tell in which pieces one of some tasks is done.
+
+        Of what lies in the world it is for the other side to say.
+        """
+        if self.robot is not None:
+            found = np.isin(self.robot.pieces.tasks[pieces], list(tasks))
+            return np.asarray(found.any(axis=1))
         there = self.tasks is None or not tasks.isdisjoint(self.tasks)
         return np.full(len(pieces), there)
 
     def keys(self, pieces: Indices) -> Indices:
-        """Return the same number for all pieces."""
-        return np.zeros(len(pieces), dtype=np.int64)
+        """Return one number for a node, and one for the stand before it; 0 for what lies."""
+        if self.robot is None:
+            return np.zeros_like(pieces)
+        return self.robot.pieces.keys[pieces]
 
     def moment(self, piece: int) -> Moment:
-        """Return how it is named in a problem."""
-        return Moment(None, -1, -1, True, self.motion.part.entity)
+        """Return a piece as it is named in a problem."""
+        entity = self.motion.part.entity
+        if self.robot is None:
+            return Moment(None, -1, -1, True, entity)
+        return self.robot.moment(piece, entity)
 
 
 def _groups(

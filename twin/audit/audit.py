@@ -8,26 +8,17 @@ only names, files, sizes and first poses are read: no hull, no capsule, no kinem
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
-from functools import cache
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import SLACK, ContactRule, grip_violations
-from twin.audit.keeping import (
-    NodeSpans,
-    edge_violations,
-    held_in_place,
-    logged_spans,
-    moved_spans,
-)
+from twin.audit.case import AuditCase
+from twin.audit.contacts import ContactRule, ContactWatch
+from twin.audit.hands import grip_violations, tool_violations
 from twin.audit.limit_checks import (
     effort_violations,
     joint_violations,
@@ -40,10 +31,9 @@ from twin.audit.motion.efforts import (
     greatest_efforts,
     tool_speeds_of_run,
 )
-from twin.audit.motion.executed import Recording, read_recording
-from twin.audit.motion.pairs import Asked, gaps
-from twin.audit.motion.replay import Replay
-from twin.audit.motion.sampling import RunStretch, stretches
+from twin.audit.motion.executed import Recording, Replay, read_recording
+from twin.audit.motion.sampling import stretches
+from twin.audit.order import NodeSpans, edge_violations, logged_spans
 from twin.audit.places import (
     helpers_left,
     jump_violations,
@@ -53,7 +43,6 @@ from twin.audit.places import (
 from twin.audit.processes import process_violations
 from twin.audit.resting import hanging_violations, rest_violations
 from twin.audit.supports import support_violations
-from twin.audit.tools import tool_violations
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import (
@@ -62,7 +51,7 @@ from twin.audit.worlds.engines import (
     engine_named,
     open_world,
 )
-from twin.audit.worlds.world import AuditWorld, WatchedShape, overlapping_at_home
+from twin.audit.worlds.world import overlapping_at_home
 from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
 
@@ -145,13 +134,13 @@ def audit_run(
     """
     tpg = load_plan(folder)
     recording = read_recording(folder, tpg.cell)
-    replay = Replay(tpg.cell, recording)
     log = folder / _EVENTS
     spans = logged_spans(tpg, log) if log.exists() else {}
     with Auditor(tpg, engine, wanted) as auditor:
         report = auditor.audit(
             recording, progress, ordered=ordered, finished=finished, spans=spans
         )
+    replay = Replay(tpg.cell, recording)
     efforts = efforts_of_run(replay)
     found = [
         *report.violations,
@@ -160,15 +149,14 @@ def audit_run(
         *effort_violations(replay, efforts),
         *tool_speed_violations(tool_speeds_of_run(replay)),
     ]
-    if finished and wanted is not None:
-        found += place_violations(replay, wanted)
-        report = replace(report, helpers=helpers_left(replay, wanted))
     if ordered and spans:
         found += edge_violations(tpg, spans, _EVENTS)
-        if finished and wanted is not None:
-            found += rest_violations(tpg, replay, wanted, spans)
-    greatest = tuple(greatest_efforts(tpg.cell, efforts))
-    return replace(report, violations=_by_time(found), efforts=greatest)
+    return replace(
+        report,
+        violations=_by_time(found),
+        helpers=helpers_left(replay, wanted) if finished and wanted else (),
+        efforts=tuple(greatest_efforts(tpg.cell, efforts)),
+    )
 
 
 class Auditor(AbstractContextManager["Auditor"]):
@@ -225,106 +213,33 @@ class Auditor(AbstractContextManager["Auditor"]):
             finished: whether it came to its end, so that all processes must be done.
             spans: when nodes were started and completed, by robot or machine, where a log says so.
         """
-        world, wanted, tpg = self._world, self._wanted, self._tpg
-        replay = Replay(tpg.cell, recording)
+        world, tpg = self._world, self._tpg
+        case = AuditCase(world, tpg, recording, self._wanted, spans)
         rule = self._rule.during(recording.robots)
-        watch = _Watch(world, rule, self._exempt, within)
-        for stretch in stretches(world, replay):
+        watch = ContactWatch(world, rule, self._exempt, within)
+        for stretch in stretches(world, case):
             watch.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), recording.end)
-        moved = moved_spans(tpg, recording.robots)
-        found = [
-            *joint_violations(recording.robots, world.limits),
-            *jump_violations(world, replay),
-        ]
-        if wanted is not None:
-            held = held_in_place(tpg, replay, wanted)
-            found += hanging_violations(world, replay, wanted, held)
-            found += grip_violations(world, replay, wanted)
-            found += support_violations(world, tpg, replay, wanted, moved)
-            found += tool_violations(world, replay, wanted)
+        rules: list[Callable[[AuditCase], Iterable[Violation]]] = [jump_violations]
+        if self._wanted is not None:
+            rules += [hanging_violations, grip_violations]
+            rules += [support_violations, tool_violations]
             if finished:
-                found += process_violations(world, tpg, replay, wanted, spans or {})
+                rules += [process_violations, place_violations]
+                if ordered and spans:
+                    rules.append(rest_violations)
+        found = [violation for look in rules for violation in look(case)]
+        found += joint_violations(recording.robots, world.limits)
         if ordered:
-            found += edge_violations(tpg, moved, "trajectory.parquet")
-        return watch.report(engine_and_version(self._engine), found)
-
-
-class _Watch:
-    """Collects what is seen stretch by stretch."""
-
-    def __init__(
-        self,
-        world: AuditWorld,
-        rule: ContactRule,
-        exempt: frozenset[tuple[int, int]],
-        within: float,
-    ) -> None:
-        self._world, self._rule, self._exempt = world, rule, exempt
-        self._least = self._bound = within
-        self._configurations = 0
-        self._samples = 0
-        self._deepest_graze = 0.0
-        # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
-        self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
-
-    def look(self, stretch: RunStretch) -> None:
-        """Check one stretch."""
-        moved = {
-            tuple(int(r.distinct[k]) for r in stretch.robots)
-            for k in range(len(stretch.t))
-        }
-        self._configurations += len(moved) - (self._samples > 0)
-        holders = {name: p.holder for name, p in stretch.placements.items()}
-
-        @cache
-        def depth_at(first: str, second: str, sample: int) -> float:
-            return self._rule.depth(first, second, holders, float(stretch.t[sample]))
-
-        def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
-            return depth_at(a.entity, b.entity, sample)
-
-        def meant(a: WatchedShape, b: WatchedShape, sample: int) -> bool:
-            return depth(a, b, sample) > SLACK
-
-        asked = Asked(lambda: self._least, depth, meant)
-        for gap in gaps(self._world, stretch, self._exempt, asked):
-            a, b = gap.first, gap.second
-            robots = a.robot is not None and b.robot is not None and a.robot != b.robot
-            if gap.between_robots:
-                self._least = min(self._least, gap.distance)
-                self._bound = min(self._bound, gap.bound)
-            if gap.distance > 0.0:
-                continue
-            for sample in range(gap.sample, min(gap.until, len(stretch.t))):
-                t, number = float(stretch.t[sample]), self._samples + sample
-                limit = depth(a, b, sample)
-                if not robots and self._rule.is_of_graze(limit):
-                    self._deepest_graze = max(self._deepest_graze, -gap.distance)
-                if robots or -gap.distance > limit:
-                    seen = self._overlaps.setdefault((a.entity, b.entity), {})
-                    if number not in seen or seen[number][1] < -gap.distance:
-                        links = f"{a.detail} - {b.detail}"
-                        seen[number] = (t, -gap.distance, links)
-        self._samples += len(stretch.t)
-
-    def report(self, engine: str, besides: Sequence[Violation] = ()) -> AuditReport:
-        """Return everything seen so far, and what was found besides."""
-        found = list(besides)
-        for pair, seen in self._overlaps.items():
-            numbers = np.array(sorted(seen))
-            for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
-                rows = [seen[number] for number in run.tolist()]
-                _, depth, detail = max(rows, key=itemgetter(1))
-                found.append(Violation(rows[0][0], rows[-1][0], *pair, depth, detail))
+            found += edge_violations(tpg, case.moved, "trajectory.parquet")
         return AuditReport(
-            self._configurations,
-            self._least,
-            self._bound,
-            _by_time(found),
-            engine,
-            self._rule.tolerance,
-            self._deepest_graze,
+            watch.configurations,
+            watch.least,
+            watch.bound,
+            _by_time([*found, *watch.violations()]),
+            engine_and_version(self._engine),
+            rule.tolerance,
+            watch.deepest_graze,
         )
 
 

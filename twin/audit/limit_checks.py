@@ -19,8 +19,7 @@ import numpy.typing as npt
 from planning.cell.robot_model import MotionLimits
 from planning.transforms import Array, Indices
 from twin.audit.motion.efforts import RobotEfforts, ToolSpeeds
-from twin.audit.motion.executed import RobotRows
-from twin.audit.motion.replay import Replay
+from twin.audit.motion.executed import Replay, RobotRows
 from twin.audit.violation import Violation, ViolationKind
 from twin.audit.worlds.world import JointLimits
 

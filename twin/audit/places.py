@@ -10,11 +10,11 @@ from scipy.optimize import linear_sum_assignment
 from planning.cell.workcell import CellObject, Workcell
 from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, rotation
+from twin.audit.case import AuditCase
+from twin.audit.motion.executed import Replay, Stay
 from twin.audit.motion.reach import travel_of_points
-from twin.audit.motion.replay import Replay, Stay
 from twin.audit.violation import Violation
 from twin.audit.wanted import Place, Wanted
-from twin.audit.worlds.world import AuditWorld, flange_poses, shapes_by_entity
 
 PLACED = 0.001
 """No point of an object is further than this away from where it belongs [m]."""
@@ -37,16 +37,15 @@ def start_violations(replay: Replay) -> Iterator[Violation]:
             yield Violation(start.t, start.t, box.name, "start", away, detail, "place")
 
 
-def jump_violations(world: AuditWorld, replay: Replay) -> Iterator[Violation]:
+def jump_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield objects that do not stay where they are when they change hands.
 
     What comes up must do so where the plan says.
     """
-    shapes = shapes_by_entity(world.objects)
-    times = np.unique([stay.t for stay in replay.handed()])
+    times = np.unique([stay.t for stay in case.handed()])
     flanges = {
-        robot.name: flange_poses(world, k, replay.robots[robot.name].at(times))
-        for k, robot in enumerate(world.cell.robots)
+        robot: case.world.flange_poses(k, case.robots[robot].at(times))
+        for robot, k in case.numbers.items()
     }
 
     def in_world(stay: Stay, t: float) -> Transform:
@@ -55,9 +54,9 @@ def jump_violations(world: AuditWorld, replay: Replay) -> Iterator[Violation]:
         now = flanges[stay.holder][np.searchsorted(times, t)]
         return np.asarray(now @ stay.pose)
 
-    for item in world.cell.objects:
+    for item in case.cell.objects:
         before: Stay | None = None
-        for stay in replay.stays[item.name]:
+        for stay in case.stays[item.name]:
             if stay.until <= max(stay.t, 0.0):
                 continue
             whose, old = "rest", item.start
@@ -69,25 +68,21 @@ def jump_violations(world: AuditWorld, replay: Replay) -> Iterator[Violation]:
             new = in_world(stay, stay.t)
             jump = max(
                 _way(shape.at(old), shape.at(new), shape.radius)
-                for shape in shapes[item.name]
+                for shape in case.shapes[item.name]
             )
             if jump > JUMP:
                 detail = f"when it goes from {whose} to {stay.holder or 'rest'}"
                 yield Violation(stay.t, stay.t, item.name, "jump", jump, detail, "jump")
 
 
-def place_violations(replay: Replay, wanted: Wanted) -> Iterator[Violation]:
-    """Yield what stands elsewhere than the scenario says when all is done.
-
-    Args:
-        replay: an execution that came to its end.
-        wanted: where the scenario wants what.
-    """
+def place_violations(case: AuditCase) -> Iterator[Violation]:
+    """Yield what stands elsewhere than the scenario says when all is done."""
+    wanted = case.wanted
     if not wanted.places:
         return
-    there, end = replay.at(), replay.end
-    boxes = {box.name: box for box in replay.cell.objects}
-    filled = taken(replay.cell, there, wanted.places)
+    there, end = case.at(), case.end
+    boxes = {box.name: box for box in case.cell.objects}
+    filled = taken(case.cell, there, wanted.places)
 
     def at_end(name: str, where: str, away: float, detail: str) -> Violation:
         return Violation(end, end, name, where, away, detail, "place")

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from planning.transforms import Array, Indices, Transform
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.keeping import NodeSpans, keeping_violations
+from twin.audit.case import AuditCase, tool_frames
 from twin.audit.motion.executed import RobotRows
-from twin.audit.motion.replay import Replay
 from twin.audit.resting import machine_work
-from twin.audit.supports import nearest_hand
-from twin.audit.tools import tool_frames, tool_on
+from twin.audit.supports import keeping_violations, nearest_hand
 from twin.audit.violation import Violation
-from twin.audit.wanted import Wanted, WantedProcess
-from twin.audit.worlds.world import FAR, AuditWorld, flange_poses
+from twin.audit.wanted import WantedProcess
+from twin.audit.worlds.world import FAR
 
 NEAR = 0.001
 """A tool comes as near as this to where its process is done [m]."""
@@ -48,55 +45,43 @@ class _DoneProcess:
     words: str
 
 
-def process_violations(
-    world: AuditWorld,
-    tpg: TemporalPlanGraph,
-    replay: Replay,
-    wanted: Wanted,
-    spans: Mapping[str, NodeSpans],
-) -> Iterator[Violation]:
+def process_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield processes that were not done, or not as the scenario says.
 
     Each wanted process is one task of its name, in which the tool's frame comes to every pose of
     its path in turn, z opposite to that of the place, relative to where the part or fixture is
     then. A part that is to be held has another robot's tool at it that stands still meanwhile.
     Steps begin after the end of those that they are to come after, and what is to be kept hold of
-    until a step is complete stays in its hand for that long.
-
-    Args:
-        world: to measure in.
-        tpg: says which tasks are processes.
-        replay: what was executed, to its end.
-        wanted: the processes.
-        spans: when nodes were started and completed, by robot or machine; empty where no log says
-            so, and then machines' work is waited for by nobody.
+    until a step is complete stays in its hand for that long. Without a log machines' work is
+    waited for by nobody.
     """
-    left = [task.index for task in tpg.tasks]
-    ends = dict(_placed_at(replay, wanted))
+    tasks, wanted = case.tpg.tasks, case.wanted
+    left = [task.index for task in tasks]
+    ends = dict(_placed_at(case))
     begins = dict(ends)
     for process in wanted.processes:
         tried = [
-            (index, _done(world, tpg, replay, wanted, process, index))
+            (index, _done(case, process, index))
             for index in left
-            if tpg.tasks[index].kind == process.process
+            if tasks[index].kind == process.process
         ]
         if not tried:
-            yield _not_done(replay.end, process, 0.0, "was not done")
+            yield _not_done(case.end, process, 0.0, "was not done")
             continue
         index, done = min(tried, key=lambda entry: (entry[1].missed, entry[0]))
         if done.words:
             missed = done.missed if np.isfinite(done.missed) else 0.0
-            yield _not_done(replay.end, process, missed, done.words)
+            yield _not_done(case.end, process, missed, done.words)
             continue
         left.remove(index)
         if process.name is not None:
             begins[process.name], ends[process.name] = done.begin, done.end
         if process.hold is not None:
-            yield from _held(world, replay, wanted, process.hold, done)
-    if spans:
-        work = machine_work(tpg, wanted, spans).items()
+            yield from _held(case, process.hold, done)
+    if case.logged:
+        work = machine_work(case).items()
         ends.update({wanted.rests[k].name or "": end for k, (_, _, end) in work})
-    yield from keeping_violations(tpg, replay, wanted, ends, spans)
+    yield from keeping_violations(case, ends)
     for name, after in wanted.order():
         if name in begins and after in ends and begins[name] < ends[after] - 1e-6:
             detail = f"{name} begins before {after} is complete"
@@ -104,10 +89,10 @@ def process_violations(
             yield Violation(t, ends[after], name, after, 0.0, detail, "process")
 
 
-def _placed_at(replay: Replay, wanted: Wanted) -> Iterator[tuple[str, float]]:
+def _placed_at(case: AuditCase) -> Iterator[tuple[str, float]]:
     """Yield the names of steps that place objects, with when those came to rest last [s]."""
-    for place in wanted.places:
-        stays = replay.stays.get(place.object or "", ())
+    for place in case.wanted.places:
+        stays = case.stays.get(place.object or "", ())
         if place.name is not None and len(stays) > 1 and stays[-1].holder is None:
             yield place.name, stays[-1].t
 
@@ -119,17 +104,10 @@ def _not_done(
     return Violation(end, end, process.words, owner, missed, words, "process")
 
 
-def _done(
-    world: AuditWorld,
-    tpg: TemporalPlanGraph,
-    replay: Replay,
-    wanted: Wanted,
-    process: WantedProcess,
-    index: int,
-) -> _DoneProcess:
-    robot = tpg.tasks[index].robot
-    rows = replay.robots[robot]
-    chain = tpg.chains[tpg.chain_index[robot]]
+def _done(case: AuditCase, process: WantedProcess, index: int) -> _DoneProcess:
+    robot = case.tpg.tasks[index].robot
+    rows = case.robots[robot]
+    chain = case.tpg.chains[case.tpg.chain_index[robot]]
     span = _span(rows, np.flatnonzero(chain.task == index))
     if span is None:
         return _DoneProcess(robot, 0.0, 0.0, np.inf, "was not done")
@@ -137,16 +115,15 @@ def _done(
     if process.robots is not None and robot not in process.robots:
         return otherwise(f"was done by {robot}")
     begin, end = span
-    place = _place(replay, process, end)
+    place = _place(case, process, end)
     if place is None:
         return otherwise(f"{process.owner} is in a hand meanwhile")
-    tip = _tip(replay, wanted, process, robot, span)
+    tip = _tip(case, process, robot, span)
     if isinstance(tip, str):
         return otherwise(tip)
     inside = rows.t[(rows.t > begin) & (rows.t < end)]
     times = np.unique(np.r_[inside, np.arange(begin, end, _STEP), end])
-    number = [placed.name for placed in world.cell.robots].index(robot)
-    tools = flange_poses(world, number, rows.at(times)) @ tip
+    tools = case.world.flange_poses(case.numbers[robot], rows.at(times)) @ tip
     missed, words = _missed(tools, [place @ at for at in process.path])
     return _DoneProcess(robot, begin, end, missed, words)
 
@@ -166,28 +143,24 @@ def _span(rows: RobotRows, nodes: Indices) -> tuple[float, float] | None:
     return float(rows.t[max(0, int(own[0]) - 1)]), float(rows.t[own[-1]])
 
 
-def _place(replay: Replay, process: WantedProcess, t: float) -> Transform | None:
+def _place(case: AuditCase, process: WantedProcess, t: float) -> Transform | None:
     """Return where a process is done, None while its part is in a hand."""
     if process.owner is None:
         return process.pose
-    stay = replay.place(process.owner, t)
+    stay = case.place(process.owner, t)
     if stay is None or stay.holder is not None:
         return None
     return np.asarray(stay.pose @ process.pose)
 
 
 def _tip(
-    replay: Replay,
-    wanted: Wanted,
-    process: WantedProcess,
-    robot: str,
-    span: tuple[float, float],
+    case: AuditCase, process: WantedProcess, robot: str, span: tuple[float, float]
 ) -> Transform | str:
     """Return where the frame of a process is in the flange frame, or what is wrong with the tool."""
-    placed = replay.cell.robot(robot)
+    placed = case.cell.robot(robot)
     frames = placed.model.frames
-    if any(tool.robot == robot for tool in wanted.tools):
-        on_it = [tool_on(wanted, replay, robot, t) for t in span]
+    if any(tool.robot == robot for tool in case.wanted.tools):
+        on_it = [case.tool_on(robot, t) for t in span]
         names = ["no tool" if tool is None else tool.name for tool in on_it]
         if process.tool is not None and set(names) != {process.tool}:
             return f"was done with {' and '.join(dict.fromkeys(names))}, not {process.tool}"
@@ -215,17 +188,11 @@ def _missed(tools: Array, path: list[Transform]) -> tuple[float, str]:
     return 0.0, ""
 
 
-def _held(
-    world: AuditWorld,
-    replay: Replay,
-    wanted: Wanted,
-    part: str,
-    done: _DoneProcess,
-) -> Iterator[Violation]:
+def _held(case: AuditCase, part: str, done: _DoneProcess) -> Iterator[Violation]:
     """Yield that a part was not held while a process was done."""
-    stay, span = replay.place(part, done.end), (done.begin, done.end)
+    stay, span = case.place(part, done.end), (done.begin, done.end)
     there = {} if stay is None else {part: stay}
-    hand = nearest_hand(world, replay, wanted, span, done.robot, there)
+    hand = nearest_hand(case, span, done.robot, there)
     if not hand.is_near:
         detail = "is not held meanwhile by another robot that stands still"
         if hand.gap < FAR:

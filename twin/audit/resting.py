@@ -11,44 +11,34 @@ from itertools import pairwise, product
 import networkx as nx
 import numpy as np
 
+from planning.cell.workcell import Workcell
 from planning.tasks.task import GONE, Task
 from planning.transforms import Transform, translation
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.keeping import NodeSpans
-from twin.audit.motion.replay import Replay, Stay
+from twin.audit.case import AuditCase
+from twin.audit.motion.executed import Stay
 from twin.audit.places import PLACED, distance_of
+from twin.audit.supports import held_in_place
 from twin.audit.violation import Violation
-from twin.audit.wanted import TOUCH, Wanted, WantedRest
-from twin.audit.worlds.world import FAR, AuditWorld, WatchedShape, shapes_by_entity
+from twin.audit.wanted import TOUCH, WantedRest
+from twin.audit.worlds.world import FAR
 
 _SINKS = 0.3
 """What comes nearer by this share of the way that an object sinks carries it."""
 
 
-def hanging_violations(
-    world: AuditWorld,
-    replay: Replay,
-    wanted: Wanted,
-    held: Mapping[str, tuple[float, float]],
-) -> Iterator[Violation]:
+def hanging_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield what hangs in the air, from when to when.
 
     Fixtures stand, and so do tools that are changed, which racks hold, and parts that their robot
     keeps hold of. What rests on something that stands, stands too; see ``Hold`` for what counts as
     resting.
-
-    Args:
-        world: to measure in.
-        replay: what was executed.
-        wanted: what keeps objects at rest, and how near is touching.
-        held: from when to when parts are held where they were put down: they stand meanwhile [s].
     """
-    pile, end = _Pile(world, wanted), replay.end
+    pile, end, held = _Pile(case), case.end, held_in_place(case)
     hanging: dict[str, tuple[float, float, str]] = {}
     ends = [until for _, until in held.values() if 0.0 < until <= end]
-    for t, there in replay.states(*ends):
+    for t, there in case.states(*ends):
         kept = {name for name, (begin, until) in held.items() if begin <= t < until}
-        if not pile.update(there, frozenset(wanted.doors | kept)):
+        if not pile.update(there, frozenset(case.wanted.doors | kept)):
             continue
         now = pile.floating()
         for name in [name for name in hanging if name not in now]:
@@ -70,27 +60,25 @@ class _Pile:
     """Fixtures and what is at rest, and who carries whom.
 
     Args:
-        world: to measure in.
-        wanted: what keeps objects at rest, and how near is touching.
+        case: says what keeps objects at rest, and how near is touching.
     """
 
-    def __init__(self, world: AuditWorld, wanted: Wanted) -> None:
-        self._world, self._wanted = world, wanted
+    def __init__(self, case: AuditCase) -> None:
+        self._case, self._wanted = case, case.wanted
         self._propped = frozenset[str]()
-        self._shapes = shapes_by_entity((*world.fixtures, *world.objects))
-        self._fixtures = frozenset(item.name for item in world.cell.fixtures)
+        self._fixtures = frozenset(item.name for item in case.cell.fixtures)
         # The upright box around each thing; nowhere, where it is not at rest.
-        self._names = tuple(self._shapes)
+        self._names = tuple(case.shapes)
         self._number = {name: k for k, name in enumerate(self._names)}
         self._bounds = np.full((len(self._names), 2, 3), np.nan)
         self._poses: dict[str, Transform] = {}
         self._rests: dict[str, Stay] = {}
-        self._ground = {*self._fixtures, *(tool.name for tool in wanted.tools)}
+        self._ground = {*self._fixtures, *(tool.name for tool in case.wanted.tools)}
         self._stands = set(self._ground)
         self._carries: nx.DiGraph[str] = nx.DiGraph()
         self._carries.add_nodes_from(self._names)
-        self._goals = {p.object: p.pose for p in wanted.places if p.object}
-        for item in world.cell.fixtures:
+        self._goals = {p.object: p.pose for p in case.wanted.places if p.object}
+        for item in case.cell.fixtures:
             self._put(item.name, item.pose)
 
     def update(self, there: Mapping[str, Stay], propped: frozenset[str]) -> bool:
@@ -147,7 +135,7 @@ class _Pile:
     def _put(self, name: str, pose: Transform) -> None:
         """Note a pose, and the corners of the upright box around what is there."""
         self._poses[name] = pose
-        places = [(shape.at(pose), shape) for shape in self._shapes[name]]
+        places = [(shape.at(pose), shape) for shape in self._case.shapes[name]]
         middle = np.array([at[:3, 3] for at, _ in places])
         reach = np.array([np.abs(at[:3, :3]) @ shape.half for at, shape in places])
         low, high = (middle - reach).min(axis=0), (middle + reach).max(axis=0)
@@ -197,55 +185,43 @@ class _Pile:
         return goal is not None and np.abs(goal - self._poses[name]).max() <= 1e-3
 
     def _gap(self, first: str, second: str, *, sunk: float = 0.0) -> float:
-        pairs = product(self._placed(first, sunk), self._placed(second, 0.0))
-        return min(self._world.distance(a, b, FAR) for a, b in pairs)
-
-    def _placed(self, name: str, sunk: float) -> list[WatchedShape]:
-        pose = translation(0.0, 0.0, -sunk) @ self._poses[name]
-        shapes = self._shapes[name]
-        for shape in shapes:
-            self._world.place(shape, shape.at(pose))
-        return shapes
+        down = translation(0.0, 0.0, -sunk)
+        one = self._case.put(first, down @ self._poses[first])
+        other = self._case.put(second, self._poses[second])
+        return min(self._case.world.distance(a, b, FAR) for a, b in product(one, other))
 
 
 _TICK = 1e-6
 """Times of tables may differ by their rounding [s]."""
 
 
-def rest_violations(
-    tpg: TemporalPlanGraph,
-    replay: Replay,
-    wanted: Wanted,
-    spans: Mapping[str, NodeSpans],
-) -> Iterator[Violation]:
+def rest_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield parts that were not put down on their way, or did not lie there while machines worked.
 
     Each part comes to rest at its stops in their order. Each process that no robot does is one task
     of its name at its part; from its begin to its end the part lies where the scenario has it by
-    then, its door is shut when it ends, and what it comes after is complete.
-
-    Args:
-        tpg: says which tasks are processes, and of which machines.
-        replay: what was executed, to its end.
-        wanted: where the scenario wants what, in which order.
-        spans: when nodes were started and completed, by robot or machine.
+    then, its door is shut when it ends, and what it comes after is complete. Only where a log says
+    when machines worked.
     """
+    wanted = case.wanted
     looked: dict[str, int] = {}
     times: dict[str, tuple[float, float]] = {}
-    work = machine_work(tpg, wanted, spans)
+    work = machine_work(case)
     for k, rest in enumerate(wanted.rests):
-        own = replay.stays[rest.part]
+        own = case.stays[rest.part]
         # To be put down somewhere it comes to rest anew.
         first = looked.get(rest.part, 0) + (rest.process is None)
-        at = next((n for n in range(first, len(own)) if _lies(tpg, own[n], rest)), None)
+        at = next(
+            (n for n in range(first, len(own)) if _lies(case.cell, own[n], rest)), None
+        )
         if at is None:
-            yield _violation(replay.end, rest, "it never lies where it should")
+            yield _violation(case.end, rest, "it never lies where it should")
             continue
         looked[rest.part] = at
         if rest.process is None:
             continue
         if k not in work:
-            yield _violation(replay.end, rest, "was not done")
+            yield _violation(case.end, rest, "was not done")
             continue
         task, begin, end = work[k]
         since, until = own[at].t, own[at].until
@@ -256,7 +232,7 @@ def rest_violations(
             )
             yield _violation(begin, rest, words)
         door = next((h.object for h in task.handlings), None)
-        if door in wanted.doors and not _shut(replay.stays[str(door)], begin, end):
+        if door in wanted.doors and not _shut(case.stays[str(door)], begin, end):
             yield _violation(begin, rest, f"{door} was not shut until its end")
         if rest.name is not None:
             times[rest.name] = begin, end
@@ -268,21 +244,20 @@ def rest_violations(
                 yield _violation(begin, rest, f"begins before {after} is complete")
 
 
-def machine_work(
-    tpg: TemporalPlanGraph, wanted: Wanted, spans: Mapping[str, NodeSpans]
-) -> dict[int, tuple[Task, float, float]]:
+def machine_work(case: AuditCase) -> dict[int, tuple[Task, float, float]]:
     """Return who works at parts without a robot, by number of the wanted rest: task, begin, end [s].
 
     Tasks that are alike are taken in the plan's order. What is not in the plan is left out.
     """
-    left = {task.index: task for task in tpg.tasks if tpg.cell.is_machine(task.robot)}
+    tpg, cell = case.tpg, case.cell
+    left = {task.index: task for task in tpg.tasks if cell.is_machine(task.robot)}
     work = {}
-    for k, rest in enumerate(wanted.rests):
+    for k, rest in enumerate(case.wanted.rests):
         index = next((n for n, task in left.items() if _is(rest, task)), None)
         if rest.process is not None and index is not None:
             task = left.pop(index)
             nodes = tpg.chains[tpg.chain_index[task.robot]].task == index
-            own = spans[task.robot]
+            own = case.logged[task.robot]
             work[k] = task, float(own.begin[nodes].min()), float(own.end[nodes].max())
     return work
 
@@ -296,8 +271,8 @@ def _is(rest: WantedRest, task: Task) -> bool:
     )
 
 
-def _lies(tpg: TemporalPlanGraph, stay: Stay, rest: WantedRest) -> bool:
-    item = tpg.cell.object(rest.part)
+def _lies(cell: Workcell, stay: Stay, rest: WantedRest) -> bool:
+    item = cell.object(rest.part)
     return stay.holder is None and distance_of(item, stay.pose, rest.pose) <= PLACED
 
 

@@ -1,21 +1,23 @@
-"""Robots that hold something for another one are there in time, and stay until it is done."""
+"""Robots that hold something for another one are there in time, and stay until it is done.
+
+Parts that are kept hold of until they are joined: who placed them stands still until then.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
+from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.grips import finger_travel
-from twin.audit.keeping import NodeSpans
-from twin.audit.motion.replay import Replay, Stay
+from twin.audit.case import AuditCase
+from twin.audit.motion.executed import Stay
 from twin.audit.places import taken
-from twin.audit.tools import hand_at
 from twin.audit.violation import Violation
-from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import FAR, AuditWorld
+from twin.audit.worlds.world import FAR
 
 SUPPORT = 0.003
 """A tool that holds against objects is no further away from one: studs, 1.7 mm high, are no part
@@ -25,94 +27,61 @@ _SUPPORTS = ("support-bottom", "support-top")
 _PLACES = ("place-down", "place-up")
 
 
-def support_violations(
-    world: AuditWorld,
-    tpg: TemporalPlanGraph,
-    replay: Replay,
-    wanted: Wanted,
-    moved: Mapping[str, NodeSpans],
-) -> Iterator[Violation]:
+def support_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield what was put down without the support that it needs, and handovers to who moves.
 
     A step needs a support where the scenario says so, or where the plan has a support for it.
     While the node in which the object is put down lasts, one other robot must stand still with
     its tool at an object at rest. At a handover, one of the two must stand still while the node
     of the other lasts.
-
-    Args:
-        world: to measure in.
-        tpg: says which tasks are supports.
-        replay: what was executed.
-        wanted: says which places need one.
-        moved: when robots moved in their nodes.
     """
-    held = _held_objects(tpg, replay, wanted)
-    for stay in replay.handed():
-        giver = stay.giver
-        if giver is None or giver not in replay.robots or giver == stay.holder:
+    held = _held_objects(case)
+    tools = {tool.name for tool in case.wanted.tools}
+    for stay in case.handed():
+        giver, taker = stay.giver, stay.holder
+        if giver is None or giver not in case.robots or giver == taker:
             continue
-        span = _node_span(replay, moved, giver, stay.t)
-        if stay.holder in replay.robots:
-            yield from _handed_over(replay, moved, stay, span)
-        elif stay.holder is None and stay.object in held:
-            yield from _supported(world, replay, wanted, stay, span)
+        span = _node_span(case, giver, stay.t)
+        if taker is not None and taker in case.robots:
+            still = case.robots[taker].stands(*span)
+            other = _node_span(case, taker, stay.t)
+            if not still and not case.robots[giver].stands(*other):
+                detail = f"{stay.object} changes hands while both move"
+                yield Violation(stay.t, stay.t, giver, taker, 0.0, detail, "support")
+        elif taker is None and stay.object in held:
+            there = {k: s for k, s in case.at(stay.t).items() if k not in tools}
+            hand = nearest_hand(case, span, giver, there)
+            if hand.is_near:
+                continue
+            detail, gap = "nobody else stands still meanwhile", 0.0
+            if hand.gap < FAR:
+                gap = hand.gap
+                detail = (
+                    f"of those who stand still meanwhile, {hand.robot} is nearest to"
+                )
+                detail += f" an object, {gap * 1e3:.2f} mm away"
+            detail = f"is put down without its support: {detail}"
+            yield Violation(*span, stay.object, hand.robot, gap, detail, "support")
 
 
-def _held_objects(tpg: TemporalPlanGraph, replay: Replay, wanted: Wanted) -> set[str]:
+def _held_objects(case: AuditCase) -> set[str]:
     """Return the objects that need a support when they are put down."""
-    steps = {task.step for task in tpg.tasks if task.kind in _SUPPORTS}
-    planned = (t for t in tpg.tasks if t.kind in _PLACES and t.step in steps)
+    tasks, places = case.tpg.tasks, case.wanted.places
+    steps = {task.step for task in tasks if task.kind in _SUPPORTS}
+    planned = (t for t in tasks if t.kind in _PLACES and t.step in steps)
     out = {task.object for task in planned if task.object is not None}
-    filled = taken(replay.cell, replay.at(), wanted.places)
-    pairs = zip(wanted.places, filled, strict=True)
+    pairs = zip(places, taken(case.cell, case.at(), places), strict=True)
     return out | {name for place, name in pairs if place.held and name is not None}
 
 
-def _node_span(
-    replay: Replay, moved: Mapping[str, NodeSpans], robot: str, t: float
-) -> tuple[float, float]:
+def _node_span(case: AuditCase, robot: str, t: float) -> tuple[float, float]:
     """Return from when to when a robot moves in the node of a time, which is all that it may do [s]."""
-    rows, own = replay.robots[robot], moved.get(robot)
+    rows, own = case.robots[robot], case.moved.get(robot)
     k = min(int(np.searchsorted(rows.t, t - 1e-9)), len(rows.t) - 1)
     node = int(rows.node[k])
     if own is None or not 0 <= node < len(own.begin) or np.isinf(own.begin[node]):
         return float(rows.t[k]), float(rows.t[k])
     return float(own.begin[node]), float(own.end[node])
-
-
-def _handed_over(
-    replay: Replay,
-    moved: Mapping[str, NodeSpans],
-    stay: Stay,
-    span: tuple[float, float],
-) -> Iterator[Violation]:
-    giver, taker = str(stay.giver), str(stay.holder)
-    other = _node_span(replay, moved, taker, stay.t)
-    still = replay.robots[taker].stands(*span)
-    if not still and not replay.robots[giver].stands(*other):
-        detail = f"{stay.object} changes hands while both move"
-        yield Violation(stay.t, stay.t, giver, taker, 0.0, detail, "support")
-
-
-def _supported(
-    world: AuditWorld,
-    replay: Replay,
-    wanted: Wanted,
-    stay: Stay,
-    span: tuple[float, float],
-) -> Iterator[Violation]:
-    tools = {tool.name for tool in wanted.tools}
-    there = {k: s for k, s in replay.at(stay.t).items() if k not in tools}
-    hand = nearest_hand(world, replay, wanted, span, str(stay.giver), there)
-    if hand.is_near:
-        return
-    detail, gap = "nobody else stands still meanwhile", 0.0
-    if hand.gap < FAR:
-        gap = hand.gap
-        detail = f"of those who stand still meanwhile, {hand.robot} is nearest to an object, "
-        detail += f"{gap * 1e3:.2f} mm away"
-    detail = f"is put down without its support: {detail}"
-    yield Violation(*span, stay.object, hand.robot, gap, detail, "support")
 
 
 @dataclass(frozen=True)
@@ -136,9 +105,7 @@ class NearestHand:
 
 
 def nearest_hand(
-    world: AuditWorld,
-    replay: Replay,
-    wanted: Wanted,
+    case: AuditCase,
     span: tuple[float, float],
     besides: str,
     there: Mapping[str, Stay],
@@ -148,26 +115,112 @@ def nearest_hand(
     Fingers that stand open close on the thinnest edge.
 
     Args:
-        world: to measure in.
-        replay: what was executed.
-        wanted: how far fingers stand open, and which tools are changed.
+        case: what was executed.
         span: from when to when the robot stands still [s].
         besides: a robot that does not count.
         there: where the objects are that count where they are at rest.
     """
     found = NearestHand()
-    for k, robot in enumerate(world.cell.robots):
-        if robot.name == besides or not replay.robots[robot.name].stands(*span):
+    resting = {name: stay.pose for name, stay in there.items() if stay.holder is None}
+    for robot, rows in case.robots.items():
+        if robot == besides or not rows.stands(*span):
             continue
-        hand = hand_at(world, replay, wanted, k, span[0])
-        opening = hand.opening(wanted.opening_m)
-        for shape in world.objects:
-            stay = there.get(shape.entity)
-            if stay is None or stay.holder is not None:
+        hand = case.hand(robot, span[0])
+        for shape in case.world.objects:
+            pose = resting.get(shape.entity)
+            if pose is None:
                 continue
-            world.place(shape, shape.at(stay.pose))
-            gap = min(world.distance(part, shape, FAR) for part in hand.shapes)
-            closes = finger_travel(shape, opening)
+            case.world.place(shape, shape.at(pose))
+            gap = min(case.world.distance(part, shape, FAR) for part in hand.shapes)
+            closes = hand.closes_by(shape)
             if gap - closes < found.gap - found.closing:
-                found = NearestHand(robot.name, gap, closes)
+                found = NearestHand(robot, gap, closes)
     return found
+
+
+def keeping_violations(
+    case: AuditCase, ends: Mapping[str, float]
+) -> Iterator[Violation]:
+    """Yield parts that were let go of before what they are to be held for was complete.
+
+    A part is to be kept hold of where the scenario says until when, or where the plan has its
+    robot let go of it after another task. While it was carried its robot's tool was at it, which
+    the grips say, and it does not move any more: so the tool stays at it as long as that robot
+    stands.
+
+    Args:
+        case: what was executed, to its end. Without a log it is not known how long the work of
+            machines had to be waited for.
+        ends: when steps that have names were complete [s].
+    """
+    asked: dict[str, tuple[float, str]] = {
+        part: (ends[step], step)
+        for part, step in case.wanted.keeps.items()
+        if step in ends
+    }
+    for part, task, end in _kept_until(case):
+        asked[part] = max(asked.get(part, (end, task)), (end, task), key=itemgetter(0))
+    for part, (end, until) in asked.items():
+        for stay in _put_down(case, part):
+            leaves = case.robots[str(stay.giver)].leaves(stay.t)
+            if leaves < end - 1e-6:
+                detail = f"is let go of {end - leaves:.3f} s before {until} is complete"
+                who = str(stay.giver)
+                yield Violation(leaves, end, part, who, 0.0, detail, "support")
+
+
+def held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
+    """Return from when to when parts that are kept hold of are held where they were put down [s].
+
+    That is as long as who placed them stands still, whatever they are kept hold of for.
+    """
+    return {
+        part: (stay.t, case.robots[str(stay.giver)].leaves(stay.t))
+        for part in {*case.wanted.keeps, *(part for part, _ in _kept_in_plan(case.tpg))}
+        for stay in _put_down(case, part)
+    }
+
+
+def _kept_in_plan(tpg: TemporalPlanGraph) -> Iterator[tuple[str, int]]:
+    """Yield parts that the plan has let go of after a task of another robot, and that task.
+
+    The way back of who keeps hold is a task of its own, about the part, in which nothing changes
+    hands; of all others it belongs to the skill that places.
+    """
+    before: dict[int, Task] = {}
+    latest: dict[str, Task] = {}
+    for task in tpg.tasks:
+        if task.robot in latest:
+            before[task.index] = latest[task.robot]
+        latest[task.robot] = task
+    for first, second in tpg.dependencies.tolist():
+        back, place = tpg.tasks[second], before.get(second)
+        if place is None or back.handlings or back.object is None:
+            continue
+        if any((h.object, h.holder) == (back.object, None) for h in place.handlings):
+            yield back.object, first
+
+
+def _kept_until(case: AuditCase) -> Iterator[tuple[str, str, float]]:
+    """Yield parts that the plan keeps hold of, the words of the task until which, and its end."""
+    tpg, spans = case.tpg, case.logged
+    for part, first in _kept_in_plan(tpg):
+        chain = tpg.chains[tpg.chain_index[tpg.tasks[first].robot]]
+        nodes = np.flatnonzero(chain.task == first)
+        if chain.robot in case.robots:
+            rows = case.robots[chain.robot]
+            end = float(rows.t[np.isin(rows.node, nodes)].max(initial=-np.inf))
+        elif chain.robot in spans:
+            end = float(spans[chain.robot].end[nodes].max())
+        else:
+            continue
+        if np.isfinite(end):
+            yield part, tpg.tasks[first].label, end
+
+
+def _put_down(case: AuditCase, part: str) -> tuple[Stay, ...]:
+    """Return where a part lies since a robot put it down last; nothing if none did."""
+    stays = case.stays.get(part, ())
+    return tuple(
+        stay for stay in stays if stay.holder is None and stay.giver in case.robots
+    )[-1:]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from planning.cell.workcell import PlacedRobot, Workcell
@@ -15,7 +15,6 @@ from planning.transforms import identity
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.planning.robots.test_robot_models import cone_obj, joint, write
-from tests.scheduling.mini_world import random_plan
 
 
 def _plan(folder: Path) -> TemporalPlanGraph:
@@ -28,23 +27,8 @@ def _plan(folder: Path) -> TemporalPlanGraph:
     path.write_text(path.read_text().replace('<box size="0.1 0.1 0.4"/>', mesh, 1))
     model = robot_model("arm.urdf", folder)
     robot = PlacedRobot("one", model, identity(), model.home)
-    empty = random_plan(3, 7)
-    cell = replace(empty.cell, robots=(robot,), objects=())
-    assert isinstance(cell, Workcell)
-    from scheduling.build_tpg import build_tpg
-
-    made = build_tpg(empty)
-    return replace(
-        made,
-        cell=cell,
-        tasks=(),
-        chains=(),
-        edges=made.edges[:0],
-        cause=made.cause[:0],
-        handlings=(),
-        allowed=(),
-        dependencies=made.dependencies[:0],
-    )
+    none = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+    return TemporalPlanGraph(Workcell((robot,), (), ()), (), (), *none, (), ())
 
 
 def test_a_plan_can_be_moved_without_the_robots_own_folder(tmp_path: Path) -> None:

@@ -14,9 +14,10 @@ import pytest
 
 from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CONTACT_DEPTH, Fixture
+from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.errors import OutputError
-from planning.transforms import translation
+from planning.robots.registry import robot_model
+from planning.transforms import identity, translation
 from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
@@ -32,6 +33,32 @@ def tpg() -> TemporalPlanGraph:
     graph = build_tpg(random_plan(3, 7))
     assert len(graph.handlings) >= 3
     return graph
+
+
+Numbers = dict[str, "np.ndarray[Any, Any]"]
+Document = dict[str, Any]
+
+
+def refused(
+    tpg: TemporalPlanGraph,
+    folder: Path,
+    words: str,
+    *,
+    arrays: Callable[[Numbers], None] = lambda _: None,
+    document: Callable[[Document], None] = lambda _: None,
+) -> None:
+    """A saved plan whose arrays or document were damaged, its sum made good, is refused."""
+    save_plan(tpg, folder)
+    with np.load(folder / "plan.npz") as archive:
+        numbers = {name: archive[name] for name in archive.files}
+    arrays(numbers)
+    np.savez_compressed(folder / "plan.npz", **numbers)
+    told = json.loads((folder / "plan.json").read_text())
+    told["arrays_sha256"] = sha256((folder / "plan.npz").read_bytes()).hexdigest()
+    document(told)
+    (folder / "plan.json").write_text(json.dumps(told))
+    with pytest.raises(OutputError, match=words):
+        load_plan(folder, _models(tpg))
 
 
 def _same(a: Any, b: Any, path: str = "tpg") -> None:
@@ -65,36 +92,20 @@ def test_a_plan_comes_back_as_it_was(tpg: TemporalPlanGraph, tmp_path: Path) -> 
     check_invariant(DerivedTpg(loaded))
 
 
-def test_the_colour_of_a_fixture_goes_with_its_plan(
+def test_what_few_cells_say_goes_with_their_plans(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:
+    """Colours of fixtures, and how deep joined bars may be."""
     shape = box_shape("box", (0.1, 0.1, 0.1))
     fixtures = (
         Fixture("red", shape, translation(5, 0, 0), colour=(255, 0, 10)),
         Fixture("plain", shape, translation(6, 0, 0)),
     )
-    painted = dataclasses.replace(
-        tpg, cell=dataclasses.replace(tpg.cell, fixtures=fixtures)
-    )
-    save_plan(painted, tmp_path)
-    _same(painted, load_plan(tmp_path, _models(tpg)))
-    written = json.loads((tmp_path / "plan.json").read_text())["cell"]["fixtures"]
-    assert written[0]["colour"] == [255, 0, 10]
-    assert written[1]["colour"] is None
-
-
-def test_how_deep_joined_bars_may_be_goes_with_their_plan(
-    tpg: TemporalPlanGraph, tmp_path: Path
-) -> None:
-    written = []
-    for depth in (CONTACT_DEPTH, 0.008):
-        clearances = dataclasses.replace(tpg.cell.clearances, contact_depth=depth)
-        cell = dataclasses.replace(tpg.cell, clearances=clearances)
-        save_plan(dataclasses.replace(tpg, cell=cell), tmp_path)
-        assert load_plan(tmp_path, _models(tpg)).cell.clearances == clearances
-        written.append(json.loads((tmp_path / "plan.json").read_text())["cell"])
-    told = [cell["clearance"]["contact_depth_m"] for cell in written]
-    assert told == [CONTACT_DEPTH, 0.008]
+    clearances = dataclasses.replace(tpg.cell.clearances, contact_depth=0.008)
+    cell = dataclasses.replace(tpg.cell, fixtures=fixtures, clearances=clearances)
+    special = dataclasses.replace(tpg, cell=cell)
+    save_plan(special, tmp_path)
+    _same(special, load_plan(tmp_path, _models(tpg)))
 
 
 def test_the_same_plan_makes_the_same_bytes(
@@ -109,24 +120,13 @@ def test_the_same_plan_makes_the_same_bytes(
 
 
 def test_a_registered_robot_is_found_again(tmp_path: Path) -> None:
-    from planning.cell.workcell import PlacedRobot, Workcell
-    from planning.robots.registry import robot_model
-    from planning.transforms import identity
-
     model = robot_model("gp4")
     frames = {**model.frames, "extra": identity()}
     robot = PlacedRobot(
         "left", dataclasses.replace(model, frames=frames), identity(), model.home
     )
-    empty = TemporalPlanGraph(
-        Workcell((robot,), (), ()),
-        (),
-        (),
-        np.empty((0, 4), dtype=np.int64),
-        np.empty(0, dtype=np.uint8),
-        (),
-        (),
-    )
+    none = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+    empty = TemporalPlanGraph(Workcell((robot,), (), ()), (), (), *none, (), ())
     save_plan(empty, tmp_path)
     found = load_plan(tmp_path).cell.robot("left").model
     assert found.parts is model.parts
@@ -155,39 +155,24 @@ def test_a_cut_or_foreign_document_is_refused(
     save_plan(tpg, tmp_path)
     file = tmp_path / "plan.json"
     text = file.read_text()
-    file.write_text(text[: len(text) // 2])
-    with pytest.raises(OutputError, match="damaged"):
-        load_plan(tmp_path, _models(tpg))
-    file.write_text("[]")
-    with pytest.raises(OutputError, match="holds no temporal plan graph"):
-        load_plan(tmp_path, _models(tpg))
-    file.write_text(json.dumps({**json.loads(text), "version": 2}))
-    with pytest.raises(OutputError, match=r"version 2: .*plan again \(valid: 1\)"):
-        load_plan(tmp_path, _models(tpg))
-    document = json.loads(text)
-    del document["tasks"][0]["robot"]
-    file.write_text(json.dumps(document))
-    with pytest.raises(OutputError, match="robot"):
-        load_plan(tmp_path, _models(tpg))
+    later = json.dumps({**json.loads(text), "version": 2})
+    for content, words in (
+        (text[: len(text) // 2], "damaged"),
+        ("[]", "holds no temporal plan graph"),
+        (later, r"version 2: .*plan again \(valid: 1\)"),
+    ):
+        file.write_text(content)
+        with pytest.raises(OutputError, match=words):
+            load_plan(tmp_path, _models(tpg))
 
 
 @pytest.mark.parametrize("key", ["dependencies", "slots"])
 def test_a_plan_of_another_version_is_to_be_made_again(
     tpg: TemporalPlanGraph, tmp_path: Path, key: str
 ) -> None:
-    """Plans were saved without these arrays once; their sums are right all the same."""
-    save_plan(tpg, tmp_path)
-    with np.load(tmp_path / "plan.npz") as archive:
-        arrays = {name: archive[name] for name in archive.files if name != key}
-    np.savez_compressed(tmp_path / "plan.npz", **arrays)
-    document = json.loads((tmp_path / "plan.json").read_text())
-    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
-    (tmp_path / "plan.json").write_text(json.dumps(document))
-    with pytest.raises(OutputError, match=f"no '{key}': .*another version.*plan again"):
-        load_plan(tmp_path, _models(tpg))
-
-
-Numbers = dict[str, "np.ndarray[Any, Any]"]
+    """It has other arrays; their sums are right all the same."""
+    words = f"no '{key}': .*another version.*plan again"
+    refused(tpg, tmp_path, words, arrays=lambda numbers: numbers.pop(key))
 
 
 def _spoilt(name: str, place: int, value: float) -> Callable[[Numbers], None]:
@@ -231,16 +216,7 @@ def test_numbers_that_no_plan_has_are_refused(
     spoil: Callable[[Numbers], None],
     words: str,
 ) -> None:
-    save_plan(tpg, tmp_path)
-    with np.load(tmp_path / "plan.npz") as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    spoil(arrays)
-    np.savez_compressed(tmp_path / "plan.npz", **arrays)
-    document = json.loads((tmp_path / "plan.json").read_text())
-    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
-    (tmp_path / "plan.json").write_text(json.dumps(document))
-    with pytest.raises(OutputError, match=words):
-        load_plan(tmp_path, _models(tpg))
+    refused(tpg, tmp_path, words, arrays=spoil)
 
 
 @pytest.mark.parametrize("row", [0, 1, 2])
@@ -262,9 +238,6 @@ def test_robots_that_keep_to_limits_have_a_speed_and_an_acceleration(
     )
     with pytest.raises(OutputError, match=message):
         load_plan(tmp_path, _models(tpg))
-
-
-Document = dict[str, Any]
 
 
 def _of_task(key: str, value: object) -> Callable[[Document], None]:
@@ -298,6 +271,7 @@ def _held_by_nobody(document: Document) -> None:
             _of_task("object", "../x"),
             r"tasks\.0\.object: there is no '\.\./x' \(valid: ",
         ),
+        (_of_task("robot", 1), r"tasks\.0\.robot: Input should be a valid string"),
         (_renamed("../x"), r"cell\.objects\.0\.name: String should match pattern"),
         (_renamed("x" * 200), r"cell\.objects\.0\.name: .* at most 128 characters"),
         (_held_by_nobody, r"handlings\.0\.holder: there is no 'idle' \(valid: "),
@@ -309,24 +283,14 @@ def test_names_that_no_plan_has_are_refused(
     spoil: Callable[[Document], None],
     words: str,
 ) -> None:
-    save_plan(tpg, tmp_path)
-    document = json.loads((tmp_path / "plan.json").read_text())
-    spoil(document)
-    (tmp_path / "plan.json").write_text(json.dumps(document))
-    with pytest.raises(OutputError, match=words):
-        load_plan(tmp_path, _models(tpg))
+    refused(tpg, tmp_path, words, document=spoil)
 
 
 def test_arrays_that_unpack_to_more_than_a_plan_has_are_not_unpacked(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:
-    save_plan(tpg, tmp_path)
-    np.savez_compressed(tmp_path / "plan.npz", edges=np.zeros(2**27 + 1))
-    document = json.loads((tmp_path / "plan.json").read_text())
-    document["arrays_sha256"] = sha256((tmp_path / "plan.npz").read_bytes()).hexdigest()
-    (tmp_path / "plan.json").write_text(json.dumps(document))
-    with pytest.raises(OutputError, match="take more than 1024 MiB"):
-        load_plan(tmp_path, _models(tpg))
+    vast = _replaced("edges", lambda _: np.zeros(2**27 + 1))
+    refused(tpg, tmp_path, "take more than 1024 MiB", arrays=vast)
 
 
 def test_the_hash_of_a_plan_is_that_of_its_content(
@@ -339,21 +303,14 @@ def test_the_hash_of_a_plan_is_that_of_its_content(
     assert plan_sha256(other) != plan_sha256(tpg)
 
 
-def test_rounded_corners_come_back_and_are_checked(tmp_path: Path) -> None:
-    graph = _with_corners()
-    save_plan(graph, tmp_path)
-    _same(graph, load_plan(tmp_path, _models(graph)))
-
-
-def _with_corners() -> TemporalPlanGraph:
+@pytest.fixture(scope="module")
+def rounded() -> TemporalPlanGraph:
     plan = random_plan(2, 1, rounds=8)
     robots = tuple(
         dataclasses.replace(
             robot,
             limits=MotionLimits(
-                np.full(robot.model.dof, 1.5),
-                np.full(robot.model.dof, 3.0),
-                np.full(robot.model.dof, 60.0),
+                *(np.full(robot.model.dof, top) for top in (1.5, 3.0, 60.0))
             ),
         )
         for robot in plan.cell.robots
@@ -362,8 +319,13 @@ def _with_corners() -> TemporalPlanGraph:
     graph = within_limits(
         round_corners(build_tpg(dataclasses.replace(plan, cell=cell)))
     )
-    assert any(chain.corners is not None for chain in graph.chains)
+    assert graph.chains[0].corners is not None
     return graph
+
+
+def test_rounded_corners_come_back(rounded: TemporalPlanGraph, tmp_path: Path) -> None:
+    save_plan(rounded, tmp_path)
+    _same(rounded, load_plan(tmp_path, _models(rounded)))
 
 
 @pytest.mark.parametrize(
@@ -378,20 +340,11 @@ def _with_corners() -> TemporalPlanGraph:
     ],
 )
 def test_damaged_corners_are_refused(
-    field: str, change: Callable[[Any], Any], message: str, tmp_path: Path
+    rounded: TemporalPlanGraph,
+    field: str,
+    change: Callable[[Any], Any],
+    message: str,
+    tmp_path: Path,
 ) -> None:
-    graph = _with_corners()
-    chains = tuple(
-        chain
-        if chain.corners is None
-        else dataclasses.replace(
-            chain,
-            corners=dataclasses.replace(
-                chain.corners, **{field: change(getattr(chain.corners, field))}
-            ),
-        )
-        for chain in graph.chains
-    )
-    save_plan(dataclasses.replace(graph, chains=chains), tmp_path)
-    with pytest.raises(OutputError, match=message):
-        load_plan(tmp_path, _models(graph))
+    spoil = _replaced(f"chain_0_rounded_{field}", change)
+    refused(rounded, tmp_path, message, arrays=spoil)

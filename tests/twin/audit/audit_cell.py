@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,15 @@ from planning.transforms import (
     rotation,
     translation,
 )
+from scheduling.graph.plan_files import save_plan
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 BRICK = np.array([0.0158, 0.0318, 0.0096])
 TOP = 0.19
 """Height of the plate's top face above the floor that both bases stand on [m]."""
+
+CONTACT = TOP + BRICK[2]
+"""Height of the top face of a brick on the plate [m]."""
 
 PLATE_CENTRE = (0.44, 0.0)
 
@@ -37,7 +42,7 @@ def fixture(name: str, size: Sequence[float], pose: Transform) -> Fixture:
     return Fixture(name, box_shape(name, size), pose)
 
 
-def brick(name: str, x: float, y: float, layer: int = 1) -> CellObject:
+def brick(name: str, x: float, y: float, layer: float = 1) -> CellObject:
     """A 2 x 4 brick whose centre is at (x, y), on the plate for layer 1."""
     pose = translation(x, y, TOP + (layer - 0.5) * BRICK[2])
     return CellObject(name, "2x4", box_shape(name, BRICK), pose)
@@ -45,12 +50,11 @@ def brick(name: str, x: float, y: float, layer: int = 1) -> CellObject:
 
 def two_arm_cell(objects: Sequence[CellObject] = (), gap: float = 0.88) -> Workcell:
     model = robot_model("gp4")
+    turned = from_rpy([gap, 0, 0], [0, 0, np.pi])
     return Workcell(
         (
             PlacedRobot("left", model, np.eye(4), model.home),
-            PlacedRobot(
-                "right", model, from_rpy([gap, 0, 0], [0, 0, np.pi]), model.home
-            ),
+            PlacedRobot("right", model, turned, model.home),
         ),
         (
             fixture(
@@ -62,34 +66,62 @@ def two_arm_cell(objects: Sequence[CellObject] = (), gap: float = 0.88) -> Workc
     )
 
 
-def tool_down(x: float, y: float, z: float) -> Transform:
-    """The tool frame pointing down at a point of the world."""
-    return translation(x, y, z) @ rotation("y", np.pi)
-
-
 def reach(cell: Workcell, robot: str, x: float, y: float, z: float) -> Array:
     """A configuration that puts the tool frame at a point, pointing down."""
     placed = cell.robot(robot)
-    found = inverse_kinematics(placed, "tool", tool_down(x, y, z), placed.home)
+    down = translation(x, y, z) @ rotation("y", np.pi)
+    found = inverse_kinematics(placed, "tool", down, placed.home)
     assert found, f"{robot} cannot reach {(x, y, z)}"
     return found[0]
+
+
+def along(
+    cell: Workcell, robot: str, start: Array, way: Sequence[float], rows: int
+) -> Array:
+    """Configurations along a straight line of the tool frame, shape (rows, 6).
+
+    Args:
+        cell: the cell.
+        robot: who goes.
+        start: the first configuration.
+        way: from there to the last one, in the world [m].
+        rows: how many there are.
+    """
+    placed, out = cell.robot(robot), [start]
+    pose = frame_pose(placed, start, "tool")
+    for share in np.linspace(0.0, 1.0, rows)[1:]:
+        target = translation(*(share * np.asarray(way))) @ pose
+        out.append(inverse_kinematics(placed, "tool", target, out[-1])[0])
+    return np.array(out)
 
 
 def straight_down(
     cell: Workcell, robot: str, x: float, y: float, high: float, low: float, rows: int
 ) -> Array:
     """Configurations along a vertical line of the tool frame, shape (rows, 6)."""
-    placed = cell.robot(robot)
-    out = [reach(cell, robot, x, y, high)]
-    for z in np.linspace(high, low, rows)[1:]:
-        found = inverse_kinematics(placed, "tool", tool_down(x, y, float(z)), out[-1])
-        out.append(found[0])
-    return np.array(out)
+    start = reach(cell, robot, x, y, high)
+    return along(cell, robot, start, (0.0, 0.0, low - high), rows)
+
+
+def down_and_up(cell: Workcell, x: float, y: float, low: float) -> tuple[Array, Array]:
+    """Times and configurations of ``left`` that goes down and up again, 60 mm.
+
+    It reaches its lowest point at 3 s, 1 mm every 50 ms.
+    """
+    path = straight_down(cell, "left", x, y, low + 0.06, low, 61)
+    return np.linspace(0, 6, 121), np.vstack([path, path[-2::-1]])
 
 
 def in_hand(cell: Workcell, robot: str, q: Array, pose: Transform) -> Transform:
     """The pose, in the flange frame, of something at ``pose`` while the robot is at ``q``."""
     return inverse(frame_pose(cell.robot(robot), q)) @ pose
+
+
+def handled(*names: str, robot: str = "left", task: int = 0) -> list[AllowedContact]:
+    """The tool may touch the bricks; bricks may touch each other and the plate."""
+    pairs = [(f"{robot}/tool", name) for name in names]
+    pairs += combinations((*names, "plate"), 2)
+    return [AllowedContact(*pair, frozenset([task])) for pair in pairs]
 
 
 @dataclass
@@ -105,9 +137,14 @@ class HandWrittenRun:
 
     edges: list[tuple[int, int, int, int]] = field(default_factory=list)
 
-    def move(self, robot: str, times: Sequence[float], q: Array) -> None:
+    def move(self, robot: str, times: Sequence[float] | Array, q: Array) -> None:
         """Let a robot pass configurations at times; the k-th row (from 1) ends node k - 1."""
         self.motions[robot] = (np.asarray(times, dtype=float), np.asarray(q))
+
+    def stand(self, robot: str, seconds: float, q: Array | None = None) -> None:
+        """Let a robot stand, at HOME by default."""
+        here = self.cell.robot(robot).home if q is None else q
+        self.move(robot, [0.0, seconds], np.stack([here, here]))
 
     def put(self, t: float, name: str, robot: str | None, pose: Transform) -> None:
         """From a time on, an object is in a hand or at rest."""
@@ -120,8 +157,7 @@ class HandWrittenRun:
             if robot.name not in self.motions:
                 continue
             t, q = self.motions[robot.name]
-            count = len(t) - 1
-            task = len(tasks)
+            count, task = len(t) - 1, len(tasks)
             tasks.append(Task(task, robot.name, "pick", 1, "by hand", q[1:]))
             chains.append(
                 NodeChain(
@@ -148,8 +184,6 @@ class HandWrittenRun:
 
     def write(self, folder: Path) -> Path:
         """Write plan.json, plan.npz, trajectory.parquet and objects.parquet."""
-        from scheduling.graph.plan_files import save_plan
-
         save_plan(self.tpg(), folder)
         rows = [
             {
@@ -173,16 +207,16 @@ class HandWrittenRun:
             }
             for t, name, robot, pose in [*start, *self.placements]
         ]
-        schema = pa.schema(
-            {
-                "t_s": pa.float64(),
-                "object": pa.string(),
-                "parent": pa.string(),
-                "xyz": pa.list_(pa.float64()),
-                "quat_wxyz": pa.list_(pa.float64()),
-            }
-        )
+        numbers, text = pa.list_(pa.float64()), pa.string()
+        kinds = (pa.float64(), text, text, numbers, numbers)
+        names = ("t_s", "object", "parent", "xyz", "quat_wxyz")
+        schema = pa.schema(list(zip(names, kinds, strict=True)))
         pq.write_table(
             pa.Table.from_pylist(table, schema=schema), folder / "objects.parquet"
         )
         return folder
+
+
+def with_fixture(cell: Workcell, item: Fixture) -> Workcell:
+    """The cell with one more fixture."""
+    return replace(cell, fixtures=(*cell.fixtures, item))

@@ -7,17 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.cell.workcell import Fixture
 from planning.transforms import translation
 from tests.twin.audit.audit_cell import (
     HandWrittenRun,
     fixture,
     reach,
     two_arm_cell,
+    with_fixture,
 )
 from twin.audit.audit import Auditor, audit_run
-from twin.audit.motion.executed import read_recording
+from twin.audit.motion.executed import Replay, read_recording
 from twin.audit.motion.pairs import FINEST
-from twin.audit.motion.replay import Replay
 from twin.audit.motion.sampling import stretches
 from twin.audit.worlds.engines import open_world
 
@@ -26,8 +27,7 @@ def sweep(turn: float) -> HandWrittenRun:
     """The left arm turns about its base, past the right one; nobody has rows in between."""
     cell = two_arm_cell()
     run = HandWrittenRun(cell)
-    still = reach(cell, "right", 0.40 + 2 * 0.0472 + 0.004, 0.0, 0.3)
-    run.move("right", [0.0, 6.0], np.array([still, still]))
+    run.stand("right", 6.0, reach(cell, "right", 0.40 + 2 * 0.0472 + 0.004, 0.0, 0.3))
     middle = reach(cell, "left", 0.40, 0.0, 0.3)
     path = np.stack([middle, middle, middle])
     path[0, 0] -= turn
@@ -74,9 +74,7 @@ def test_a_graze_between_two_configurations_is_seen(
     while high - low > 1e-6:  # where the post touches the arm, by bisection
         x = 0.5 * (low + high)
         low, high = (x, high) if _overlaps(q, x) else (low, x)
-    post = fixture("post", [0.01, 0.01, 0.05], translation(low - depth, 0.0, 0.36))
-    cell = two_arm_cell()
-    run = HandWrittenRun(type(cell)(cell.robots, (*cell.fixtures, post), ()))
+    run = HandWrittenRun(with_fixture(two_arm_cell(), post(low - depth)))
     path = np.stack([q, q])
     path[0, 0] -= 0.5
     path[1, 0] += 0.4
@@ -85,13 +83,15 @@ def test_a_graze_between_two_configurations_is_seen(
     assert kinds == ({("contact", "post")} if seen else set())
 
 
+def post(x: float) -> Fixture:
+    return fixture("post", [0.01, 0.01, 0.05], translation(x, 0.0, 0.36))
+
+
 def _overlaps(q: np.ndarray, x: float) -> bool:
-    cell = two_arm_cell()
-    post = fixture("post", [0.01, 0.01, 0.05], translation(x, 0.0, 0.36))
-    world = open_world(type(cell)(cell.robots, (post,), ()))
+    world = open_world(with_fixture(two_arm_cell(), post(x)))
     world.configure(0, q)
     arm = [s for s in world.robot_shapes if s.robot == 0]
-    gap = min(world.distance(s, world.fixtures[0], 0.1) for s in arm)
+    gap = min(world.distance(s, world.fixtures[-1], 0.1) for s in arm)
     world.close()
     return gap <= 0.0
 

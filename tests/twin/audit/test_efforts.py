@@ -17,8 +17,7 @@ from planning.transforms import Array, from_rpy, translation
 from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import effort_violations
 from twin.audit.motion.efforts import efforts_of_run, greatest_efforts
-from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.motion.replay import Replay
+from twin.audit.motion.executed import ObjectRow, Recording, Replay, RobotRows
 
 G = 9.80665
 PENDULUM = """<robot name="pendulum">

@@ -14,10 +14,11 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import RequestError
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, rotation, translation
+from scheduling.verification.reference import ReferenceRobot
 from tests.shipped_runs import ShippedRuns
 from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
 from twin.audit.audit import AuditReport, audit_run
-from twin.audit.grips import SLACK
+from twin.audit.motion.pairs import SLACK
 from twin.audit.motion.sampling import STEP
 from twin.audit.worlds.engines import (
     Engine,
@@ -104,6 +105,10 @@ def test_both_engines_measure_the_same(names: tuple[str, str]) -> None:
     pairs = list(zip(*map(_shapes, worlds), strict=True))
     for a, b in pairs:
         assert (a.entity, a.detail, a.joint) == (b.entity, b.detail, b.joint)
+    # The other witness knows the same parts.
+    parts = [part for robot in cell.robots for part in ReferenceRobot(robot).parts]
+    told = [shape.entity for shape in worlds[0].robot_shapes]
+    assert told == [part.entity for part in parts]
     apart, deep = [0.0], [0.0]
     for _ in range(60):
         _scatter(worlds, rng)
@@ -133,8 +138,7 @@ def _crash(folder: Path, engine: Engine) -> AuditReport:
     lean = high.copy()
     lean[1] += 0.5
     run.move("left", [0.0, 2.0, 4.0, 6.0], np.stack([high, low, high, lean]))
-    still = cell.robot("right").home
-    run.move("right", [0.0, 6.0], np.stack([still, still]))
+    run.stand("right", 6.0)
     return audit_run(run.write(folder), engine=engine)
 
 
@@ -172,6 +176,12 @@ def test_both_engines_give_the_same_verdict_on_shipped_runs(
     assert coal.configurations == pytest.approx(bullet.configurations, rel=0.05)
 
 
+def _alone(urdf: Path, engine: Engine) -> AuditWorld:
+    model = robot_model(str(urdf))
+    robot = PlacedRobot("r", model, np.eye(4), model.home)
+    return open_world(Workcell((robot,), (), ()), engine)
+
+
 def test_coal_keeps_angles_of_continuous_joints(tmp_path: Path) -> None:
     """Oracle: the turn that the joint's angle means, beyond one whole turn."""
     urdf = tmp_path / "spinner.urdf"
@@ -184,19 +194,14 @@ def test_coal_keeps_angles_of_continuous_joints(tmp_path: Path) -> None:
     <axis xyz="0 0 1"/><limit velocity="2" effort="1"/></joint>
 </robot>"""
     )
-    model = robot_model(str(urdf))
-    cell = Workcell((PlacedRobot("s", model, np.eye(4), model.home),), (), ())
-    world = open_world(cell, "coal")
+    world = _alone(urdf, "coal")
     for angle in (-4.0, 0.3, 6.0):
         turn, _ = world.link_frames(0, np.array([[angle]]))
         expected = rotation("z", angle)[:3, :3]
         np.testing.assert_allclose(turn[0, 1], expected, atol=1e-12)
-    limits = world.limits["s"]
-    assert (limits.lower[0], limits.upper[0], limits.velocity[0]) == (
-        -np.inf,
-        np.inf,
-        2,
-    )
+    limits = world.limits["r"]
+    told = limits.lower[0], limits.upper[0], limits.velocity[0]
+    assert told == (-np.inf, np.inf, 2)
     world.configure(0, np.array([np.pi / 2]))
     box, ball = world.robot_shapes
     assert (box.joint, ball.joint) == (-1, 0)
@@ -233,10 +238,7 @@ def test_distances_of_cylinders_are_true(
     """Oracle: projections from one to the other and back, which end at the nearest points."""
     urdf = tmp_path / "rolls.urdf"
     urdf.write_text(ROLLS)
-    model = robot_model(str(urdf))
-    world = open_world(
-        Workcell((PlacedRobot("r", model, np.eye(4), model.home),), (), ()), engine
-    )
+    world = _alone(urdf, engine)
     axis = np.array([0.0, 0.6, 0.8])
     apart = 0
     for angle in np.linspace(-2.9, 2.9, 9):

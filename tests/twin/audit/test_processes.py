@@ -17,8 +17,8 @@ from tests.twin.audit.audit_cell import (
     reach,
     two_arm_cell,
 )
+from twin.audit.case import AuditCase
 from twin.audit.motion.executed import Recording, RobotRows
-from twin.audit.motion.replay import Replay
 from twin.audit.processes import process_violations
 from twin.audit.wanted import Wanted, WantedProcess
 from twin.audit.worlds.engines import open_world
@@ -53,9 +53,9 @@ def said(place: Transform, *, passed: bool = True) -> list[str]:
     still = cell.robot("right").home[None]
     rows["right"] = RobotRows(np.zeros(1), still, np.full(1, -1))
     snap = WantedProcess("snap in", "snap", None, place, (np.eye(4),))
-    replay = Replay(cell, Recording(rows, (), 4.0))
+    recording, wanted = Recording(rows, (), 4.0), Wanted(processes=(snap,))
     with closing(open_world(cell)) as world:
-        found = process_violations(world, plan, replay, Wanted(processes=(snap,)), {})
+        found = process_violations(AuditCase(world, plan, recording, wanted))
         return [violation.detail for violation in found]
 
 

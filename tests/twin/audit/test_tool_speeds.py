@@ -16,8 +16,7 @@ from tests.twin.audit.audit_cell import brick
 from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import limit_violations, tool_speed_violations
 from twin.audit.motion.efforts import ToolSpeeds, tool_speeds_of_run
-from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
-from twin.audit.motion.replay import Replay
+from twin.audit.motion.executed import ObjectRow, Recording, Replay, RobotRows
 from twin.audit.violation import Violation
 
 TAKEN_S = 0.5

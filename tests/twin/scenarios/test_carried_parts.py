@@ -8,7 +8,7 @@ import pytest
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
 from tests.shipped_runs import ShippedRuns
-from twin.audit.grips import ContactRule
+from twin.audit.contacts import ContactRule
 from twin.audit.motion.executed import Recording, read_recording
 
 TICK = 0.02

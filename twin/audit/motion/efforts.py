@@ -16,7 +16,7 @@ from scipy import constants
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.transforms import Array
-from twin.audit.motion.replay import Replay, Stay
+from twin.audit.motion.executed import Replay, Stay
 from twin.audit.worlds.described_arm import DescribedArm
 
 _SPARE = 0.01

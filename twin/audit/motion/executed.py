@@ -1,8 +1,12 @@
-"""Recorded motion, read back from ``trajectory.parquet`` and ``objects.parquet`` alone."""
+"""What was executed, read back from ``trajectory.parquet`` and ``objects.parquet`` alone.
+
+Where all objects are at any time of it: the one state machine that all rules look at.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError
 from planning.tasks.task import GONE
 from planning.transforms import Array, Indices, Transform, from_quat_wxyz
@@ -156,6 +160,104 @@ class Recording:
     end: float
 
 
+@dataclass(frozen=True, eq=False)
+class Stay:
+    """An object in one place for a while.
+
+    Attributes:
+        object: its name.
+        holder: the robot that holds it, None at rest, GONE once it has left the cell.
+        pose: of the object's centre, in the holder's flange frame or in the world.
+        t: since when; several may be of one moment, of which the last one counts [s].
+        until: when the next one begins; infinite for the last one [s].
+        giver: who held it before, None where nobody did.
+    """
+
+    object: str
+    holder: str | None
+    pose: Transform
+    t: float
+    until: float
+    giver: str | None
+
+
+class Replay:
+    """The objects of an execution.
+
+    Args:
+        cell: says where objects are that the recording says nothing of.
+        recording: what was executed.
+
+    Attributes:
+        cell: see there.
+        robots: rows of every robot.
+        end: time of the last row [s].
+        stays: of each object in their order, the one at its start first.
+        in_order: all stays by time.
+    """
+
+    def __init__(self, cell: Workcell, recording: Recording) -> None:
+        self.cell, self.robots, self.end = cell, recording.robots, recording.end
+        told = {row.object for row in recording.objects if row.t <= 0.0}
+        rows = [
+            *(
+                ObjectRow(0.0, item.name, None, item.start)
+                for item in cell.objects
+                if not item.later and item.name not in told
+            ),
+            *recording.objects,
+        ]
+        own: dict[str, list[ObjectRow]] = {item.name: [] for item in cell.objects}
+        for row in rows:
+            own[row.object].append(row)
+        self.stays = {name: tuple(_stays(some)) for name, some in own.items()}
+        left = {name: iter(stays) for name, stays in self.stays.items()}
+        self.in_order = [next(left[row.object]) for row in rows]
+
+    def handed(self) -> Iterator[Stay]:
+        """Yield all stays that begin after the start, by time."""
+        return (stay for stay in self.in_order if stay.t > 0.0)
+
+    def states(self, *times: float) -> Iterator[tuple[float, dict[str, Stay]]]:
+        """Yield 0, every time at which something changes hands, and given ones, in order [s].
+
+        With each comes where everything is that is there from then on.
+        """
+        there: dict[str, Stay] = {}
+        left = deque(self.in_order)
+        for t in sorted({0.0, *times, *(stay.t for stay in self.handed())}):
+            while left and left[0].t <= t:
+                stay = left.popleft()
+                there[stay.object] = stay
+                if stay.holder == GONE:
+                    del there[stay.object]
+            yield t, dict(there)
+
+    def place(self, name: str, t: float = np.inf) -> Stay | None:
+        """Return where an object is at a time [s], by default at the end; None if it is not there."""
+        now = [stay for stay in self.stays.get(name, ()) if stay.t <= t]
+        return now[-1] if now and now[-1].holder != GONE else None
+
+    def at(self, t: float = np.inf) -> dict[str, Stay]:
+        """Return where every object that is there is at a time [s], by default at the end."""
+        places = ((name, self.place(name, t)) for name in self.stays)
+        return {name: stay for name, stay in places if stay is not None}
+
+    def held(self, robot: str) -> Iterator[tuple[float, float, list[Stay]]]:
+        """Yield spans of a robot's rows, and what is in its hand in each, from change to change [s]."""
+        ends = self.robots[robot].t[[0, -1]].tolist()
+        for (begin, there), (end, _) in pairwise(self.states(*ends)):
+            own = [stay for stay in there.values() if stay.holder == robot]
+            yield begin, end, own
+
+
+def _stays(rows: list[ObjectRow]) -> Iterator[Stay]:
+    giver = None
+    for row, until in zip(rows, [*(row.t for row in rows[1:]), np.inf], strict=False):
+        yield Stay(row.object, row.holder, row.pose, row.t, until, giver)
+        giver = row.holder
+
+
 def read_recording(folder: Path, cell: Workcell) -> Recording:
     """Read the tables of a run.
 
@@ -166,63 +268,62 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
     Raises:
         OutputError: a table is missing, or does not fit the cell.
     """
-    moves = _read(folder / "trajectory.parquet")
-    names = np.asarray(moves["robot"])
     known = {robot.name for robot in cell.robots}
+    moves = _read(folder / "trajectory.parquet")
+    names = moves["robot"].to_numpy()
     _reject(folder, set(names.tolist()) - known, "robot", known)
-    robots = {}
-    for robot in cell.robots:
-        mine = names == robot.name
-        t = np.asarray(moves["t_s"], dtype=float)[mine]
-        if not len(t):
-            robots[robot.name] = RobotRows(
-                np.zeros(1), robot.home[None, :], np.full(1, -1)
-            )
-            continue
-        names_of = {
-            kind: [f"{kind}_{j}" for j in range(robot.model.dof)] for kind in "qva"
-        }
-        values = {
-            kind: np.stack(
-                [np.asarray(moves[c], dtype=float)[mine] for c in own], axis=1
-            )
-            for kind, own in names_of.items()
-            if kind == "q" or "v_0" in moves
-        }
-        node = np.asarray(moves["node"], dtype=np.int64)[mine]
-        for kind, given in values.items():
-            _check_rows(folder, robot.name, t, given, jumps=kind != "q")
-        q = values.pop("q")
-        robots[robot.name] = RobotRows(t, q, node, **values)
-    table = _read(folder / "objects.parquet")
+    robots = {
+        robot.name: _rows_of(folder, robot, moves.filter(names == robot.name))
+        for robot in cell.robots
+    }
+    columns = ("t_s", "object", "parent", "xyz", "quat_wxyz")
+    table = _read(folder / "objects.parquet").select(columns).to_pylist()
     boxes = {box.name for box in cell.objects}
-    _reject(folder, set(table["object"]) - boxes, "object", boxes)
+    _reject(folder, {row["object"] for row in table} - boxes, "object", boxes)
     rows = []
-    for t_s, name, parent, xyz, quat in zip(
-        *(table[c] for c in ("t_s", "object", "parent", "xyz", "quat_wxyz")),
-        strict=True,
-    ):
+    for t_s, name, parent, *pose in (row.values() for row in table):
         holder = None if parent == WORLD else str(parent).rpartition("/")[0]
         if parent == GONE:
             holder = GONE
         elif holder is not None:
             _reject(folder, {holder} - known, "robot", known)
-        rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(xyz, quat)))
+        rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(*pose)))
     rows.sort(key=lambda row: row.t)
     ends = [float(r.t[-1]) for r in robots.values()]
-    end = max(*ends, *(row.t for row in rows))
-    return Recording(robots, tuple(rows), end)
+    return Recording(robots, tuple(rows), max(*ends, *(row.t for row in rows)))
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _rows_of(folder: Path, robot: PlacedRobot, table: Any) -> RobotRows:
+    """Return the rows of a robot, as a table of pyarrow has them."""
+    if not len(table):
+        return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
+    t, node = table["t_s"].to_numpy(), table["node"].to_numpy()
+    kinds = "qva" if "v_0" in table.column_names else "q"
+    names = [[f"{kind}_{j}" for j in range(robot.model.dof)] for kind in kinds]
+    values = [
+        np.stack([table[name].to_numpy() for name in own], axis=1) for own in names
+    ]
+    if not np.all(np.isfinite(values)) or np.any(np.diff(t) < 0):
+        raise OutputError(
+            f"{folder}: rows of robot {robot.name!r} are incomplete or unordered"
+        )
+    far = np.any(np.abs(np.diff(values[0], axis=0)) > 1e-9, axis=1)
+    jump = (np.diff(t) == 0) & far
+    if np.any(jump):
+        at = t[:-1][jump][0]
+        raise OutputError(f"{folder}: robot {robot.name!r} jumps at {at:.6f} s")
+    return RobotRows(t, values[0], node, *values[1:])
+
+
+def _read(path: Path) -> Any:
+    """Return a table of pyarrow."""
     import pyarrow
     import pyarrow.parquet
 
     try:
-        table = pyarrow.parquet.read_table(path)
+        return pyarrow.parquet.read_table(path)
     except (OSError, pyarrow.ArrowException) as error:
         raise OutputError(f"cannot read {path}: {error}") from error
-    return {name: table.column(name).to_pylist() for name in table.column_names}
 
 
 def _reject(folder: Path, unknown: set[str], what: str, known: set[str]) -> None:
@@ -231,13 +332,3 @@ def _reject(folder: Path, unknown: set[str], what: str, known: set[str]) -> None
             f"{folder}: the recording has an unknown {what} {sorted(unknown)[0]!r}",
             choices=tuple(sorted(known)),
         )
-
-
-def _check_rows(folder: Path, robot: str, t: Array, q: Array, *, jumps: bool) -> None:
-    if not np.all(np.isfinite(q)) or np.any(np.diff(t) < 0):
-        raise OutputError(
-            f"{folder}: rows of robot {robot!r} are incomplete or unordered"
-        )
-    jump = (np.diff(t) == 0) & np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
-    if np.any(jump) and not jumps:
-        raise OutputError(f"{folder}: robot {robot!r} jumps at {t[:-1][jump][0]:.6f} s")

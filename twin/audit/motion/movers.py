@@ -7,15 +7,14 @@ from the box that is turned with a shape to the sphere around the other.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from planning.transforms import Array, Indices, Transform
+from twin.audit.motion.executed import Stay
 from twin.audit.motion.reach import RobotSamples, motion_bounds
-from twin.audit.motion.replay import Stay
 from twin.audit.worlds.link_chain import JointAxes
 from twin.audit.worlds.world import AuditWorld, WatchedShape
 
@@ -37,21 +36,137 @@ class Track:
     pose: Transform | None
 
 
+_AT_ONCE = 400_000
+"""So many pairs times samples are looked at at once, to bound memory."""
+
+
 @dataclass(frozen=True)
-class RestingBoxes:
-    """Fixtures, and objects at rest.
+class Movers:
+    """The spheres and boxes around k moving shapes at m samples.
 
     Attributes:
-        tracks: of the shapes of the fixtures, then of the objects.
-        centre: of the shapes, shape (b, 3) [m].
-        reach: half edges of the upright boxes around them, shape (b, 3) [m].
-        radius: of the spheres around them, shape (b,) [m].
+        tracks: of the shapes.
+        centre: shape (m, k, 3) [m].
+        turn: rotations of boxes that are turned with the shapes, shape (m, k, 3, 3).
+        reach: half edges of upright boxes, shape (m, k, 3) [m].
+        half: half edges of the turned boxes, shape (k, 3) [m].
+        radius: of the spheres, shape (k,) [m].
+        bounds: how far any point of a shape gets at most from sample to sample, as seen from the
+            base and each moved link of its robot, shape (m - 1, k, links) [m].
     """
 
     tracks: Sequence[Track]
     centre: Array
+    turn: Array
     reach: Array
+    half: Array
     radius: Array
+    bounds: Array
+
+    @cached_property
+    def steps(self) -> Array:
+        """How far any point of a shape gets in the world, step by step, shape (m - 1, k) [m]."""
+        return np.asarray(self.bounds[:, :, 0])
+
+    @cached_property
+    def moved(self) -> Array:
+        """How far any point of a shape gets until the sample before or the one after, (m, k) [m]."""
+        steps = np.pad(self.steps, ((1, 1), (0, 0)))
+        return np.maximum(steps[:-1], steps[1:])[: len(self.centre)]
+
+    @cached_property
+    def low(self) -> Array:
+        """Least corners of the upright boxes around all the way, shape (k, 3) [m]."""
+        return np.asarray((self.centre - self.reach).min(axis=0))
+
+    @cached_property
+    def high(self) -> Array:
+        """Greatest corners of those, shape (k, 3) [m]."""
+        return np.asarray((self.centre + self.reach).max(axis=0))
+
+    def at_first(self) -> Movers:
+        """Return the same at the first sample alone."""
+        first = {key: getattr(self, key)[:1] for key in ("centre", "turn", "reach")}
+        return replace(self, **first)
+
+    def near_movers(
+        self, first: Indices, second: Indices, room: Array
+    ) -> Iterator[tuple[int, list[int]]]:
+        """Yield which pairs may come nearer than some room, and at which samples.
+
+        Args:
+            first, second: the pairs, shape (p,).
+            room: of each, besides what they move, shape (p,) [m].
+        """
+        most = self.moved.max(axis=0)
+        apart = np.maximum(
+            self.low[first] - self.high[second], self.low[second] - self.high[first]
+        )
+        coarse = room + most[first] + most[second]
+        some = np.flatnonzero(_outside(apart) <= coarse)
+        for n, samples in self._near(first[some], self, second[some], room[some]):
+            yield int(some[n]), samples
+
+    def near_boxes(
+        self, movers: Indices, boxes: Movers
+    ) -> Iterator[tuple[int, int, list[int]]]:
+        """Yield which shapes may come near which boxes at rest, and at which samples.
+
+        Args:
+            movers: numbers of the shapes.
+            boxes: at rest.
+        """
+        most = self.moved.max(axis=0)[movers, None]
+        low, high = self.low[movers] - most, self.high[movers] + most
+        # Most boxes are far from all shapes.
+        there = (boxes.high >= low.min(axis=0)) & (boxes.low <= high.max(axis=0))
+        some = np.flatnonzero(there.all(axis=1))
+        near = (low[:, None] <= boxes.high[some]) & (high[:, None] >= boxes.low[some])
+        rows, columns = np.nonzero(near.all(axis=2))
+        first, second = movers[rows], some[columns]
+        for n, samples in self._near(first, boxes, second, np.zeros(len(first))):
+            yield int(first[n]), int(second[n]), samples
+
+    def _near(
+        self, first: Indices, other: Movers, second: Indices, room: Array
+    ) -> Iterator[tuple[int, list[int]]]:
+        """Yield which pairs with others, of as many samples or one, come near, and when."""
+        for some in self._parts(len(first)):
+            i, j = first[some], second[some]
+            away = other.centre[:, j] - self.centre[:, i]
+            reach = self.radius[i] + other.radius[j]
+            gap = np.sqrt(np.sum(away * away, axis=2)) - reach
+            upright = _outside(np.abs(away) - self.reach[:, i] - other.reach[:, j])
+            limit = room[some] + self.moved[:, i] + other.moved[:, j]
+            close = np.maximum(gap, upright) <= limit
+            kept = np.flatnonzero(close.any(axis=0))
+            if not len(kept):
+                continue
+            i, j, close, away = i[kept], j[kept], close[:, kept], away[:, kept]
+            limit = limit[:, kept]
+            close &= self._from_boxes(i, away) <= limit + other.radius[j]
+            close &= other._from_boxes(j, away) <= limit + self.radius[i]
+            rows, columns = np.nonzero(close.T)
+            ends = np.flatnonzero(np.diff(rows)) + 1
+            parts = np.split(rows, ends), np.split(columns, ends)
+            for part_rows, samples in zip(*parts, strict=True):
+                if len(samples):
+                    yield int(some[kept[part_rows[0]]]), samples.tolist()
+
+    def _parts(self, count: int) -> Iterator[Indices]:
+        size = max(1, _AT_ONCE // len(self.centre))
+        for start in range(0, count, size):
+            yield np.arange(start, min(start + size, count))
+
+    def _from_boxes(self, shapes: Indices, away: Array) -> Array:
+        """Return how far points are from the turned boxes of shapes, shape (m, p) [m].
+
+        Args:
+            shapes: p of them.
+            away: of a point from the centre of each, or the other way round, shape (m, p, 3).
+        """
+        local = np.einsum("mpi,mpij->mpj", away, self.turn[:, shapes])
+        return _outside(np.abs(local) - self.half[shapes])
 
 
 class StandingTable:
@@ -68,6 +183,8 @@ class StandingTable:
             self._shapes.setdefault(shape.entity, []).append((k, shape))
         self._tracks: list[Track | None] = [None] * len(shapes)
         self._centre, self._reach = np.zeros((2, len(shapes), 3))
+        self._turn = np.zeros((len(shapes), 3, 3))
+        self._half = np.array([shape.half for shape in shapes]).reshape(-1, 3)
         self._radius = np.array([shape.radius for shape in shapes])
         for item in world.cell.fixtures:
             self._put(item.name, item.pose)
@@ -80,14 +197,17 @@ class StandingTable:
         """Take away an object that is not there any more."""
         self._put(name, None)
 
-    def boxes(self) -> RestingBoxes:
-        """Return what stands now."""
+    def boxes(self) -> Movers:
+        """Return what stands now, at one sample."""
         there = [k for k, track in enumerate(self._tracks) if track is not None]
-        return RestingBoxes(
+        return Movers(
             [track for track in self._tracks if track is not None],
-            self._centre[there],
-            self._reach[there],
+            self._centre[None, there],
+            self._turn[None, there],
+            self._reach[None, there],
+            self._half[there],
             self._radius[there],
+            np.zeros((0, len(there), 1)),
         )
 
     def _put(self, name: str, pose: Transform | None) -> None:
@@ -96,144 +216,8 @@ class StandingTable:
             if pose is not None:
                 at = shape.at(pose)
                 self._tracks[k] = Track(shape, None, 0, at)
-                self._centre[k] = at[:3, 3]
+                self._centre[k], self._turn[k] = at[:3, 3], at[:3, :3]
                 self._reach[k] = np.abs(at[:3, :3]) @ shape.half
-
-
-_AT_ONCE = 400_000
-"""So many pairs times samples are looked at at once, to bound memory."""
-
-
-@dataclass(frozen=True)
-class Movers:
-    """The spheres and boxes around k moving shapes at m samples.
-
-    Attributes:
-        tracks: of the shapes.
-        centre: shape (m, k, 3) [m].
-        turn: rotations of boxes that are turned with the shapes, shape (m, k, 3, 3).
-        reach: half edges of upright boxes, shape (m, k, 3) [m].
-        bounds: how far any point of a shape gets at most from sample to sample, as seen from the
-            base and each moved link of its robot, shape (m - 1, k, links) [m].
-    """
-
-    tracks: Sequence[Track]
-    centre: Array
-    turn: Array
-    reach: Array
-    bounds: Array
-
-    @cached_property
-    def steps(self) -> Array:
-        """How far any point of a shape gets in the world, step by step, shape (m - 1, k) [m]."""
-        return np.asarray(self.bounds[:, :, 0])
-
-    @cached_property
-    def moved(self) -> Array:
-        """How far any point of a shape gets until the sample before or the one after, (m, k) [m]."""
-        steps = np.pad(self.steps, ((1, 1), (0, 0)))
-        return np.maximum(steps[:-1], steps[1:])[: len(self.centre)]
-
-    @cached_property
-    def half(self) -> Array:
-        """Half edges of the turned boxes, shape (k, 3) [m]."""
-        return np.array([track.shape.half for track in self.tracks])
-
-    @cached_property
-    def radius(self) -> Array:
-        """Radius of the spheres, shape (k,) [m]."""
-        return np.array([track.shape.radius for track in self.tracks])
-
-    @cached_property
-    def low(self) -> Array:
-        """Least corners of the upright boxes around all the way, shape (k, 3) [m]."""
-        return np.asarray((self.centre - self.reach).min(axis=0))
-
-    @cached_property
-    def high(self) -> Array:
-        """Greatest corners of those, shape (k, 3) [m]."""
-        return np.asarray((self.centre + self.reach).max(axis=0))
-
-    def at_first(self) -> Movers:
-        """Return the same at the first sample alone."""
-        parts = (self.centre[:1], self.turn[:1], self.reach[:1])
-        return Movers(self.tracks, *parts, self.bounds)
-
-    def near_movers(
-        self, first: Indices, second: Indices, room: Array
-    ) -> Iterator[tuple[int, list[int]]]:
-        """Yield which pairs may come nearer than some room, and at which samples.
-
-        Args:
-            first, second: the pairs, shape (p,).
-            room: of each, besides what they move, shape (p,) [m].
-        """
-        most = self.moved.max(axis=0)
-        apart = np.maximum(
-            self.low[first] - self.high[second], self.low[second] - self.high[first]
-        )
-        coarse = room + most[first] + most[second]
-        for some in self._parts(np.flatnonzero(_outside(apart) <= coarse)):
-            i, j = first[some], second[some]
-            away = self.centre[:, j] - self.centre[:, i]
-            gap = np.sqrt(np.sum(away * away, axis=2)) - self.radius[i] - self.radius[j]
-            upright = _outside(np.abs(away) - self.reach[:, i] - self.reach[:, j])
-            limit = room[some] + self.moved[:, i] + self.moved[:, j]
-            close = np.maximum(gap, upright) <= limit
-            kept = np.flatnonzero(close.any(axis=0))
-            if not len(kept):
-                continue
-            i, j, close, away = i[kept], j[kept], close[:, kept], away[:, kept]
-            limit = limit[:, kept]
-            close &= self._from_boxes(i, away) <= limit + self.radius[j]
-            close &= self._from_boxes(j, away) <= limit + self.radius[i]
-            yield from _each(some[kept], close)
-
-    def near_boxes(
-        self, movers: Indices, boxes: RestingBoxes
-    ) -> Iterator[tuple[int, int, list[int]]]:
-        """Yield which shapes may come near which boxes at rest, and at which samples.
-
-        Args:
-            movers: numbers of the shapes.
-            boxes: at rest.
-        """
-        most = self.moved.max(axis=0)[movers, None]
-        low, high = self.low[movers] - most, self.high[movers] + most
-        least, greatest = boxes.centre - boxes.reach, boxes.centre + boxes.reach
-        # Most boxes are far from all shapes.
-        there = (greatest >= low.min(axis=0)) & (least <= high.max(axis=0))
-        some = np.flatnonzero(there.all(axis=1))
-        near = (low[:, None] <= greatest[some]) & (high[:, None] >= least[some])
-        rows, columns = np.nonzero(near.all(axis=2))
-        first, second = movers[rows], some[columns]
-        for some in self._parts(np.arange(len(first))):
-            i, b = first[some], second[some]
-            away = boxes.centre[b] - self.centre[:, i]
-            upright = _outside(np.abs(away) - self.reach[:, i] - boxes.reach[b])
-            close = upright <= self.moved[:, i]
-            kept = np.flatnonzero(close.any(axis=0))
-            if not len(kept):
-                continue
-            i, b, close, away = i[kept], b[kept], close[:, kept], away[:, kept]
-            close &= self._from_boxes(i, away) <= self.moved[:, i] + boxes.radius[b]
-            for n, samples in _each(np.arange(len(kept)), close):
-                yield int(i[n]), int(b[n]), samples
-
-    def _parts(self, some: Indices) -> Iterator[Indices]:
-        size = max(1, _AT_ONCE // len(self.centre))
-        for start in range(0, len(some), size):
-            yield some[start : start + size]
-
-    def _from_boxes(self, shapes: Indices, away: Array) -> Array:
-        """Return how far points are from the turned boxes of shapes, shape (m, p) [m].
-
-        Args:
-            shapes: p of them.
-            away: of a point from the centre of each, or the other way round, shape (m, p, 3).
-        """
-        local = np.einsum("mpi,mpij->mpj", away, self.turn[:, shapes])
-        return _outside(np.abs(local) - self.half[shapes])
 
 
 class MovedShapes:
@@ -277,7 +261,8 @@ class MovedShapes:
         turn = rotation @ self._turn
         reach = np.einsum("msij,sj->msi", np.abs(turn), self._half)
         bounds = motion_bounds(axes, samples, self._links, centre, self._radius)
-        return Movers(self.tracks, centre, turn, reach, bounds)
+        around = reach, self._half, self._radius
+        return Movers(self.tracks, centre, turn, *around, bounds)
 
 
 def joined_movers(parts: Sequence[Movers], order: Sequence[int]) -> Movers:
@@ -288,12 +273,18 @@ def joined_movers(parts: Sequence[Movers], order: Sequence[int]) -> Movers:
         np.pad(part.bounds, ((0, 0), (0, 0), (0, links - part.bounds.shape[2])))
         for part in parts
     ]
+
+    def joined(arrays: Sequence[Array], axis: int) -> Array:
+        return np.take(np.concatenate(arrays, axis=axis), order, axis=axis)
+
     return Movers(
         [tracks[k] for k in order],
-        np.concatenate([part.centre for part in parts], axis=1)[:, order],
-        np.concatenate([part.turn for part in parts], axis=1)[:, order],
-        np.concatenate([part.reach for part in parts], axis=1)[:, order],
-        np.concatenate(bounds, axis=1)[:, order],
+        joined([part.centre for part in parts], 1),
+        joined([part.turn for part in parts], 1),
+        joined([part.reach for part in parts], 1),
+        joined([part.half for part in parts], 0),
+        joined([part.radius for part in parts], 0),
+        joined(bounds, 1),
     )
 
 
@@ -301,16 +292,3 @@ def _outside(apart: Array) -> Array:
     """Return the length of what is apart along axes, 0 where nothing is, shape (..., 3) [m]."""
     gap = np.maximum(apart, 0.0)
     return np.asarray(np.sqrt(np.sum(gap * gap, axis=-1)))
-
-
-def _each(
-    numbers: Indices, close: npt.NDArray[np.bool_]
-) -> Iterator[tuple[int, list[int]]]:
-    """Yield the columns in which anything is close, with the rows."""
-    rows, columns = np.nonzero(close.T)
-    ends = np.flatnonzero(np.diff(rows)) + 1
-    for part_rows, part in zip(
-        np.split(rows, ends), np.split(columns, ends), strict=True
-    ):
-        if len(part):
-            yield int(numbers[part_rows[0]]), part.tolist()

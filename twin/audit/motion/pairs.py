@@ -32,6 +32,10 @@ FINEST = 1e-4
 """Motion of a pair that is not divided further: gaps are true to within half of it [m]."""
 
 
+SLACK = 1e-4
+"""Overlaps up to this are numerical: 2.5 times the measured error of Bullet's distances [m]."""
+
+
 @dataclass(frozen=True)
 class Gap:
     """The signed distance of two shapes from one sample on until something moves.
@@ -63,12 +67,14 @@ class Asked:
     Attributes:
         least: returns the least gap between robots so far [m].
         depth: returns the overlap that is allowed for two shapes at a sample [m].
-        meant: tells whether two shapes are meant to touch at a sample.
     """
 
     least: Callable[[], float]
     depth: Callable[[WatchedShape, WatchedShape, int], float]
-    meant: Callable[[WatchedShape, WatchedShape, int], bool]
+
+    def meant(self, a: WatchedShape, b: WatchedShape, sample: int) -> bool:
+        """Tell whether two shapes are meant to touch at a sample."""
+        return self.depth(a, b, sample) > SLACK
 
 
 @dataclass(frozen=True)

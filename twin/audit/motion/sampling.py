@@ -9,15 +9,14 @@ import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array
+from twin.audit.motion.executed import Replay, Stay
 from twin.audit.motion.movers import (
     MovedShapes,
     Movers,
-    RestingBoxes,
     StandingTable,
     joined_movers,
 )
 from twin.audit.motion.reach import RobotSamples
-from twin.audit.motion.replay import Replay, Stay
 from twin.audit.worlds.world import AuditWorld, shapes_by_entity
 
 STEP = 0.01
@@ -49,7 +48,7 @@ class RunStretch:
     robots: tuple[RobotSamples, ...]
     placements: Mapping[str, Stay]
     movers: Movers
-    boxes: RestingBoxes
+    boxes: Movers
 
 
 def stretches(world: AuditWorld, replay: Replay) -> Iterator[RunStretch]:

@@ -182,6 +182,20 @@ class AuditWorld(ABC):
         chain = self._chains[robot]
         return self._measured(robot, q) if chain is None else chain.frames(q)
 
+    def flange_poses(self, robot: int, q: Array) -> Array:
+        """Return where a robot's flange is at configurations, shape (m, 4, 4)."""
+        rotation, position = self.link_frames(robot, q)
+        out = np.tile(np.eye(4), (len(q), 1, 1))
+        out[:, :3, :3], out[:, :3, 3] = rotation[:, -1], position[:, -1]
+        return np.asarray(out @ self.cell.robots[robot].model.flange)
+
+    def tool_shapes(self, robot: int) -> list[WatchedShape]:
+        """Return the shapes of a robot's tool; of its outermost link, where it has none."""
+        own = [shape for shape in self.robot_shapes if shape.robot == robot]
+        tool = [shape for shape in own if shape.entity.endswith("/tool")]
+        last = max(shape.joint for shape in own)
+        return tool or [shape for shape in own if shape.joint == last]
+
     def _add_robot(self, index: int, robot: PlacedRobot) -> None:
         """Load a robot and note its shapes: what moves each, and a sphere around it."""
         model, base = robot.model, (robot.base[:3, :3], robot.base[:3, 3])
@@ -258,14 +272,6 @@ def shapes_by_entity(shapes: Iterable[WatchedShape]) -> dict[str, list[WatchedSh
     for item in shapes:
         out.setdefault(item.entity, []).append(item)
     return out
-
-
-def flange_poses(world: AuditWorld, robot: int, q: Array) -> Array:
-    """Return where a robot's flange is at configurations, shape (m, 4, 4)."""
-    rotation, position = world.link_frames(robot, q)
-    out = np.tile(np.eye(4), (len(q), 1, 1))
-    out[:, :3, :3], out[:, :3, 3] = rotation[:, -1], position[:, -1]
-    return np.asarray(out @ world.cell.robots[robot].model.flange)
 
 
 def overlapping_at_home(world: AuditWorld) -> frozenset[tuple[int, int]]:

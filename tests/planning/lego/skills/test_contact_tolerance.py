@@ -32,7 +32,7 @@ from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import translation
 from tests.planning.lego.skills.overhang import facing_arms
-from twin.audit.grips import CONTACT_DEPTH
+from twin.audit.contacts import CONTACT_DEPTH
 
 KIND = BRICKS["2x4"]
 TOLERANCE = Clearances().contact_tolerance

@@ -1,112 +1,27 @@
-"""What a robot holds must be at its tool.
-
-Contact rules of the audit: allowed contacts from the plan, depth limits from the audit.
-"""
+"""What may touch while which tasks are done, how deep, and what did."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from copy import copy
+from functools import cache
+from operator import itemgetter
 
 import numpy as np
 
-from planning.cell.workcell import CellObject
-from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.motion.executed import RobotRows
-from twin.audit.motion.replay import Replay
-from twin.audit.tools import Hand, hand_at
+from twin.audit.motion.pairs import SLACK, Asked, gaps
+from twin.audit.motion.sampling import RunStretch
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.world import (
-    FAR,
-    AuditWorld,
-    WatchedShape,
-    flange_poses,
-    shapes_by_entity,
-)
-
-GRIP = 0.005
-"""What is held may be this far away from the closed tool of its holder [m]."""
-
-
-_PLAY = 1e-4
-"""A box may be wider than its fingers open by this: rounding of files [m]."""
-
-
-def grip_violations(
-    world: AuditWorld, replay: Replay, wanted: Wanted
-) -> Iterator[Violation]:
-    """Yield what is held by who is not at it, or wider than fingers open.
-
-    Every hold is measured once, when it begins: from then on tool and object move as one. Fingers
-    that stand open in the geometry of a tool close by half of what is left of their opening beside
-    the thinnest edge of the object.
-
-    Args:
-        world: to measure in.
-        replay: what was executed.
-        wanted: how far fingers stand open.
-    """
-    robots = {robot.name: k for k, robot in enumerate(world.cell.robots)}
-    shapes = shapes_by_entity(world.objects)
-    tools = {tool.name for tool in wanted.tools}
-    for stay in replay.in_order:
-        t = max(stay.t, 0.0)
-        if stay.holder not in robots or stay.object in tools or stay.until <= t:
-            continue
-        robot = robots[stay.holder]
-        rows = replay.robots[stay.holder].at(np.array([t]))
-        held = flange_poses(world, robot, rows)[0] @ stay.pose
-        hand = hand_at(world, replay, wanted, robot, t)
-        for own in shapes[stay.object]:
-            world.place(own, own.at(held))
-        gap, tool = min(
-            (world.distance(part, own, FAR), part.detail)
-            for part in hand.shapes
-            for own in shapes[stay.object]
-        )
-        opening = hand.opening(wanted.opening_m)
-        closing = max(finger_travel(own, opening) for own in shapes[stay.object])
-        width = _width(world.cell.object(stay.object), hand, stay.pose)
-        if width > opening + _PLAY:
-            fingers = "" if hand.grip is None else hand.grip.tool
-            depth, detail = width - opening, f"is {width * 1e3:.2f} mm wide between"
-            detail += f" the fingers of {fingers}, which open to {opening * 1e3:.2f} mm"
-        elif gap > GRIP + closing:
-            depth, detail = gap, f"is held {gap * 1e3:.2f} mm away from {tool}"
-            detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
-        else:
-            continue
-        until = min(stay.until, replay.end)
-        yield Violation(t, until, stay.object, stay.holder, depth, detail, "grip")
-
-
-def _width(item: CellObject, hand: Hand, held: Transform) -> float:
-    """Return how wide a box is along the axis in which fingers close [m].
-
-    Nothing where that cannot be told: without fingers, or of what is no box, which fingers may
-    grip at any part.
-    """
-    tool, grip = hand.frames.get("tool"), hand.grip
-    if grip is None or grip.opening is None or tool is None or not item.shape.is_box:
-        return 0.0
-    return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
-
-
-def finger_travel(shape: WatchedShape, opening: float) -> float:
-    """Return how far each finger closes on the thinnest edge of a shape at most [m]."""
-    return max(0.0, 0.5 * (opening - 2.0 * float(np.min(shape.half))))
-
+from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 CONTACT_DEPTH = 0.003
 """Allowed contacts may be this deep, unless the plan says that a tool only grazes [m]."""
 
 NODE_SLACK = 0.001
 """What is joined may be deeper in each other than its scenario says by this: rounding [m]."""
-
-SLACK = 1e-4
-"""Overlaps up to this are numerical: 2.5 times the measured error of Bullet's distances [m]."""
 
 
 class ContactRule:
@@ -199,3 +114,80 @@ class ContactRule:
             own = tasks[np.clip(nodes, 0, len(tasks) - 1)] if len(tasks) else tasks
             self._known[key] = frozenset(own.tolist())
         return self._known[key]
+
+
+class ContactWatch:
+    """Collects what is seen stretch by stretch.
+
+    Args:
+        world: to measure in.
+        rule: says how deep what may be in what.
+        exempt: pairs of one robot's shapes that are not checked.
+        within: robots further apart than this are not measured [m].
+
+    Attributes:
+        least: distance of two robots, with what they carry, where they are not meant to touch [m].
+        bound: nearer than this they were at no moment [m].
+        configurations: number of different configurations of the whole cell.
+        deepest_graze: how deep a tool grazed a brick [m].
+    """
+
+    def __init__(
+        self,
+        world: AuditWorld,
+        rule: ContactRule,
+        exempt: frozenset[tuple[int, int]],
+        within: float,
+    ) -> None:
+        self._world, self._rule, self._exempt = world, rule, exempt
+        self.least = self.bound = within
+        self.configurations, self.deepest_graze = 0, 0.0
+        self._samples = 0
+        # Deepest overlap of each pair by number of the sample: time [s], depth [m], links.
+        self._overlaps: dict[tuple[str, str], dict[int, tuple[float, float, str]]] = {}
+
+    def look(self, stretch: RunStretch) -> None:
+        """Check one stretch."""
+        moved = {
+            tuple(int(r.distinct[k]) for r in stretch.robots)
+            for k in range(len(stretch.t))
+        }
+        self.configurations += len(moved) - (self._samples > 0)
+        holders = {name: p.holder for name, p in stretch.placements.items()}
+
+        @cache
+        def depth_at(first: str, second: str, sample: int) -> float:
+            return self._rule.depth(first, second, holders, float(stretch.t[sample]))
+
+        def depth(a: WatchedShape, b: WatchedShape, sample: int) -> float:
+            return depth_at(a.entity, b.entity, sample)
+
+        asked = Asked(lambda: self.least, depth)
+        for gap in gaps(self._world, stretch, self._exempt, asked):
+            a, b = gap.first, gap.second
+            robots = a.robot is not None and b.robot is not None and a.robot != b.robot
+            if gap.between_robots:
+                self.least = min(self.least, gap.distance)
+                self.bound = min(self.bound, gap.bound)
+            if gap.distance > 0.0:
+                continue
+            for sample in range(gap.sample, min(gap.until, len(stretch.t))):
+                t, number = float(stretch.t[sample]), self._samples + sample
+                limit = depth(a, b, sample)
+                if not robots and self._rule.is_of_graze(limit):
+                    self.deepest_graze = max(self.deepest_graze, -gap.distance)
+                if robots or -gap.distance > limit:
+                    seen = self._overlaps.setdefault((a.entity, b.entity), {})
+                    if number not in seen or seen[number][1] < -gap.distance:
+                        links = f"{a.detail} - {b.detail}"
+                        seen[number] = (t, -gap.distance, links)
+        self._samples += len(stretch.t)
+
+    def violations(self) -> Iterator[Violation]:
+        """Yield overlaps that nothing allows, from when to when."""
+        for pair, seen in self._overlaps.items():
+            numbers = np.array(sorted(seen))
+            for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1):
+                rows = [seen[number] for number in run.tolist()]
+                _, depth, detail = max(rows, key=itemgetter(1))
+                yield Violation(rows[0][0], rows[-1][0], *pair, depth, detail)
