@@ -16,7 +16,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.verification.reference import ReferenceRobot, measure
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.two_arms import Writer, block, two_arms
-from tests.scheduling.verification.test_verification import ONE_NODE, at, graph, named
+from tests.scheduling.verification.test_verification import at, go, graph, named
 
 
 def beside_a_beam(gap: float, *, leaves: bool) -> Writer:
@@ -26,16 +26,13 @@ def beside_a_beam(gap: float, *, leaves: bool) -> Writer:
     left, right = writer.cell.robots
     pick, hold = (at(writer, "left", 0.29, y, 0.25) for y in (-0.2, 0.0))
     local = inverse(frame_pose(left, pick)) @ at_stock
-    writer.move("left", pick, Handling("beam", -1, "left", local), step=ONE_NODE)
-    writer.move("left", hold, step=ONE_NODE)
+    go(writer, ("left", pick, Handling("beam", -1, "left", local)), ("left", hold))
     goal, height = right.home, 0.30
     for _ in range(4):
         goal = at(writer, "right", 0.59, 0.0, height)
         height += gap - distance(writer, hold, local, goal)
     assert distance(writer, hold, local, goal) == pytest.approx(gap, abs=1e-5)
-    writer.move("right", goal, step=ONE_NODE)
-    if leaves:
-        writer.move("right", right.home, step=ONE_NODE)
+    go(writer, ("right", goal), *([("right", None)] if leaves else []))
     everything = frozenset(task.index for task in writer.tasks)
     writer.allowed.append(AllowedContact("left/tool", "beam", everything))
     return writer

@@ -18,7 +18,7 @@ from scheduling.verification.reference import (
 )
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.two_arms import Writer, block, two_arms
-from tests.scheduling.verification.test_verification import ONE_NODE, at, graph
+from tests.scheduling.verification.test_verification import at, go, graph
 
 
 def wild_moves(seed: int) -> Writer:
@@ -28,7 +28,7 @@ def wild_moves(seed: int) -> Writer:
     model = writer.cell.robot("left").model
     for share in rng.uniform(0.02, 0.98, (6, model.dof)):
         goal = model.lower + share * (model.upper - model.lower)
-        writer.move("left", goal, step=ONE_NODE)
+        go(writer, ("left", goal))
     return writer
 
 
@@ -78,10 +78,9 @@ def test_an_arm_that_touches_what_it_carries_is_found() -> None:
     left = writer.cell.robot("left")
     pick = at(writer, "left", 0.30, -0.2, 0.25)
     held = inverse(frame_pose(left, pick)) @ start
-    writer.move("left", pick, Handling("pole", -1, "left", held), step=ONE_NODE)
     folded = pick.copy()
     folded[4] += 0.8
-    writer.move("left", folded, step=ONE_NODE)
+    go(writer, ("left", pick, Handling("pole", -1, "left", held)), ("left", folded))
     kinds = {
         (p.kind, p.second.body if p.second else None)
         for p in verify_plan(graph(writer)).problems

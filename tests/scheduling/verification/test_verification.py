@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -34,6 +35,18 @@ def at(writer: Writer, robot: str, x: float, y: float, z: float) -> Array:
     return inverse_kinematics(placed, "tool", target, placed.home)[0]
 
 
+def go(writer: Writer, *moves: tuple[Any, ...]) -> Writer:
+    """Append moves of one node each: robot, where to (None is HOME), and what changes hands."""
+    for robot, place, *handlings in moves:
+        goal = place
+        if place is None:
+            goal = writer.cell.robot(robot).home
+        elif isinstance(place, tuple):
+            goal = at(writer, robot, *place)
+        writer.move(robot, goal, *handlings, step=ONE_NODE)
+    return writer
+
+
 def graph(writer: Writer, *edges: tuple[int, int, int, int]) -> TemporalPlanGraph:
     """The plan as a graph with exactly these type-2 edges."""
     return replace(
@@ -56,11 +69,8 @@ def named(problem: Problem) -> tuple[str, set[tuple[str | None, int]], set[bool]
 
 def taking_turns() -> Writer:
     """Left goes to the middle and home, one node each; then right does."""
-    writer = Writer(two_arms())
-    for robot in ("left", "right"):
-        writer.move(robot, at(writer, robot, *MIDDLE), step=ONE_NODE)
-        writer.move(robot, writer.cell.robot(robot).home, step=ONE_NODE)
-    return writer
+    there_and_back = [(r, to) for r in ("left", "right") for to in (MIDDLE, None)]
+    return go(Writer(two_arms()), *there_and_back)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -120,11 +130,8 @@ def test_every_edge_of_a_reduced_graph_is_needed() -> None:
 
 def test_a_robot_that_stands_in_the_way_between_two_ordered_nodes_is_found() -> None:
     """Left goes to the middle, right comes, left goes home: each pair of nodes is ordered."""
-    writer = Writer(two_arms())
-    writer.move("left", at(writer, "left", *MIDDLE), step=ONE_NODE)
-    writer.move("right", at(writer, "right", *MIDDLE), step=ONE_NODE)
-    writer.move("left", writer.cell.robot("left").home, step=ONE_NODE)
-    tpg = graph(writer, (0, 0, 1, 0), (1, 0, 0, 1))
+    moves = ("left", MIDDLE), ("right", MIDDLE), ("left", None)
+    tpg = graph(go(Writer(two_arms()), *moves), (0, 0, 1, 0), (1, 0, 0, 1))
     report = verify_plan(tpg)
     found = [named(p) for p in report.problems]
     # Right moves while left stands before its node 1; and left leaves while right stands.
@@ -139,14 +146,11 @@ def test_a_robot_that_stands_in_the_way_between_two_ordered_nodes_is_found() -> 
 
 def test_a_robot_without_nodes_stands_in_the_way() -> None:
     cell = two_arms(gap=0.60)
-    writer = Writer(cell)
-    home = cell.robot("right").home
-    tool = frame_pose(cell.robot("right"), home, "tool")[:3, 3]
-    writer.move("left", at(writer, "left", *tool), step=ONE_NODE)
-    report = verify_plan(graph(writer))
-    assert [named(p) for p in report.problems] == [
-        ("hold", {("left", 0), ("right", 0)}, {True, False})
-    ]
+    right = cell.robot("right")
+    tool = tuple(frame_pose(right, right.home, "tool")[:3, 3])
+    report = verify_plan(graph(go(Writer(cell), ("left", tool))))
+    (found,) = (named(p) for p in report.problems)
+    assert found == ("hold", {("left", 0), ("right", 0)}, {True, False})
 
 
 def carrying(*, right_first: bool) -> Writer:
@@ -160,19 +164,13 @@ def carrying(*, right_first: bool) -> Writer:
     local = inverse(frame_pose(left, pick)) @ stock.start
     placed = frame_pose(left, place) @ local
     # The tool 30 mm above the table's side of the block: only the block is in the way.
-    through = at(writer, "right", x, y, z - 0.02)
-
-    def pass_by() -> None:
-        writer.move("right", through, step=ONE_NODE)
-        writer.move("right", writer.cell.robot("right").home, step=ONE_NODE)
-
-    if right_first:
-        pass_by()
-    writer.move("left", pick, Handling("block", -1, "left", local), step=ONE_NODE)
-    writer.move("left", place, Handling("block", -1, None, placed), step=ONE_NODE)
-    writer.move("left", left.home, step=ONE_NODE)
-    if not right_first:
-        pass_by()
+    passing = ("right", (x, y, z - 0.02)), ("right", None)
+    work = (
+        ("left", pick, Handling("block", -1, "left", local)),
+        ("left", place, Handling("block", -1, None, placed)),
+        ("left", None),
+    )
+    go(writer, *((*passing, *work) if right_first else (*work, *passing)))
     for task in writer.tasks:
         tool = AllowedContact("left/tool", "block", frozenset([task.index]))
         if task.robot == "left":
@@ -215,10 +213,9 @@ def test_a_tool_is_held_to_the_depth_to_which_it_may_touch(
     """The lever, 3.2 mm beyond the grip plane, goes a little into the top of a block."""
     x, y, z = 0.40, 0.0, 0.25
     writer = Writer(two_arms((block("block", (0.1, 0.1, 0.04), translation(x, y, z)),)))
-    above = at(writer, "left", x, y, z + 0.02 + 0.0032 + 0.01)
-    down = at(writer, "left", x, y, z + 0.02 + 0.0032 - depth)
-    for q in (above, down, above, writer.cell.robot("left").home):
-        writer.move("left", q, step=ONE_NODE)
+    touching = z + 0.02 + 0.0032
+    above, down = (x, y, touching + 0.01), (x, y, touching - depth)
+    go(writer, *(("left", to) for to in (above, down, above, None)))
     tasks = frozenset(task.index for task in writer.tasks)
     if grazing is not None:
         contact = AllowedContact("left/tool", "block", tasks, grazing)
@@ -234,16 +231,10 @@ def test_an_object_that_comes_up_later_is_in_the_way_from_then_on() -> None:
 
     def writer(*, right_first: bool) -> Writer:
         out = Writer(two_arms((later,)))
+        passing = ("right", (0.40, 0.10, 0.23)), ("right", None)
         aside = out.cell.robot("left").home + 0.2
-        through = at(out, "right", 0.40, 0.10, 0.23)
-        steps = [
-            ("right", through, ()),
-            ("right", out.cell.robot("right").home, ()),
-            ("left", aside, (Handling("block", -1, None, pose),)),
-        ]
-        for robot, goal, handlings in steps if right_first else [steps[2], *steps[:2]]:
-            out.move(robot, goal, *handlings, step=ONE_NODE)
-        return out
+        comes = ("left", aside, Handling("block", -1, None, pose))
+        return go(out, *((*passing, comes) if right_first else (comes, *passing)))
 
     assert verify_plan(graph(writer(right_first=True), (1, 1, 0, 0))).ok
     for tpg in (
@@ -267,18 +258,25 @@ def test_nodes_must_be_ordered_with_place_and_pick_of_what_rests_there() -> None
     assert all("block at rest" in p.message for p in rests)
 
 
-def test_a_cycle_is_found() -> None:
-    writer = taking_turns()
-    report = verify_plan(graph(writer, (0, 1, 1, 0), (1, 1, 0, 0)))
-    assert [p.kind for p in report.problems] == ["cycle"]
-
-
-def test_an_edge_against_the_planned_order_is_found() -> None:
-    writer = taking_turns()
-    report = verify_plan(graph(writer, (1, 1, 0, 0)))
-    assert [named(p)[:2] for p in report.problems] == [
-        ("order", {("right", 1), ("left", 0)})
-    ]
+@pytest.mark.parametrize(
+    ("edges", "needs", "kinds"),
+    [
+        ([(0, 1, 1, 0), (1, 1, 0, 0)], [], {"cycle"}),
+        ([(1, 1, 0, 0)], [], {"order"}),  # against the planned order
+        ([(0, 1, 1, 0)], [[1, 2]], set()),
+        ([(0, 1, 1, 1)], [[1, 2]], {"dependency", "nodes"}),
+    ],
+)
+def test_edges_that_are_no_order_or_not_what_tasks_ask_for_are_found(
+    edges: list[tuple[int, int, int, int]], needs: list[list[int]], kinds: set[str]
+) -> None:
+    tpg = graph(taking_turns(), *edges)
+    needed = np.array(needs, dtype=np.int64).reshape(-1, 2)
+    problems = verify_plan(replace(tpg, dependencies=needed)).problems
+    assert {p.kind for p in problems} == kinds
+    for p in problems:
+        if p.kind == "order":
+            assert named(p)[1] == {("right", 1), ("left", 0)}
 
 
 def test_an_object_passed_on_without_an_edge_is_found() -> None:
@@ -287,13 +285,10 @@ def test_an_object_passed_on_without_an_edge_is_found() -> None:
     grip = at(writer, "right", 0.40, 0.10, 0.25)
     rest = writer.tasks[1].handlings[0].pose
     local = inverse(frame_pose(right, grip)) @ rest
-    writer.move("right", grip, Handling("block", -1, "right", local), step=ONE_NODE)
-    kinds = [p.kind for p in verify_plan(graph(writer), limit=3).problems]
-    assert "handling" in kinds
-    ordered = [
-        p.kind for p in verify_plan(graph(writer, (0, 2, 1, 0)), limit=3).problems
-    ]
-    assert "handling" not in ordered
+    go(writer, ("right", grip, Handling("block", -1, "right", local)))
+    for edges, found in (((), True), (((0, 2, 1, 0),), False)):
+        problems = verify_plan(graph(writer, *edges), limit=3).problems
+        assert ("handling" in {p.kind for p in problems}) is found
 
 
 def passing_on() -> Writer:
@@ -306,11 +301,14 @@ def passing_on() -> Writer:
     pick, give = (at(writer, "left", 0.29, y, 0.25) for y in (-0.2, 0.0))
     held = inverse(frame_pose(left, pick)) @ at_stock
     received = inverse(frame_pose(right, ready)) @ frame_pose(left, give) @ held
-    writer.move("right", ready, step=ONE_NODE)
-    writer.move("left", pick, Handling("beam", -1, "left", held), step=ONE_NODE)
-    writer.move("left", give, Handling("beam", -1, "right", received), step=ONE_NODE)
-    writer.move("left", left.home, step=ONE_NODE)
-    writer.move("right", right.home, step=ONE_NODE)
+    go(
+        writer,
+        ("right", ready),
+        ("left", pick, Handling("beam", -1, "left", held)),
+        ("left", give, Handling("beam", -1, "right", received)),
+        ("left", None),
+        ("right", None),
+    )
     everything = frozenset(task.index for task in writer.tasks)
     for robot in ("left", "right"):
         writer.allowed.append(AllowedContact(f"{robot}/tool", "beam", everything))
@@ -320,11 +318,13 @@ def passing_on() -> Writer:
 def test_an_object_is_passed_from_hand_to_hand() -> None:
     ready, gone = (1, 0, 0, 1), (0, 2, 1, 1)
     assert verify_plan(graph(passing_on(), ready, gone)).ok
-    report = verify_plan(graph(passing_on(), gone), limit=2)
-    assert named(report.problems[0])[:2] == ("handling", {("right", 0), ("left", 1)})
-    assert "need not stand" in report.problems[0].message
-    report = verify_plan(graph(passing_on(), ready), limit=2)
-    assert named(report.problems[0])[:2] == ("handling", {("left", 1), ("right", 1)})
+    for edge, sides in (
+        (gone, {("right", 0), ("left", 1)}),
+        (ready, {("left", 1), ("right", 1)}),
+    ):
+        first = verify_plan(graph(passing_on(), edge), limit=2).problems[0]
+        assert named(first)[:2] == ("handling", sides)
+        assert "need not stand" in first.message
 
 
 def test_what_a_standing_robot_was_handed_is_in_the_way() -> None:
@@ -332,21 +332,10 @@ def test_what_a_standing_robot_was_handed_is_in_the_way() -> None:
     writer = passing_on()
     writer.allowed[0] = AllowedContact("left/tool", "beam", frozenset([0, 1, 2, 4]))
     report = verify_plan(graph(writer, (1, 0, 0, 1), (0, 2, 1, 1)))
-    assert len(report.problems) == 1
-    assert report.problems[0].kind == "rest"
-    assert report.problems[0].first is not None
-    assert (report.problems[0].first.robot, report.problems[0].first.node) == (
-        "left",
-        2,
-    )
-
-
-def test_dependencies_must_follow_from_the_edges() -> None:
-    writer = taking_turns()
-    needed = np.array([[1, 2]])
-    assert verify_plan(replace(graph(writer, (0, 1, 1, 0)), dependencies=needed)).ok
-    report = verify_plan(replace(graph(writer, (0, 1, 1, 1)), dependencies=needed))
-    assert "dependency" in [p.kind for p in report.problems]
+    (problem,) = report.problems
+    assert problem.kind == "rest"
+    assert problem.first is not None
+    assert (problem.first.robot, problem.first.node) == ("left", 2)
 
 
 @pytest.mark.parametrize("seed", range(5))
