@@ -164,9 +164,9 @@ class ContactWatch:
 
         asked = Asked(lambda: self.least, depth)
         for gap in gaps(self._world, stretch, self._exempt, asked):
-            a, b = gap.first, gap.second
+            a, b = gap.pair.shapes
             robots = a.robot is not None and b.robot is not None and a.robot != b.robot
-            if gap.between_robots:
+            if gap.pair.between_robots:
                 self.least = min(self.least, gap.distance)
                 self.bound = min(self.bound, gap.bound)
             if gap.distance > 0.0:

@@ -12,14 +12,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.kinematics.kinematics import frame_pose, inverse_kinematics
-from planning.robots.registry import robot_model
 from planning.tasks.task import AllowedContact, Task
 from planning.transforms import (
     Array,
     Transform,
-    from_rpy,
     inverse,
     quat_wxyz,
     rotation,
@@ -27,6 +25,7 @@ from planning.transforms import (
 )
 from scheduling.graph.plan_files import save_plan
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from tests.scheduling.two_arms import two_arms
 
 BRICK = np.array([0.0158, 0.0318, 0.0096])
 TOP = 0.19
@@ -49,21 +48,13 @@ def brick(name: str, x: float, y: float, layer: float = 1) -> CellObject:
 
 
 def two_arm_cell(objects: Sequence[CellObject] = (), gap: float = 0.88) -> Workcell:
-    model = robot_model("gp4")
-    turned = from_rpy([gap, 0, 0], [0, 0, np.pi])
-    return Workcell(
-        (
-            PlacedRobot("left", model, np.eye(4), model.home),
-            PlacedRobot("right", model, turned, model.home),
-        ),
-        (
-            fixture(
-                "plate", [0.3, 0.4, 0.005], translation(*PLATE_CENTRE, TOP - 0.0025)
-            ),
-            fixture("table", [0.5, 1.0, 0.02], translation(*PLATE_CENTRE, TOP - 0.015)),
-        ),
-        tuple(objects),
+    plate = translation(*PLATE_CENTRE, TOP - 0.0025)
+    table = translation(*PLATE_CENTRE, TOP - 0.015)
+    fixtures = (
+        fixture("plate", [0.3, 0.4, 0.005], plate),
+        fixture("table", [0.5, 1.0, 0.02], table),
     )
+    return replace(two_arms(tuple(objects), gap), fixtures=fixtures)
 
 
 def reach(cell: Workcell, robot: str, x: float, y: float, z: float) -> Array:

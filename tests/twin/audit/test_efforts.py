@@ -13,11 +13,11 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
-from planning.transforms import Array, from_rpy, translation
-from tests.twin.audit.swings import swing
+from planning.transforms import from_rpy, translation
+from tests.twin.audit.swings import states_of, swing
 from twin.audit.limit_checks import effort_violations
 from twin.audit.motion.efforts import efforts_of_run, greatest_efforts
-from twin.audit.motion.executed import ObjectRow, Recording, Replay, RobotRows
+from twin.audit.motion.executed import ObjectRow, Recording, Replay
 
 G = 9.80665
 PENDULUM = """<robot name="pendulum">
@@ -52,8 +52,7 @@ def pendulum(folder: Path, kind: str = "revolute", mass: float = 4.0) -> PlacedR
 def test_efforts_of_a_pendulum(load: float, kind: str, tmp_path: Path) -> None:
     """tau = (I + m l^2) a + m g l cos(q), and the same for what is in hand from the middle on."""
     robot = pendulum(tmp_path, kind)
-    t, q, v, a = swing(20.0, 0.25)
-    rows = RobotRows(t, q[:, None], np.arange(5), v[:, None], a[:, None])
+    rows = swing(20.0, 0.25)
     shape = box_shape("part", (0.2, 0.1, 0.3))
     part = CellObject("part", "part", shape, np.eye(4), mass=load)
     grip = np.linalg.inv(robot.model.flange) @ translation(1.0, 0.0, 0.0)
@@ -62,7 +61,7 @@ def test_efforts_of_a_pendulum(load: float, kind: str, tmp_path: Path) -> None:
         ObjectRow(0.0, "part", None, np.eye(4)),
         ObjectRow(taken, "part", "one", grip),
     )
-    recording = Recording({"one": rows}, moves, float(t[-1]))
+    recording = Recording({"one": rows}, moves, float(rows.t[-1]))
     cell = Workcell((robot,), (), (part,))
     own = efforts_of_run(Replay(cell, recording))["one"]
     times, efforts = own.t, own.effort
@@ -74,10 +73,10 @@ def test_efforts_of_a_pendulum(load: float, kind: str, tmp_path: Path) -> None:
     (both,) = np.nonzero(times == taken)
     assert len(both) == 2
     after[both[1]] = True
-    fine = np.stack([state_at(t, q, v, a, time) for time in times])
+    q, _, a = states_of(rows, times)
     loaded = np.where(after, load, 0.0)
     moment = inertia + np.where(after, inside, 0.0) + loaded
-    wanted = moment * fine[:, 2] + (lever + loaded) * G * np.cos(fine[:, 0])
+    wanted = moment * a + (lever + loaded) * G * np.cos(q)
     assert np.allclose(efforts[:, 0], wanted, rtol=0.0, atol=1e-9)
     (found,) = greatest_efforts(cell, {"one": own})
     assert (found.robot, found.joint, found.limit) == ("one", "turn", 100.0)
@@ -86,42 +85,24 @@ def test_efforts_of_a_pendulum(load: float, kind: str, tmp_path: Path) -> None:
     assert found.unweighed == (() if load else ("part",))
 
 
-def state_at(t: Array, q: Array, v: Array, a: Array, time: float) -> list[float]:
-    k = min(int(np.searchsorted(t, time, side="right")) - 1, len(t) - 2)
-    s, j = time - t[k], (a[k + 1] - a[k]) / (t[k + 1] - t[k])
-    return [
-        q[k] + s * (v[k] + s * (a[k] / 2.0 + s * j / 6.0)),
-        v[k] + s * (a[k] + s * j / 2.0),
-        a[k] + s * j,
-    ]
-
-
 @pytest.mark.parametrize("name", ["ur5e", "panda"])
 def test_lifting_takes_the_work_that_the_height_is_worth(name: str) -> None:
     """From rest to rest, the difference of work with and without a part is m g h."""
     model = robot_model(name)
     base = from_rpy((0.2, 0.0, 0.5), (0.3, -0.2, 1.0))
     robot = limited(PlacedRobot("one", model, base, model.home))
-    t, share, v, a = swing(2.0, 0.5)
-    way = np.linspace(0.5, -0.4, model.dof) / share[-1]
-    rows = RobotRows(
-        t,
-        model.home + share[:, None] * way,
-        np.arange(5),
-        v[:, None] * way,
-        a[:, None] * way,
-    )
+    way = np.linspace(0.5, -0.4, model.dof) / swing(2.0, 0.5).q[-1]
+    rows = swing(2.0, 0.5, way, model.home)
     part = CellObject(
         "part", "part", box_shape("part", (0.1, 0.2, 0.3)), np.eye(4), 2.5
     )
     grip = from_rpy((0.02, -0.05, 0.1), (0.4, 0.3, 0.2))
     work = []
     for moves in ((), (ObjectRow(0.0, "part", "one", grip),)):
-        recording = Recording({"one": rows}, moves, float(t[-1]))
+        recording = Recording({"one": rows}, moves, float(rows.t[-1]))
         cell = Workcell((robot,), (), (part,))
         own = efforts_of_run(Replay(cell, recording))["one"]
-        fine = [state_at(t, share, v, a, time)[1] for time in own.t]
-        power = own.effort @ way * np.array(fine)
+        power = own.effort @ (way / way[0]) * states_of(rows, own.t)[1]
         work.append(np.trapezoid(power, own.t))
     ends = [(frame_pose(robot, q) @ grip)[2, 3] for q in (rows.q[0], rows.q[-1])]
     lifted = 2.5 * G * (ends[1] - ends[0])
@@ -130,9 +111,7 @@ def test_lifting_takes_the_work_that_the_height_is_worth(name: str) -> None:
 
 
 def test_nothing_is_told_without_masses_or_limits(tmp_path: Path) -> None:
-    t, q, v, a = swing(20.0, 0.25)
-    rows = RobotRows(t, q[:, None], np.arange(5), v[:, None], a[:, None])
-    recording = Recording({"one": rows}, (), float(t[-1]))
+    recording = Recording({"one": swing(20.0, 0.25)}, (), 1.0)
     bare = pendulum(tmp_path, mass=0.0)
     assert efforts_of_run(Replay(Workcell((bare,), (), ()), recording)) == {}
     robot = replace(pendulum(tmp_path), limits=None)
@@ -174,12 +153,10 @@ def test_what_gravity_alone_takes_is_no_violation(tmp_path: Path) -> None:
 def raised(folder: Path) -> tuple[PlacedRobot, Recording, float]:
     """A pendulum that is raised from the horizontal, and the most that this takes."""
     robot = pendulum(folder)
-    t, q, v, a = swing(20.0, 0.25)
-    rows = RobotRows(t, q[:, None], np.arange(5), v[:, None], a[:, None])
-    recording = Recording({"one": rows}, (), float(t[-1]))
-    fine = [state_at(t, q, v, a, time) for time in np.linspace(0.0, t[-1], 10_001)]
-    most = max(1.2 * rise + 2.0 * G * np.cos(at) for at, _, rise in fine)
-    return robot, recording, float(most)
+    rows = swing(20.0, 0.25)
+    q, _, a = states_of(rows, np.linspace(0.0, 1.0, 10_001))
+    most = np.max(1.2 * a + 2.0 * G * np.cos(q))
+    return robot, Recording({"one": rows}, (), 1.0), float(most)
 
 
 def with_effort(robot: PlacedRobot, effort: float) -> PlacedRobot:

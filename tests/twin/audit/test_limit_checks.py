@@ -17,7 +17,7 @@ from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import Workcell
 from planning.transforms import Array
 from tests.twin.audit.audit_cell import HandWrittenRun, two_arm_cell
-from tests.twin.audit.swings import swing
+from tests.twin.audit.swings import jerked, swing
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import toy_cell
@@ -115,14 +115,7 @@ def made(seed: int, joints: int = 2) -> RobotRows:
     """A motion of random jerks, each constant for a while, from rest; times are nanoseconds."""
     rng = np.random.default_rng(seed)
     span = rng.integers(10**7, 10**9, 12) / NANOSECONDS
-    jerk = rng.uniform(-5.0, 5.0, (len(span), joints))
-    q, v, a = (np.zeros((len(span) + 1, joints)) for _ in range(3))
-    for k, (h, j) in enumerate(zip(span, jerk, strict=True)):
-        a[k + 1] = a[k] + h * j
-        v[k + 1] = v[k] + h * a[k] + h * h * j / 2.0
-        q[k + 1] = q[k] + h * v[k] + h * h * a[k] / 2.0 + h**3 * j / 6.0
-    t = np.append(0.0, np.cumsum(span))
-    return RobotRows(t, q, np.arange(len(t)), v, a)
+    return jerked(span, rng.uniform(-5.0, 5.0, (len(span), joints)))
 
 
 def greatest(rows: RobotRows) -> dict[str, Array]:
@@ -252,16 +245,14 @@ def test_the_audit_of_a_run_holds_it_to_its_limits(
         limits = replace(limits, **{lowered: tight})
     left, right = (replace(robot, limits=limits) for robot in cell.robots)
     run = HandWrittenRun(replace(cell, robots=(left, right)))
-    t, q, v, a = swing(10.0, 0.15)
-    path = np.repeat(left.home[None], len(t), axis=0)
-    path[:, joint] += q
-    run.move("left", t.tolist(), path)
+    rows = swing(10.0, 0.15, np.eye(6)[joint], left.home)
+    run.move("left", rows.t, rows.q)
     folder = run.write(tmp_path)
     table = pq.read_table(folder / "trajectory.parquet")
-    for name, values in (("v", v), ("a", a)):
+    for name, values in (("v", rows.v), ("a", rows.a)):
+        assert values is not None
         for j in range(6):
-            column = values if j == joint else np.zeros(5)
-            table = table.append_column(f"{name}_{j}", pa.array(column))
+            table = table.append_column(f"{name}_{j}", pa.array(values[:, j]))
     pq.write_table(table, folder / "trajectory.parquet")
     found = audit_run(folder).violations
     assert [v.kind for v in found] == kinds

@@ -16,7 +16,7 @@ from tests.twin.audit.audit_cell import brick
 from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import limit_violations, tool_speed_violations
 from twin.audit.motion.efforts import ToolSpeeds, tool_speeds_of_run
-from twin.audit.motion.executed import ObjectRow, Recording, Replay, RobotRows
+from twin.audit.motion.executed import ObjectRow, Recording, Replay
 from twin.audit.violation import Violation
 
 TAKEN_S = 0.5
@@ -28,15 +28,7 @@ def swung(name: str, limits: MotionLimits) -> tuple[Workcell, Recording]:
     model = robot_model(name)
     base = from_rpy((0.3, -0.2, 0.1), (0.2, 0.4, 1.0))
     robot = PlacedRobot("one", model, base, model.home, limits=limits)
-    t, q, v, a = swing(10.0, 0.25)
-    shares = np.linspace(1.0, -0.6, model.dof)
-    rows = RobotRows(
-        t,
-        model.home + q[:, None] * shares,
-        np.arange(5),
-        v[:, None] * shares,
-        a[:, None] * shares,
-    )
+    rows = swing(10.0, 0.25, np.linspace(1.0, -0.6, model.dof), model.home)
     part = brick("part", 1.0, 0.0)
     moves = (
         ObjectRow(0.0, "part", None, part.start),

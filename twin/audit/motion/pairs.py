@@ -37,30 +37,6 @@ SLACK = 1e-4
 
 
 @dataclass(frozen=True)
-class Gap:
-    """The signed distance of two shapes from one sample on until something moves.
-
-    Attributes:
-        first, second: the shapes.
-        sample: at which it was measured, or the last one before.
-        until: sample from which on it may be another.
-        distance: [m].
-        bound: less than this it cannot have been since the measurement before, where that is
-            less than asked for; else ``distance`` [m].
-        between_robots: whether they are of two robots, or of what two robots carry, and are not
-            meant to touch.
-    """
-
-    first: WatchedShape
-    second: WatchedShape
-    sample: int
-    until: int
-    distance: float
-    bound: float
-    between_robots: bool
-
-
-@dataclass(frozen=True)
 class Asked:
     """Gaps and overlaps that measurements are compared with.
 
@@ -78,14 +54,27 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class _Watched:
-    """A pair, the samples at which it may meet, and how far it has moved up to each sample."""
+class WatchedPair:
+    """A pair of shapes, the samples at which it may meet, and how far it has moved up to each.
+
+    Attributes:
+        a, b: the shapes.
+        close: samples at which they may meet.
+        moved: how far they have moved, seen from each other, up to each sample [m].
+        between_robots: whether they are of two robots, or of what two robots carry, and are not
+            meant to touch.
+    """
 
     a: Track
     b: Track
     close: list[int]
     moved: list[float]
     between_robots: bool
+
+    @property
+    def shapes(self) -> tuple[WatchedShape, WatchedShape]:
+        """The two shapes."""
+        return self.a.shape, self.b.shape
 
     def next_after(self, sample: int, room: float) -> tuple[int, int | None]:
         """Return when the pair has used up ``room`` [m], and when to measure it next."""
@@ -100,6 +89,26 @@ class _Watched:
         k = bisect_right(self.moved, used, first + 1, last) - 1
         share = (used - self.moved[k]) / (self.moved[k + 1] - self.moved[k])
         return k + min(share, 1.0)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The signed distance of two shapes from one sample on until something moves.
+
+    Attributes:
+        pair: the shapes.
+        sample: at which it was measured, or the last one before.
+        until: sample from which on it may be another.
+        distance: [m].
+        bound: less than this it cannot have been since the measurement before, where that is
+            less than asked for; else ``distance`` [m].
+    """
+
+    pair: WatchedPair
+    sample: int
+    until: int
+    distance: float
+    bound: float
 
 
 @dataclass(frozen=True)
@@ -128,7 +137,6 @@ def gaps(
         exempt: pairs of one robot's shapes that are not checked, see ``overlapping_at_home``.
         asked: what must be excluded.
     """
-    least = asked.least
     watched = list(_pairs(stretch, len(world.robot_shapes), exempt, asked))
     due = [(pair.close[0], k) for k, pair in enumerate(watched)]
     heapq.heapify(due)
@@ -137,16 +145,14 @@ def gaps(
     between, near = _Between(placer, asked, True), _Between(placer, asked, False)
     while due:
         sample, k = heapq.heappop(due)
-        pair = watched[k]
-        distance = _measure(placer, pair, float(sample), least())
-        need = max(least(), 0.0) if pair.between_robots else 0.0
-        need = min(need, distance) if pair.between_robots else 0.0
-        until, following = pair.next_after(sample, distance - max(need, 0.0))
+        pair, least = watched[k], max(asked.least(), 0.0)
+        distance = placer.measure(pair, float(sample), least)
+        need = max(min(least, distance), 0.0) if pair.between_robots else 0.0
+        until, following = pair.next_after(sample, distance - need)
         if following is not None:
             heapq.heappush(due, (following, k))
-        if distance <= 0.0 or (pair.between_robots and distance < least()):
-            shapes = pair.a.shape, pair.b.shape
-            yield Gap(*shapes, sample, until, distance, distance, pair.between_robots)
+        if distance <= 0.0 or (pair.between_robots and distance < asked.least()):
+            yield Gap(pair, sample, until, distance, distance)
         now = _PairDistance(float(sample), pair.moved[sample], distance)
         last = before[k]
         if last is not None:
@@ -156,14 +162,6 @@ def gaps(
         before[k] = now if following == until else None
     yield from between.settle()
     yield from near.settle()
-
-
-def _measure(placer: _Placer, pair: _Watched, at: float, least: float) -> float:
-    placer.put(pair.a, at)
-    placer.put(pair.b, at)
-    need = max(least, 0.0) if pair.between_robots else 0.0
-    reach = min(need, 10.0) + REACH
-    return placer.world.distance(pair.a.shape, pair.b.shape, reach)
 
 
 class _Between:
@@ -176,16 +174,16 @@ class _Between:
     def __init__(self, placer: _Placer, asked: Asked, worst_first: bool) -> None:
         self._placer, self._asked, self._worst_first = placer, asked, worst_first
         self._open: list[
-            tuple[float, int, float, _Watched, _PairDistance, _PairDistance]
+            tuple[float, int, float, WatchedPair, _PairDistance, _PairDistance]
         ] = []
         self._count = 0
 
-    def add(self, pair: _Watched, low: _PairDistance, high: _PairDistance) -> None:
+    def add(self, pair: WatchedPair, low: _PairDistance, high: _PairDistance) -> None:
         """Note two measurements of a pair."""
         bound = 0.5 * (low.distance + high.distance - (high.moved - low.moved))
         if bound >= 0.0 and not pair.between_robots:
             return
-        if bound < _needed(pair, low, high, self._asked):
+        if bound < self._needed(pair, low, high):
             self._count += 1
             first = bound if self._worst_first else 0.5 * (low.at + high.at)
             heapq.heappush(self._open, (first, self._count, bound, pair, low, high))
@@ -194,42 +192,39 @@ class _Between:
         """Measure in between until nothing that is asked for is left open."""
         while self._open:
             _, _, bound, pair, low, high = heapq.heappop(self._open)
-            if bound >= _needed(pair, low, high, self._asked):
+            if bound >= self._needed(pair, low, high):
                 continue
-            a, b, robots = pair.a.shape, pair.b.shape, pair.between_robots
             if high.moved - low.moved <= FINEST:
                 nearest = min(low.distance, high.distance)
-                yield Gap(a, b, int(low.at), int(low.at) + 1, nearest, bound, robots)
+                yield Gap(pair, int(low.at), int(low.at) + 1, nearest, bound)
                 continue
             used = 0.5 * (low.moved + high.moved)
             at = pair.middle(low.at, high.at, used)
-            distance = _measure(self._placer, pair, at, self._asked.least())
-            if distance <= 0.0 or robots:
-                yield Gap(a, b, int(at), int(at) + 1, distance, distance, robots)
+            distance = self._placer.measure(pair, at, max(self._asked.least(), 0.0))
+            if distance <= 0.0 or pair.between_robots:
+                yield Gap(pair, int(at), int(at) + 1, distance, distance)
             middle = _PairDistance(at, used, distance)
             self.add(pair, low, middle)
             self.add(pair, middle, high)
 
-
-def _needed(
-    pair: _Watched, low: _PairDistance, high: _PairDistance, asked: Asked
-) -> float:
-    """Return the distance that must be kept between two measurements [m]."""
-    nearest = min(low.distance, high.distance)
-    if pair.between_robots:
-        least = asked.least()
-        return least if nearest <= 0.0 else max(least, 0.0)
-    if nearest - (high.moved - low.moved) >= 0.0:
-        return 0.0
-    shapes = pair.a.shape, pair.b.shape
-    last = min(ceil(high.at), len(pair.moved) - 1)
-    depth = min(asked.depth(*shapes, int(low.at)), asked.depth(*shapes, last))
-    return -depth if nearest >= -depth else -np.inf
+    def _needed(
+        self, pair: WatchedPair, low: _PairDistance, high: _PairDistance
+    ) -> float:
+        """Return the distance that must be kept between two measurements [m]."""
+        nearest = min(low.distance, high.distance)
+        if pair.between_robots:
+            least = self._asked.least()
+            return least if nearest <= 0.0 else max(least, 0.0)
+        if nearest - (high.moved - low.moved) >= 0.0:
+            return 0.0
+        samples = int(low.at), min(ceil(high.at), len(pair.moved) - 1)
+        depth = min(self._asked.depth(*pair.shapes, sample) for sample in samples)
+        return -depth if nearest >= -depth else -np.inf
 
 
 def _pairs(
     stretch: RunStretch, arms: int, exempt: frozenset[tuple[int, int]], asked: Asked
-) -> Iterator[_Watched]:
+) -> Iterator[WatchedPair]:
     """Yield the pairs that come near each other; the first ``arms`` tracks are of robots.
 
     A pair is close at a sample where it may be nearer than it moves until the sample before or
@@ -265,14 +260,14 @@ def _pairs(
         if between[n] and j >= arms:
             apart = _not_meant(a.shape, b.shape, close, asked)
             if len(apart) < len(close):
-                yield _Watched(a, b, close, moved.tolist(), False)
+                yield WatchedPair(a, b, close, moved.tolist(), False)
         if apart:
-            yield _Watched(a, b, apart, moved.tolist(), bool(between[n]))
+            yield WatchedPair(a, b, apart, moved.tolist(), bool(between[n]))
     # A base and a box at rest: nothing moves; bases stand on tables.
     some = [k for k, track in enumerate(moving) if track.link > 0 or k >= arms]
     for i, k, close in looked.near_boxes(np.array(some), boxes):
         alone = travelled[:, i].tolist()
-        yield _Watched(moving[i], boxes.tracks[k], close, alone, False)
+        yield WatchedPair(moving[i], boxes.tracks[k], close, alone, False)
 
 
 def _not_meant(
@@ -308,6 +303,19 @@ class _Placer:
         self.world, self._stretch = world, stretch
         self._arms: list[tuple[int, float] | None] = [None] * len(stretch.robots)
         self._loads: dict[int, tuple[int, float]] = {}
+
+    def measure(self, pair: WatchedPair, at: float, least: float) -> float:
+        """Return the distance of a pair at a sample or in between [m].
+
+        Args:
+            pair: the pair.
+            at: where, in samples.
+            least: how far apart robots are of interest [m].
+        """
+        self.put(pair.a, at)
+        self.put(pair.b, at)
+        reach = (min(least, 10.0) if pair.between_robots else 0.0) + REACH
+        return self.world.distance(*pair.shapes, reach)
 
     def put(self, track: Track, at: float) -> None:
         """Place a shape as it is at a sample, or between it and the next."""
