@@ -17,7 +17,7 @@ from typing import Any
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase
-from twin.audit.contacts import ContactRule, ContactWatch
+from twin.audit.contacts import Contacts, allowed_contacts
 from twin.audit.hands import grip_violations, tool_violations
 from twin.audit.limit_checks import (
     effort_violations,
@@ -179,7 +179,7 @@ class Auditor(AbstractContextManager["Auditor"]):
         wanted: Wanted | None = None,
     ) -> None:
         self._tpg, self._wanted = tpg, wanted
-        self._rule = ContactRule(tpg, wanted)
+        self._allowed = allowed_contacts(tpg)
         self._engine = engine_named(engine)
         self._world = open_world(tpg.cell, self._engine)
         self._exempt = overlapping_at_home(self._world)
@@ -215,10 +215,9 @@ class Auditor(AbstractContextManager["Auditor"]):
         """
         world, tpg = self._world, self._tpg
         case = AuditCase(world, tpg, recording, self._wanted, spans)
-        rule = self._rule.during(recording.robots)
-        watch = ContactWatch(world, rule, self._exempt, within)
+        contacts = Contacts(case, self._allowed, self._exempt, within)
         for stretch in stretches(world, case):
-            watch.look(stretch)
+            contacts.look(stretch)
             progress(AUDIT, float(stretch.t[-1]), recording.end)
         rules: list[Callable[[AuditCase], Iterable[Violation]]] = [jump_violations]
         if self._wanted is not None:
@@ -233,13 +232,13 @@ class Auditor(AbstractContextManager["Auditor"]):
         if ordered:
             found += edge_violations(tpg, case.moved, "trajectory.parquet")
         return AuditReport(
-            watch.configurations,
-            watch.least,
-            watch.bound,
-            _by_time([*found, *watch.violations()]),
+            contacts.configurations,
+            contacts.least,
+            contacts.bound,
+            _by_time([*found, *contacts.violations()]),
             engine_and_version(self._engine),
-            rule.tolerance,
-            watch.deepest_graze,
+            contacts.tolerance,
+            contacts.deepest_graze,
         )
 
 

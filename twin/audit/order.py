@@ -56,6 +56,18 @@ def edge_violations(
             )
 
 
+def tasks_at(
+    tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows], robot: str, t: float
+) -> frozenset[int]:
+    """Return the tasks a robot is at at a time [s]: two when one ends, and while it stands."""
+    index = tpg.chain_index.get(robot)
+    if index is None:
+        return frozenset()
+    tasks = tpg.chains[index].task
+    nodes = np.clip(robots[robot].nodes_at(t), 0, len(tasks) - 1)
+    return frozenset(tasks[nodes].tolist())
+
+
 def moved_spans(
     tpg: TemporalPlanGraph, robots: Mapping[str, RobotRows]
 ) -> dict[str, NodeSpans]:

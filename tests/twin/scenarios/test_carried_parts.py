@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.reference import ReferenceBody, ReferenceRobot, measure
 from tests.shipped_runs import ShippedRuns
-from twin.audit.contacts import ContactRule
 from twin.audit.motion.executed import Recording, read_recording
+from twin.audit.order import tasks_at
 
 TICK = 0.02
 """Time between two samples [s]."""
@@ -36,7 +38,7 @@ def least_distances(
 ) -> dict[tuple[str, str], tuple[float, float]]:
     """Least distance of a held part from a robot and its load [m], and when [s]."""
     robots = {robot.name: ReferenceRobot(robot) for robot in tpg.cell.robots}
-    rule = ContactRule(tpg).during(recording.robots)
+    doing = partial(tasks_at, tpg, recording.robots)
     allowed: dict[frozenset[str], list[frozenset[int]]] = {}
     for contact in tpg.allowed:
         pair = frozenset((contact.first, contact.second))
@@ -68,8 +70,7 @@ def least_distances(
                     if other.entity == part.entity or not since <= t < until:
                         continue
                     if any(
-                        tasks & rule.tasks_at(holder, t)
-                        and tasks & rule.tasks_at(name, t)
+                        tasks & doing(holder, t) and tasks & doing(name, t)
                         for tasks in allowed.get(
                             frozenset((part.entity, other.entity)), ()
                         )

@@ -6,7 +6,7 @@ from the box that is turned with a shape to the sphere around the other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -186,16 +186,18 @@ class StandingTable:
         self._turn = np.zeros((len(shapes), 3, 3))
         self._half = np.array([shape.half for shape in shapes]).reshape(-1, 3)
         self._radius = np.array([shape.radius for shape in shapes])
+        self._placements: Mapping[str, Stay] = {}
         for item in world.cell.fixtures:
             self._put(item.name, item.pose)
 
-    def put(self, stay: Stay) -> None:
-        """Take over where an object is from now on."""
-        self._put(stay.object, None if stay.holder is not None else stay.pose)
-
-    def take(self, name: str) -> None:
-        """Take away an object that is not there any more."""
-        self._put(name, None)
+    def change(self, placements: Mapping[str, Stay]) -> None:
+        """Take over where objects are from now on."""
+        for name, stay in placements.items():
+            if self._placements.get(name) is not stay:
+                self._put(name, None if stay.holder is not None else stay.pose)
+        for name in self._placements.keys() - placements.keys():
+            self._put(name, None)
+        self._placements = placements
 
     def boxes(self) -> Movers:
         """Return what stands now, at one sample."""

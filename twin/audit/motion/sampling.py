@@ -60,7 +60,7 @@ def stretches(world: AuditWorld, replay: Replay) -> Iterator[RunStretch]:
     knots = knots[(knots >= 0.0) & (knots <= replay.end)]
     ends = [*(t for t, _ in states[1:]), replay.end]
     for (start, placements), end in zip(states, ends, strict=True):
-        sampler.change(placements)
+        sampler.standing.change(placements)
         low, high = np.searchsorted(knots, start), np.searchsorted(knots, end, "right")
         inside = knots[low:high]
         for k in range(0, max(len(inside) - 1, 1), _ROWS):
@@ -73,6 +73,9 @@ class _Sampler:
     Args:
         world: the cell.
         replay: what was executed.
+
+    Attributes:
+        standing: table of what is at rest now.
     """
 
     def __init__(self, world: AuditWorld, replay: Replay) -> None:
@@ -85,21 +88,11 @@ class _Sampler:
         ]
         self._objects = shapes_by_entity(world.objects)
         self._order = {shape.number: k for k, shape in enumerate(world.objects)}
-        self._placements: Mapping[str, Stay] = {}
-        self._standing = StandingTable(world)
-
-    def change(self, placements: Mapping[str, Stay]) -> None:
-        """Take over where objects are from now on."""
-        for name, stay in placements.items():
-            if self._placements.get(name) is not stay:
-                self._standing.put(stay)
-        for name in self._placements.keys() - placements.keys():
-            self._standing.take(name)
-        self._placements = placements
+        self.standing = StandingTable(world)
 
     def sample(self, knots: Array, placements: Mapping[str, Stay]) -> RunStretch:
         """Return a stretch between knots, in which objects are where they are now."""
-        bodies = [self._carried(k) for k in range(len(self._robots))]
+        bodies = [self._carried(k, placements) for k in range(len(self._robots))]
         wide = np.zeros(len(knots) - 1)
         for rows in self._rows:
             step = np.abs(np.diff(rows.at(knots), axis=0))
@@ -114,7 +107,7 @@ class _Sampler:
             steps = [part.steps.max(axis=1, initial=0.0) for part in parts]
             moved = np.max([np.zeros(len(t) - 1), *steps], axis=0)
             if np.all(moved <= STEP):
-                boxes = self._standing.boxes()
+                boxes = self.standing.boxes()
                 return RunStretch(t, samples, placements, self._joined(parts), boxes)
             finer = _split(t, np.ceil(moved * 1.02 / STEP))
             if len(finer) == len(t):
@@ -122,13 +115,13 @@ class _Sampler:
             t = finer
         raise OutputError(f"robots move too fast to be sampled near {t[0]:.6f} s")
 
-    def _carried(self, robot: int) -> MovedShapes:
+    def _carried(self, robot: int, placements: Mapping[str, Stay]) -> MovedShapes:
         """Return all that a robot moves now."""
         placed = self._robots[robot]
         flange, hand = placed.model.flange, len(self._world.axes[robot].prismatic)
         held = [
             (shape, shape.at(flange @ stay.pose))
-            for name, stay in self._placements.items()
+            for name, stay in placements.items()
             if stay.holder == placed.name
             for shape in self._objects[name]
         ]

@@ -28,7 +28,6 @@ from twin.audit.worlds.world import (
     AuditWorld,
     Convex,
     JointLimits,
-    LinkShape,
     WatchedShape,
 )
 
@@ -102,7 +101,9 @@ class BulletWorld(AuditWorld):
         )
         return JointAxes(np.array([info[13] for info in own]), slides), limits
 
-    def _link(self, robot: int, link: ShapeLink) -> LinkShape:
+    def _link(
+        self, robot: int, link: ShapeLink, entity: str, detail: str
+    ) -> WatchedShape:
         body, moved = self._bodies[robot], self._moved[robot]
         number = carrier = self._links[robot][link.link]
         while carrier != BASE and carrier not in moved:
@@ -115,7 +116,8 @@ class BulletWorld(AuditWorld):
         centre = turn @ (0.5 * (low + high) - position[0, joint + 1])
         radius = float(np.linalg.norm(half))
         known = self._know(body, number, link.margin)
-        return LinkShape(known, joint, centre, radius, half, turn)
+        around = centre, radius, half, turn
+        return WatchedShape(entity, detail, known, robot, joint, *around)
 
     def _know(self, body: int, link: int, margin: float) -> int:
         self._known.append((body, link, margin))

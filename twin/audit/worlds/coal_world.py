@@ -25,7 +25,6 @@ from twin.audit.worlds.world import (
     AuditWorld,
     Convex,
     JointLimits,
-    LinkShape,
     WatchedShape,
 )
 
@@ -66,7 +65,9 @@ class CoalWorld(AuditWorld):
         self._arms.append(arm)
         return arm.axes(), arm.limits()
 
-    def _link(self, robot: int, link: ShapeLink) -> LinkShape:
+    def _link(
+        self, robot: int, link: ShapeLink, entity: str, detail: str
+    ) -> WatchedShape:
         arm = self._arms[robot]
         k, item = arm.items[link.link]
         carrier = item.parentJoint
@@ -82,7 +83,8 @@ class CoalWorld(AuditWorld):
         centre = np.asarray(pose.act(np.asarray(shape.aabb_center)))
         joint = arm.moved.index(carrier) if carrier else BASE
         around = centre, float(shape.aabb_radius), half, np.asarray(pose.rotation)
-        return LinkShape(self._know(body), joint, *around)
+        number = self._know(body)
+        return WatchedShape(entity, detail, number, robot, joint, *around)
 
     def _know(self, body: _Body) -> int:
         self._bodies.append(body)

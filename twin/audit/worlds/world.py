@@ -78,18 +78,6 @@ class JointLimits:
     units: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class LinkShape:
-    """A shape of a robot as a library has loaded it; fields are those of ``WatchedShape``."""
-
-    number: int
-    joint: int
-    centre: Array
-    radius: float
-    half: Array
-    turn: Array
-
-
 Convex = Box | Cylinder | Capsule | Array
 """A form, or the corners of a hull, shape (c, 3)."""
 
@@ -157,8 +145,10 @@ class AuditWorld(ABC):
         """Load a robot, the next one, from a description; velocities are those of it."""
 
     @abstractmethod
-    def _link(self, robot: int, link: ShapeLink) -> LinkShape:
-        """Return the shape of a link of a robot."""
+    def _link(
+        self, robot: int, link: ShapeLink, entity: str, detail: str
+    ) -> WatchedShape:
+        """Return the shape of a link of a robot, of which entity and detail are known."""
 
     @abstractmethod
     def _body(self, form: Convex) -> int:
@@ -212,13 +202,9 @@ class AuditWorld(ABC):
         parts = (part for part in model.parts if part.group == "tool")
         tool = {part.body.name.rsplit("_", 1)[0] for part in parts}
         for link in links:
-            own = self._link(index, link)
             entity = f"{robot.name}/{'tool' if link.owner in tool else 'arm'}"
             detail = f"{robot.name}/{link.owner}"
-            around = own.centre, own.radius, own.half, own.turn
-            self.robot_shapes.append(
-                WatchedShape(entity, detail, own.number, index, own.joint, *around)
-            )
+            self.robot_shapes.append(self._link(index, link, entity, detail))
 
     def _thing(
         self, name: str, made_of: Shape, pose: Transform
