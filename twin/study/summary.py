@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from planning.transforms import Array
-from twin.audit.worlds.world import engine_and_version, engine_named
+from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.model import NANOSECONDS
 from twin.planning.kind import assembly_kind
 from twin.run.policies import PLAIN_POLICIES
