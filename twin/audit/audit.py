@@ -31,7 +31,7 @@ from twin.audit.motion.efforts import (
     greatest_efforts,
     tool_speeds_of_run,
 )
-from twin.audit.motion.executed import Recording, Replay, read_recording
+from twin.audit.motion.executed import Recording, ReplayedRun, read_recording
 from twin.audit.motion.sampling import stretches
 from twin.audit.order import NodeSpans, edge_violations, logged_spans
 from twin.audit.places import (
@@ -140,7 +140,7 @@ def audit_run(
         report = auditor.audit(
             recording, progress, ordered=ordered, finished=finished, spans=spans
         )
-    replay = Replay(tpg.cell, recording)
+    replay = ReplayedRun(tpg.cell, recording)
     efforts = efforts_of_run(replay)
     found = [
         *report.violations,

@@ -11,7 +11,7 @@ from planning.cell.robot_model import ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.motion.executed import Recording, Replay
+from twin.audit.motion.executed import Recording, ReplayedRun
 from twin.audit.order import NodeSpans, moved_spans
 from twin.audit.wanted import ChangedTool, Wanted
 from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
@@ -41,7 +41,7 @@ class Hand:
         return max(0.0, 0.5 * (self.opening - 2.0 * float(np.min(shape.half))))
 
 
-class AuditCase(Replay):
+class AuditCase(ReplayedRun):
     """An execution with all that it is judged by.
 
     Args:

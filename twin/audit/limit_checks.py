@@ -19,7 +19,7 @@ import numpy.typing as npt
 from planning.cell.robot_model import MotionLimits
 from planning.transforms import Array, Indices
 from twin.audit.motion.efforts import RobotEfforts, ToolSpeeds
-from twin.audit.motion.executed import Replay, RobotRows
+from twin.audit.motion.executed import ReplayedRun, RobotRows
 from twin.audit.violation import Violation, ViolationKind
 from twin.audit.worlds.world import JointLimits
 
@@ -138,7 +138,7 @@ _SPEED, _WAY = 1e-7, 1e-8
 """Rounding of speeds and of ways: what nearly stands is written as standing [rad/s, rad]."""
 
 
-def limit_violations(replay: Replay) -> Iterator[Violation]:
+def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:
     """Yield where a robot that is to keep to limits does not."""
     for robot in replay.cell.robots:
         rows = replay.robots[robot.name]
@@ -247,7 +247,7 @@ def _fastest(v: Array, begin: Array, end: Array, span: Array, off: Array) -> Arr
 
 
 def effort_violations(
-    replay: Replay, efforts: Mapping[str, RobotEfforts]
+    replay: ReplayedRun, efforts: Mapping[str, RobotEfforts]
 ) -> Iterator[Violation]:
     """Yield where a joint needed more than it can exert though gravity alone leaves it something.
 

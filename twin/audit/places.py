@@ -11,7 +11,7 @@ from planning.cell.workcell import CellObject, Workcell
 from planning.tasks.task import GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audit.case import AuditCase
-from twin.audit.motion.executed import Replay, Stay
+from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.motion.reach import travel_of_points
 from twin.audit.violation import Violation
 from twin.audit.wanted import Place, Wanted
@@ -26,7 +26,7 @@ _NOWHERE = 1e6
 """Where what is in a hand is put: far from all spots [m]."""
 
 
-def start_violations(replay: Replay) -> Iterator[Violation]:
+def start_violations(replay: ReplayedRun) -> Iterator[Violation]:
     """Yield the objects that are not where they belong at the start."""
     for box in replay.cell.objects:
         for start in replay.stays[box.name][:1]:
@@ -113,7 +113,7 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
             yield at_end(name, "start", away, detail)
 
 
-def helpers_left(replay: Replay, wanted: Wanted) -> tuple[str, ...]:
+def helpers_left(replay: ReplayedRun, wanted: Wanted) -> tuple[str, ...]:
     """Return the objects that were put down where they only help, such as temporary bricks."""
     if not wanted.helpers:
         return ()

@@ -30,7 +30,7 @@ from tests.twin.audit.audit_cell import (
 )
 from twin.audit.audit import Auditor, AuditReport, audit_run
 from twin.audit.contacts import CONTACT_DEPTH
-from twin.audit.motion.executed import Replay, read_recording
+from twin.audit.motion.executed import ReplayedRun, read_recording
 from twin.audit.motion.pairs import FINEST, SLACK
 from twin.audit.motion.sampling import STEP, stretches
 from twin.audit.worlds.engines import open_world
@@ -311,7 +311,7 @@ def test_skipping_measurements_changes_nothing(tmp_path: Path, seed: int) -> Non
     world = open_world(tpg.cell)
     exempt = overlapping_at_home(world)
     least, deepest, samples, largest = np.inf, {}, 0, 0.0
-    for stretch in stretches(world, Replay(tpg.cell, recording)):
+    for stretch in stretches(world, ReplayedRun(tpg.cell, recording)):
         moving, resting = stretch.movers.tracks, stretch.boxes.tracks
         largest = max(largest, float(stretch.movers.steps.max()))
         arms = len(world.robot_shapes)

@@ -17,7 +17,7 @@ from tests.twin.audit.audit_cell import (
     with_fixture,
 )
 from twin.audit.audit import Auditor, audit_run
-from twin.audit.motion.executed import Replay, read_recording
+from twin.audit.motion.executed import ReplayedRun, read_recording
 from twin.audit.motion.pairs import FINEST
 from twin.audit.motion.sampling import stretches
 from twin.audit.worlds.engines import open_world
@@ -103,7 +103,7 @@ def test_nothing_gets_further_than_its_bound(tmp_path: Path) -> None:
         recording = read_recording(run.write(tmp_path), run.cell)
         world = auditor._world
         tightest = 0.0
-        for stretch in stretches(world, Replay(run.cell, recording)):
+        for stretch in stretches(world, ReplayedRun(run.cell, recording)):
             rows = stretch.robots[0]
             for k in range(0, len(stretch.t) - 1, 7):
                 share = np.linspace(0.0, 1.0, 20)[:, None]

@@ -17,7 +17,7 @@ from planning.transforms import from_rpy, translation
 from tests.twin.audit.swings import states_of, swing
 from twin.audit.limit_checks import effort_violations
 from twin.audit.motion.efforts import efforts_of_run, greatest_efforts
-from twin.audit.motion.executed import ObjectRow, Recording, Replay
+from twin.audit.motion.executed import ObjectRow, Recording, ReplayedRun
 
 G = 9.80665
 PENDULUM = """<robot name="pendulum">
@@ -63,7 +63,7 @@ def test_efforts_of_a_pendulum(load: float, kind: str, tmp_path: Path) -> None:
     )
     recording = Recording({"one": rows}, moves, float(rows.t[-1]))
     cell = Workcell((robot,), (), (part,))
-    own = efforts_of_run(Replay(cell, recording))["one"]
+    own = efforts_of_run(ReplayedRun(cell, recording))["one"]
     times, efforts = own.t, own.effort
     assert np.max(np.diff(times)) <= 0.01 + 1e-12
     inertia, lever = 0.2 + 4.0 * 0.5**2, 4.0 * 0.5
@@ -101,7 +101,7 @@ def test_lifting_takes_the_work_that_the_height_is_worth(name: str) -> None:
     for moves in ((), (ObjectRow(0.0, "part", "one", grip),)):
         recording = Recording({"one": rows}, moves, float(rows.t[-1]))
         cell = Workcell((robot,), (), (part,))
-        own = efforts_of_run(Replay(cell, recording))["one"]
+        own = efforts_of_run(ReplayedRun(cell, recording))["one"]
         power = own.effort @ (way / way[0]) * states_of(rows, own.t)[1]
         work.append(np.trapezoid(power, own.t))
     ends = [(frame_pose(robot, q) @ grip)[2, 3] for q in (rows.q[0], rows.q[-1])]
@@ -113,9 +113,9 @@ def test_lifting_takes_the_work_that_the_height_is_worth(name: str) -> None:
 def test_nothing_is_told_without_masses_or_limits(tmp_path: Path) -> None:
     recording = Recording({"one": swing(20.0, 0.25)}, (), 1.0)
     bare = pendulum(tmp_path, mass=0.0)
-    assert efforts_of_run(Replay(Workcell((bare,), (), ()), recording)) == {}
+    assert efforts_of_run(ReplayedRun(Workcell((bare,), (), ()), recording)) == {}
     robot = replace(pendulum(tmp_path), limits=None)
-    assert efforts_of_run(Replay(Workcell((robot,), (), ()), recording)) == {}
+    assert efforts_of_run(ReplayedRun(Workcell((robot,), (), ()), recording)) == {}
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_more_than_a_joint_can_exert_is_found(
     """What is asked for is greatest where the arm is raised from rest, a little after it begins."""
     robot, recording, most = raised(tmp_path)
     cell = Workcell((with_effort(robot, most * limit),), (), ())
-    replay = Replay(cell, recording)
+    replay = ReplayedRun(cell, recording)
     found = list(effort_violations(replay, efforts_of_run(replay)))
     assert [v.kind for v in found] == kinds
     for v in found:
@@ -143,7 +143,7 @@ def test_what_gravity_alone_takes_is_no_violation(tmp_path: Path) -> None:
     robot, recording, _ = raised(tmp_path)
     # Less than what it takes to hold the arm where it begins.
     cell = Workcell((with_effort(robot, 0.5 * 4.0 * 0.5 * G),), (), ())
-    replay = Replay(cell, recording)
+    replay = ReplayedRun(cell, recording)
     own = efforts_of_run(replay)
     (most,) = greatest_efforts(cell, own)
     assert most.share > 2.0

@@ -23,7 +23,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import toy_cell
 from twin.audit.audit import audit_run
 from twin.audit.limit_checks import limit_violations
-from twin.audit.motion.executed import Recording, Replay, RobotRows
+from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.violation import Violation
 from twin.durations.measured import packaged_timings
 from twin.durations.model import NANOSECONDS
@@ -38,7 +38,7 @@ KEYS = ("velocity", "acceleration", "jerk")
 
 def found_in(cell: Workcell, rows: Mapping[str, RobotRows]) -> list[Violation]:
     end = max(float(r.t[-1]) for r in rows.values())
-    return list(limit_violations(Replay(cell, Recording(rows, (), end))))
+    return list(limit_violations(ReplayedRun(cell, Recording(rows, (), end))))
 
 
 def executed(

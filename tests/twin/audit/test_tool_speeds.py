@@ -16,7 +16,7 @@ from tests.twin.audit.audit_cell import brick
 from tests.twin.audit.swings import swing
 from twin.audit.limit_checks import limit_violations, tool_speed_violations
 from twin.audit.motion.efforts import ToolSpeeds, tool_speeds_of_run
-from twin.audit.motion.executed import ObjectRow, Recording, Replay
+from twin.audit.motion.executed import ObjectRow, Recording, ReplayedRun
 from twin.audit.violation import Violation
 
 TAKEN_S = 0.5
@@ -57,7 +57,7 @@ def differences(cell: Workcell, recording: Recording, times: np.ndarray) -> np.n
 def test_speeds_are_those_of_where_the_tool_is(name: str) -> None:
     dof = robot_model(name).dof
     cell, recording = swung(name, limits_of(dof, 100.0, 50.0))
-    parts = list(tool_speeds_of_run(Replay(cell, recording)))
+    parts = list(tool_speeds_of_run(ReplayedRun(cell, recording)))
     assert [(own.loaded, own.limit) for own in parts] == [(False, 100.0), (True, 50.0)]
     for own in parts:
         inside = (own.t > 1e-4) & (own.t < 1.0 - 1e-4)
@@ -68,12 +68,12 @@ def test_speeds_are_those_of_where_the_tool_is(name: str) -> None:
 
 def found_with(name: str, free: float, loaded: float) -> list[Violation]:
     cell, recording = swung(name, limits_of(robot_model(name).dof, free, loaded))
-    return list(tool_speed_violations(tool_speeds_of_run(Replay(cell, recording))))
+    return list(tool_speed_violations(tool_speeds_of_run(ReplayedRun(cell, recording))))
 
 
 def test_a_tool_that_is_faster_than_it_may_be_is_found() -> None:
     cell, recording = swung("ur5e", limits_of(6, 100.0, 100.0))
-    own: list[ToolSpeeds] = list(tool_speeds_of_run(Replay(cell, recording)))
+    own: list[ToolSpeeds] = list(tool_speeds_of_run(ReplayedRun(cell, recording)))
     empty, loaded = (float(part.speed.max()) for part in own)
     assert found_with("ur5e", 1.0001 * max(empty, loaded), loaded * 1.0001) == []
     (slow,) = found_with("ur5e", empty * 0.999, np.inf)[:1]
@@ -95,6 +95,8 @@ def test_joint_speeds_that_add_up_to_too_much_are_found(share: float) -> None:
     assert robot.limits is not None
     most = float(np.abs(speeds).sum(axis=1).max()) * share
     tight = replace(robot, limits=replace(robot.limits, sum_of_speeds=most))
-    found = list(limit_violations(Replay(replace(cell, robots=(tight,)), recording)))
+    found = list(
+        limit_violations(ReplayedRun(replace(cell, robots=(tight,)), recording))
+    )
     seen = [(v.kind, v.first, v.second) for v in found]
     assert seen == ([("joint-speed", "one", "all joints")] if share < 1.0 else [])

@@ -16,7 +16,7 @@ from scipy import constants
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.transforms import Array
-from twin.audit.motion.executed import Replay, Stay
+from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.worlds.described_arm import DescribedArm
 
 _SPARE = 0.01
@@ -67,7 +67,7 @@ class GreatestEffort:
     unweighed: tuple[str, ...]
 
 
-def efforts_of_run(replay: Replay) -> dict[str, RobotEfforts]:
+def efforts_of_run(replay: ReplayedRun) -> dict[str, RobotEfforts]:
     """Return the efforts of the robots that keep to limits of motion and have efforts and masses.
 
     A robot has masses where its description gives one to what its last joint moves.
@@ -98,7 +98,7 @@ def greatest_efforts(
 
 
 def _efforts(
-    dynamics: _Dynamics, robot: PlacedRobot, limit: Array, replay: Replay
+    dynamics: _Dynamics, robot: PlacedRobot, limit: Array, replay: ReplayedRun
 ) -> RobotEfforts:
     rows, objects = replay.robots[robot.name], replay.cell.objects
     room = (1.0 - _SPARE) * limit
@@ -191,7 +191,7 @@ class ToolSpeeds:
     loaded: bool
 
 
-def tool_speeds_of_run(replay: Replay) -> Iterator[ToolSpeeds]:
+def tool_speeds_of_run(replay: ReplayedRun) -> Iterator[ToolSpeeds]:
     """Yield the speeds of all tools whose speed is limited, from change to change of what is held."""
     for robot in replay.cell.robots:
         limits, rows = robot.limits, replay.robots[robot.name]

@@ -181,7 +181,7 @@ class Stay:
     giver: str | None
 
 
-class Replay:
+class ReplayedRun:
     """The objects of an execution.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from planning.errors import OutputError
 from planning.transforms import Array
-from twin.audit.motion.executed import Replay, Stay
+from twin.audit.motion.executed import ReplayedRun, Stay
 from twin.audit.motion.movers import (
     MovedShapes,
     Movers,
@@ -51,7 +51,7 @@ class RunStretch:
     boxes: Movers
 
 
-def stretches(world: AuditWorld, replay: Replay) -> Iterator[RunStretch]:
+def stretches(world: AuditWorld, replay: ReplayedRun) -> Iterator[RunStretch]:
     """Yield the whole run in order; each stretch starts when the one before it ends."""
     sampler = _Sampler(world, replay)
     moved = [rows.t for rows in replay.robots.values()]
@@ -78,7 +78,7 @@ class _Sampler:
         standing: table of what is at rest now.
     """
 
-    def __init__(self, world: AuditWorld, replay: Replay) -> None:
+    def __init__(self, world: AuditWorld, replay: ReplayedRun) -> None:
         self._world = world
         self._robots = world.cell.robots
         self._rows = [replay.robots[robot.name] for robot in self._robots]
