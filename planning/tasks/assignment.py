@@ -10,6 +10,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 Tools = frozenset[tuple[str, str]]
 """Robots that must have a certain one of their tools on them, each with the name of that tool."""
@@ -144,15 +145,24 @@ class AssignmentProblem:
         """Indices of the support candidates of each step."""
         return _by_step(item.step for item in self.supports)
 
+    def lacking(self, step: int) -> str | None:
+        """Return in words who is missing for a step, whatever is done in others; None for nobody."""
+        primaries, supports = self.primaries_of.get(step), self.supports_of.get(step)
+        needs = self.needs_support[step - 1]
+        if needs and not supports:
+            return "no robot can support it"
+        if not primaries:
+            return "no robot, object and grasp can do it"
+        pairs = product(primaries, supports or ())
+        if needs and not any(self.compatible(*pair) for pair in pairs):
+            return "no primary robot and support robot can do it together"
+        return None
+
     @property
     def impossible(self) -> tuple[int, ...]:
-        """The steps that no robot can do, or that none can support."""
-        return tuple(
-            step
-            for step, held in enumerate(self.needs_support, start=1)
-            if not self.primaries_of.get(step)
-            or (held and not self.supports_of.get(step))
-        )
+        """The steps that nobody can do, or not beside anyone who supports it."""
+        steps = range(1, len(self.steps) + 1)
+        return tuple(step for step in steps if self.lacking(step) is not None)
 
     def compatible(self, primary: int, support: int) -> bool:
         """Tell whether a primary and a support candidate of a step are compatible."""

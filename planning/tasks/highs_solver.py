@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pulp
+from highspy import HighsModelStatus
 
 from planning.errors import InfeasibleStepError
 from planning.silence import QuietHighs
@@ -34,7 +35,11 @@ def assign_steps(problem: AssignmentProblem) -> TaskPlan:
         InfeasibleStepError: a step has no candidate (why each fell out is listed), or the steps
             compete for robots and objects (which do is listed).
     """
-    _require_candidates(problem)
+    for step, words in enumerate(problem.steps, start=1):
+        if (lacking := problem.lacking(step)) is not None:
+            raise InfeasibleStepError(
+                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"
+            )
     windows = is_large(problem) and not problem.kept
     plan = solve_in_windows(problem, _solved) if windows else None
     plan = plan or _solved(problem)
@@ -47,27 +52,6 @@ def _solved(problem: AssignmentProblem) -> TaskPlan | None:
     """Return the cheapest plan, None where there is none."""
     program = _Program(problem, elastic=False)
     return program.plan() if program.solve() else None
-
-
-def _require_candidates(problem: AssignmentProblem) -> None:
-    """Raise for the first step that nobody can do, whatever the other steps do."""
-    for step, words in enumerate(problem.steps, start=1):
-        primaries = problem.primaries_of.get(step, [])
-        lacking = None
-        supports = problem.supports_of.get(step, [])
-        needs = problem.needs_support[step - 1]
-        if needs and not supports:
-            lacking = "no robot can support it"
-        elif not primaries:
-            lacking = "no robot, object and grasp can do it"
-        elif needs and not any(
-            problem.compatible(p, s) for p in primaries for s in supports
-        ):
-            lacking = "no primary robot and support robot can do it together"
-        if lacking:
-            raise InfeasibleStepError(
-                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"
-            )
 
 
 class _Program:
@@ -84,6 +68,16 @@ class _Program:
             index: self.model.add_variable(f"y{index}", cat="Binary")
             for index in range(len(problem.supports))
         }
+        self.x_of: dict[int, list[int]] = defaultdict(list)
+        self.busy: dict[tuple[str, int], list[Any]] = defaultdict(list)
+        for p, var in self.x.items():
+            item = problem.primaries[p]
+            self.x_of[item.step].append(p)
+            self.busy[item.robot, item.step].append(var)
+            if item.partner is not None and not problem.needs_support[item.step - 1]:
+                self.busy[item.partner, item.step].append(var)
+        for s, var in self.y.items():
+            self.busy[problem.supports[s].robot, problem.supports[s].step].append(var)
         self.left_out: dict[int, Any] = {}
         steps = range(1, len(problem.steps) + 1)
         if elastic:
@@ -97,107 +91,92 @@ class _Program:
                 + problem.balance_weight * self._imbalance()
                 + self._changes()
             )
-        self.x_of: dict[int, list[int]] = defaultdict(list)
-        for index in self.x:
-            self.x_of[problem.primaries[index].step].append(index)
         for step in steps:
             self._constrain_step(step)
         self._constrain_objects()
         self._constrain_kept()
 
     def _motion(self) -> Any:
-        terms = [(var, self.problem.primaries[p].cost) for p, var in self.x.items()]
-        terms += [(var, self.problem.supports[s].cost) for s, var in self.y.items()]
+        terms = [(var, item.cost) for item, var in self._candidates()]
         return pulp.LpAffineExpression(terms)
 
     def _imbalance(self) -> Any:
         """Return the sum of Z^M - Z^m, with constraints (7) and (8)."""
         problem = self.problem
-        work: dict[tuple[str, int], list[Any]] = defaultdict(list)
-        for p, var in self.x.items():
-            item = problem.primaries[p]
-            work[item.robot, item.step].append(var)
-            if item.partner is not None and not problem.needs_support[item.step - 1]:
-                work[item.partner, item.step].append(var)
-        for s, var in self.y.items():
-            work[problem.supports[s].robot, problem.supports[s].step].append(var)
         spread = []
         for window in problem.windows():
             most = self.model.add_variable(f"most{window.start}", 0, len(window))
             least = self.model.add_variable(f"least{window.start}", 0, len(window))
             spread.append(most - least)
             for robot in problem.robots:
-                load = pulp.lpSum(v for step in window for v in work[robot, step])
+                load = pulp.lpSum(v for step in window for v in self.busy[robot, step])
                 self.model += most >= load
                 self.model += least <= load
         return pulp.lpSum(spread)
 
     def _changes(self) -> Any:
         """Return what changes of tools cost; a step is done with its tools on the robots."""
-        problem = self.problem
+        problem, steps = self.problem, range(1, len(self.problem.steps) + 1)
         tools: dict[str, set[str]] = defaultdict(set)
         for robot, old, new in problem.changes:
             tools[robot] |= {old, new}
         on_it: dict[tuple[str, str, int], Any] = {}
         terms: list[tuple[Any, float]] = []
         for robot, names in tools.items():
-            own = sorted(names)
-            for tool in own:
+            for tool in sorted(names):
                 on_it[robot, tool, 0] = int(problem.mounted[robot] == tool)
-            for step in range(1, len(problem.steps) + 1):
-                at = f"tool{len(on_it)}"
-                now = [
-                    self.model.add_variable(f"{at}_{k}", cat="Binary")
-                    for k in range(len(own))
-                ]
-                on_it |= {
-                    (robot, tool, step): var for tool, var in zip(own, now, strict=True)
-                }
+            for step in steps:
+                at, now = f"tool{len(on_it)}", []
+                for k, tool in enumerate(sorted(names)):
+                    now.append(self.model.add_variable(f"{at}_{k}", cat="Binary"))
+                    on_it[robot, tool, step] = now[-1]
                 self.model += pulp.lpSum(now) == 1
         for (robot, old, new), cost in problem.changes.items():
-            for step in range(1, len(problem.steps) + 1):
+            for step in steps:
                 name = f"change{len(terms)}"
                 changed = self.model.add_variable(name, 0, 1)
                 before, after = on_it[robot, old, step - 1], on_it[robot, new, step]
                 self.model += changed >= before + after - 1
                 terms.append((changed, cost))
-        items: list[tuple[PrimaryCandidate | SupportCandidate, Any]] = [
-            (problem.primaries[p], var) for p, var in self.x.items()
-        ]
-        items += [(problem.supports[s], var) for s, var in self.y.items()]
-        for item, var in items:
+        for item, var in self._candidates():
             for robot, tool in sorted(item.tools):
                 self.model += var <= on_it[robot, tool, item.step]
         return pulp.LpAffineExpression(terms)
 
+    def _candidates(self) -> Iterator[tuple[PrimaryCandidate | SupportCandidate, Any]]:
+        """Yield the candidates with their variables."""
+        yield from ((self.problem.primaries[p], var) for p, var in self.x.items())
+        yield from ((self.problem.supports[s], var) for s, var in self.y.items())
+
     def _constrain_step(self, step: int) -> None:
         problem = self.problem
         done = 1 - self.left_out[step] if self.left_out else 1
-        primaries = self.x_of[step]
-        supports = problem.supports_of.get(step, [])
+        ways = {p: problem.primaries[p] for p in self.x_of[step]}
+        helps = {s: problem.supports[s] for s in problem.supports_of.get(step, [])}
         # (2), and (5): only objects of the right type are candidates.
-        self.model += pulp.lpSum(self.x[p] for p in primaries) == done
+        self.model += pulp.lpSum(self.x[p] for p in ways) == done
         if not problem.needs_support[step - 1]:
-            for s in supports:
+            for s in helps:
                 self.model += self.y[s] == 0
             return
-        self.model += pulp.lpSum(self.y[s] for s in supports) == done  # (3)
-        by_robot: dict[str, list[Any]] = defaultdict(list)
-        by_partner: dict[str, list[Any]] = defaultdict(list)
-        supported: dict[str, list[Any]] = defaultdict(list)
-        for p in primaries:
-            item = problem.primaries[p]
-            by_robot[item.robot].append(self.x[p])
-            if item.partner is not None:
-                by_partner[item.partner].append(self.x[p])
-        for s in supports:
-            supported[problem.supports[s].robot].append(self.y[s])
-        for robot, terms in by_robot.items():  # (4)
-            self.model += pulp.lpSum(terms) + pulp.lpSum(supported[robot]) <= 1
-        for robot, terms in by_partner.items():
-            self.model += pulp.lpSum(terms) <= pulp.lpSum(supported[robot])
-        for s in supports:
-            clashing = [self.x[p] for p in primaries if (p, s) in problem.incompatible]
+        self.model += pulp.lpSum(self.y[s] for s in helps) == done  # (3)
+
+        def supporting(robot: str) -> Any:
+            return pulp.lpSum(
+                self.y[s] for s, item in helps.items() if item.robot == robot
+            )
+
+        for robot in dict.fromkeys(item.robot for item in ways.values()):  # (4)
+            own = pulp.lpSum(
+                self.x[p] for p, item in ways.items() if item.robot == robot
+            )
+            self.model += own + supporting(robot) <= 1
+        for partner in dict.fromkeys(item.partner for item in ways.values()):
+            if partner is not None:
+                own = pulp.lpSum(self.x[p] for p in ways if ways[p].partner == partner)
+                self.model += own <= supporting(partner)
+        for s in helps:
+            clashing = [self.x[p] for p in ways if (p, s) in problem.incompatible]
             if clashing:
                 self.model += pulp.lpSum(clashing) + self.y[s] <= 1
 
@@ -219,35 +198,31 @@ class _Program:
 
     def _constrain_kept(self) -> None:
         """Let who keeps hold of what it placed do nothing else, and nothing be in its way."""
-        problem = self.problem
+        problem, x = self.problem, self.x
         for step, last in problem.kept.items():
             for later in range(step + 1, last + 1):
-                alone = not problem.needs_support[later - 1]
                 held = problem.supports_of.get(later, [])
                 for robot in problem.robots:
-                    busy = [
-                        self.x[p]
-                        for p in (*self.x_of[step], *self.x_of[later])
-                        if (item := problem.primaries[p]).robot == robot
-                        or (item.partner == robot and item.step == later and alone)
+                    own = [
+                        p
+                        for p in self.x_of[step]
+                        if problem.primaries[p].robot == robot
                     ]
-                    busy += [
-                        self.y[s] for s in held if problem.supports[s].robot == robot
-                    ]
+                    busy = [*(x[p] for p in own), *self.busy[robot, later]]
                     self.model += pulp.lpSum(busy) <= 1
                 for p in self.x_of[step]:
-                    bad = [
-                        self.x[q]
-                        for q in self.x_of[later]
-                        if (p, q) in problem.clashing
-                    ]
-                    self.model += pulp.lpSum(bad) + self.x[p] <= 1
+                    bad = [x[q] for q in self.x_of[later] if (p, q) in problem.clashing]
+                    self.model += pulp.lpSum(bad) + x[p] <= 1
                     bad = [self.y[s] for s in held if (p, s) in problem.incompatible]
-                    self.model += pulp.lpSum(bad) + self.x[p] <= 1
+                    self.model += pulp.lpSum(bad) + x[p] <= 1
 
     def solve(self) -> bool:
         """Solve; return whether there is a solution."""
-        self.model.solve(QuietHighs(timeLimit=_TIME_LIMIT_S, gapRel=0.0))
+        for presolve in ("choose", "off"):  # presolving fails on some
+            limits = {"timeLimit": _TIME_LIMIT_S, "gapRel": 0.0, "presolve": presolve}
+            self.model.solve(QuietHighs(**limits))
+            if self.model.solverModel.getModelStatus() != HighsModelStatus.kSolveError:
+                break
         return bool(self.model.sol_status in (1, 2))
 
     def plan(self) -> TaskPlan:
@@ -278,18 +253,10 @@ def _undominated(problem: AssignmentProblem) -> list[int]:
         rivals[q].add(p)
     best: dict[tuple[object, ...], int] = {}
     for index, item in enumerate(problem.primaries):
-        key = (
-            item.step,
-            item.robot,
-            item.object,
-            item.partner,
-            item.after,
-            item.tools,
-            frozenset(clashes.get(index, ())),
-            frozenset(rivals.get(index, ())),
-        )
-        known = best.get(key)
-        if known is None or item.cost < problem.primaries[known].cost:
+        about = item.step, item.robot, item.object, item.partner, item.after, item.tools
+        key = *about, frozenset(clashes[index]), frozenset(rivals[index])
+        known = best.setdefault(key, index)
+        if item.cost < problem.primaries[known].cost:
             best[key] = index
     return sorted(best.values())
 
@@ -305,29 +272,19 @@ def _competition(problem: AssignmentProblem) -> InfeasibleStepError:
         taken[choice.object].append(choice.step)
     lines = []
     for step in lacking:
-        objects = sorted(
-            {problem.primaries[p].object for p in problem.primaries_of[step]}
-        )
-        rivals = [
-            f"{name} by step {', '.join(map(str, taken[name]))}"
-            for name in objects
-            if taken[name]
-        ]
+        ways = [problem.primaries[p] for p in problem.primaries_of[step]]
+        objects = sorted({item.object for item in ways})
         free = [name for name in objects if not taken[name]]
         text = f"  step {step} ({problem.steps[step - 1]}) can use {', '.join(objects)}"
-        if rivals:
-            text += f"; taken: {', '.join(rivals)}"
-        if free:
-            blockers = sorted(
-                {
-                    other
-                    for p in problem.primaries_of[step]
-                    for other in problem.primaries[p].after
-                    if problem.primaries[p].object in free
-                }
+        if len(free) < len(objects):
+            text += "; taken: " + ", ".join(
+                f"{name} by step {', '.join(map(str, taken[name]))}"
+                for name in objects
+                if taken[name]
             )
-            if blockers:
-                text += f"; {', '.join(free)} is blocked by {', '.join(blockers)}"
+        blockers = {other for w in ways if w.object in free for other in w.after}
+        if blockers:
+            text += f"; {', '.join(free)} is blocked by {', '.join(sorted(blockers))}"
         for kept, last in problem.kept.items():
             if kept <= step <= last:
                 text += (

@@ -49,6 +49,31 @@ def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:
     return out
 
 
+def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
+    """Return (1), step by step: motion, spread of every window of N steps, and changes of tools."""
+    total = sum(c.primary.cost for c in plan.choices)
+    total += sum(c.support.cost for c in plan.choices if c.support)
+    n = len(problem.robots)
+    for start in range(len(plan.choices) - n + 1):
+        window = plan.choices[start : start + n]
+        busy = [c.robot for c in window] + [
+            c.support.robot for c in window if c.support
+        ]
+        # Who hands an object over works, too, whether or not the step has a support.
+        busy += [
+            c.primary.partner for c in window if c.primary.partner and not c.support
+        ]
+        load = [busy.count(robot) for robot in problem.robots]
+        total += problem.balance_weight * (max(load) - min(load))
+    on_it = dict(problem.mounted)
+    for choice in plan.choices:
+        for robot, tool in choice.tools:
+            if on_it[robot] != tool:
+                total += problem.changes[robot, on_it[robot], tool]
+                on_it[robot] = tool
+    return total
+
+
 def task_order(
     tasks: Sequence[Task], dependencies: Iterable[tuple[int, int]]
 ) -> nx.DiGraph:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import permutations, product
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
@@ -21,7 +21,7 @@ from planning.tasks.assignment import (
     alternatives,
 )
 from planning.tasks.highs_solver import assign_steps
-from tests.planning.tasks.plan_oracle import plan_violations
+from tests.planning.tasks.plan_oracle import objective, plan_violations
 
 ROBOTS = ("ada", "bob", "cy")
 TOOLS = ("awl", "bit", "cup")
@@ -133,33 +133,37 @@ def every_plan(problem: AssignmentProblem) -> Iterator[TaskPlan]:
             yield TaskPlan(choices)
 
 
-def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
-    """Equation (1), step by step."""
-    total = sum(c.primary.cost for c in plan.choices)
-    total += sum(c.support.cost for c in plan.choices if c.support)
-    n = len(problem.robots)
-    for start in range(len(plan.choices) - n + 1):
-        window = plan.choices[start : start + n]
-        busy = [c.robot for c in window] + [
-            c.support.robot for c in window if c.support
-        ]
-        # Who hands an object over works, too, whether or not the step has a support.
-        busy += [
-            c.primary.partner for c in window if c.primary.partner and not c.support
-        ]
-        load = [busy.count(robot) for robot in problem.robots]
-        total += problem.balance_weight * (max(load) - min(load))
-    on_it = dict(problem.mounted)
-    for choice in plan.choices:
-        for robot, tool in choice.tools:
-            if on_it[robot] != tool:
-                total += problem.changes[robot, on_it[robot], tool]
-                on_it[robot] = tool
-    return total
+_AWL = frozenset({("bob", "awl")})
+GIVEN_UP = AssignmentProblem(
+    ROBOTS[:2],
+    ("one", "two", "three", "four"),
+    (True, False, False, False),
+    tuple(
+        PrimaryCandidate(step, robot, f"o{k}", 0, cost, partner, frozenset(), tools)
+        for step, robot, k, cost, partner, tools in (
+            (1, "ada", 2, 0.0, None, frozenset()),
+            (2, "ada", 0, 0.0, None, _AWL),
+            (2, "ada", 0, 0.0, None, frozenset()),
+            (2, "ada", 3, 0.0, None, frozenset()),
+            (3, "ada", 0, 0.0, None, frozenset()),
+            (3, "bob", 3, 0.0, None, _AWL),
+            (3, "ada", 3, 0.0, "bob", _AWL),
+            (4, "ada", 1, 2.0, None, frozenset()),
+            (4, "ada", 0, 1.0, None, frozenset()),
+            (4, "ada", 0, 0.0, "bob", frozenset()),
+        )
+    ),
+    (SupportCandidate(1, "bob", 0, 0.0, _AWL),),
+    balance=0.0,
+    mounted={"bob": "awl"},
+    changes={("bob", "awl", "bit"): 1.0, ("bob", "bit", "awl"): 1.0},
+)
+"""A program that HiGHS 1.15.1 gives up on while it presolves."""
 
 
 @settings(max_examples=150, deadline=None)
 @given(problems())
+@example(GIVEN_UP)
 def test_solver_finds_what_trying_everything_finds(problem: AssignmentProblem) -> None:
     plans = list(every_plan(problem))
     if not plans:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +13,10 @@ from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
     SupportCandidate,
-    TaskPlan,
 )
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.rolling_horizon import is_large, solve_in_windows
+from tests.planning.tasks.plan_oracle import objective, plan_violations
 
 ROBOTS = ("left", "right")
 
@@ -52,36 +51,6 @@ def stacks_problem(seed: int, steps: int, stock: int, stack: int) -> AssignmentP
     )
 
 
-def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
-    """Return (1): motion, and lambda times the spread of every window of N steps."""
-    spread = 0
-    for window in problem.windows():
-        loads = Counter(plan[step].robot for step in window)
-        loads.update(s.robot for step in window if (s := plan[step].support))
-        numbers = [loads[robot] for robot in problem.robots]
-        spread += max(numbers) - min(numbers)
-    motion = sum(choice.cost for choice in plan.choices)
-    return motion + problem.balance_weight * spread
-
-
-def keeps_the_rules(problem: AssignmentProblem, plan: TaskPlan) -> bool:
-    """Check each choice by the data, without a program."""
-    used: set[str] = set()
-    for number, choice in enumerate(plan.choices, start=1):
-        p = problem.primaries.index(choice.primary)
-        fits = choice.step == number and choice.primary.after <= used
-        if choice.object in used - problem.unlimited:
-            return False
-        if problem.needs_support[number - 1]:
-            assert choice.support is not None
-            s = problem.supports.index(choice.support)
-            fits = fits and problem.compatible(p, s)
-        if not fits or (choice.support is None) == problem.needs_support[number - 1]:
-            return False
-        used.add(choice.object)
-    return len(plan.choices) == len(problem.steps)
-
-
 @pytest.mark.parametrize("stack", [1, 3])
 @pytest.mark.parametrize("surplus", [0, 10])
 @pytest.mark.parametrize(
@@ -95,8 +64,7 @@ def test_windows_cost_within_two_percent_of_the_whole(
     whole = highs_solver._solved(problem)
     assert windows is not None
     assert whole is not None
-    assert keeps_the_rules(problem, windows)
-    assert keeps_the_rules(problem, whole)
+    assert plan_violations(problem, windows) == plan_violations(problem, whole) == []
     least = objective(problem, whole)
     assert least - 1e-6 <= objective(problem, windows) <= 1.02 * least
 
@@ -106,7 +74,7 @@ def test_windows_take_what_a_whole_problem_offers() -> None:
     problem = stacks_problem(7, 40, 60, 4)
     first = solve_in_windows(problem, highs_solver._solved)
     assert first is not None
-    assert keeps_the_rules(problem, first)
+    assert plan_violations(problem, first) == []
     assert first == solve_in_windows(problem, highs_solver._solved)
 
 
@@ -130,7 +98,7 @@ def test_what_windows_cannot_do_the_whole_program_does(
     assert solve_in_windows(problem, highs_solver._solved) is None
     monkeypatch.setattr(rolling_horizon, "MOST_CONTESTED", 0)
     plan = assign_steps(problem)
-    assert keeps_the_rules(problem, plan)
+    assert plan_violations(problem, plan) == []
     assert plan[40].object == "o0"
 
 
