@@ -7,13 +7,14 @@ Parts stand in their places by contact and friction, or because they are joined 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TypeGuard
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import InfeasibleStepError
+from planning.parts.assembly import PartAssembly
 from planning.parts.part_steps import KnownStep, PartStep
 from planning.statics.build_order import (
     BuildStep,
@@ -22,14 +23,7 @@ from planning.statics.build_order import (
     Waits,
     waits_for_balance,
 )
-from planning.statics.standing import (
-    BalanceRules,
-    Joined,
-    Joint,
-    PlacedBody,
-    Standing,
-    StandingRules,
-)
+from planning.statics.standing import Joint, PlacedBody, Standing, StandingRules
 from planning.transforms import Transform
 
 DENSITY = 1000.0
@@ -40,7 +34,7 @@ _MOST_NAMED = 4
 
 
 def standing_of(
-    cell: Workcell, steps: Sequence[KnownStep], rules: BalanceRules
+    cell: Workcell, steps: Sequence[KnownStep], rules: StandingRules
 ) -> Standing:
     """Return what knows the parts of some steps in their places, in whatever order they come.
 
@@ -49,9 +43,9 @@ def standing_of(
         steps: in any order.
         rules: friction.
     """
-    bodies = {s.part.name: _body(s.part, s.goal) for s in steps if _builds(s)}
+    bodies = {s.part.name: _body(s.part, s.place) for s in steps if _builds(s)}
     ground = _ground(cell, bodies)
-    return Standing(bodies, ground, rules.standing)
+    return Standing(bodies, ground, rules)
 
 
 class PartBalance:
@@ -69,22 +63,25 @@ class PartBalance:
         self,
         cell: Workcell,
         steps: Sequence[KnownStep],
-        rules: BalanceRules,
+        rules: StandingRules,
         standing: Standing | None = None,
         keepable: Collection[str] | None = None,
     ) -> None:
-        self._steps, self._rules = steps, rules
+        self._cell, self._steps, self._rules = cell, steps, rules
         self._number = {s.part.name: k for k, s in enumerate(steps) if _builds(s)}
+        self._named = {step.step.name: k for k, step in enumerate(steps)}
         self._standing = standing or standing_of(cell, steps, rules)
-        self._build, joining = _build_steps(steps, self._number, rules.joined)
-        known = {*joining, *_known_waits(steps, self._number)}
+        joints, self._joining = self._joined()
+        until = kept_as_said(steps)
+        self._build = [
+            BuildStep((s.part.name,) if _builds(s) else (), joints[k], until.get(k))
+            for k, s in enumerate(steps)
+        ]
+        known = {*self._joining, *self._known_waits()}
         found = waits_for_balance(self._standing, self._build, known, keepable)
         self.fall = found if isinstance(found, Fall) else None
         """The first state in the order of the steps in which something falls, None for none."""
         self._stand = found if isinstance(found, Stand) else Stand(frozenset())
-        self._joining = joining
-        ground = _ground(cell, self._number)
-        self._on_the_way = next(_falling_stops(steps, ground, rules.standing), None)
 
     def stand(self) -> Stand:
         """Return which steps, from 0, must wait for which, and what is kept hold of until when.
@@ -94,14 +91,40 @@ class PartBalance:
         """
         if self.fall is not None:
             raise InfeasibleStepError(self.refusal(self.fall))
-        if self._on_the_way is not None:
-            number, step = self._on_the_way
-            raise InfeasibleStepError(
-                f"step {number + 1} ({step.step.words}): {step.part.name} would not stand there on"
-                f" fixtures alone (friction {self._rules.standing.friction:g}), and what is put"
-                " down on its way must"
-            )
+        ground = _ground(self._cell, self._number)
+        for k, step in enumerate(self._steps):
+            # A part on its way is taken on while others come: it stands on the ground alone.
+            if not isinstance(step, PartStep) or step.step.stop is None:
+                continue
+            body = _body(step.part, step.place)
+            alone = Standing({body.name: body}, ground, self._rules)
+            if alone.falling([body.name]) is not None:
+                raise InfeasibleStepError(
+                    f"step {k + 1} ({step.step.words}): {body.name} would not stand there on"
+                    f" fixtures alone (friction {self._rules.friction:g}), and what is put"
+                    " down on its way must"
+                )
         return replace(self._stand, waits=self._stand.waits | self._joining)
+
+    def _joined(self) -> tuple[list[tuple[Joint, ...]], Waits]:
+        """Return what each step joins, and which steps wait for which because of that."""
+        joints: list[tuple[Joint, ...]] = [()] * len(self._steps)
+        waits = set()
+        for joint in self._rules.joints:
+            ends = [self._number[name] for name in joint.ends if name in self._number]
+            by = [] if joint.by is None else [self._named[joint.by]]
+            at = max([*ends, *by], default=0)
+            joints[at] += (joint,)
+            waits |= {(end, at) for end in ends if end < at}
+        return joints, frozenset(waits)
+
+    def _known_waits(self) -> Iterator[tuple[int, int]]:
+        """Yield which steps wait for which in any plan."""
+        for k, step in enumerate(self._steps):
+            yield from ((self._named[name], k) for name in step.step.after)
+            for name in step.touched:
+                if self._number.get(name, k) < k:
+                    yield self._number[name], k
 
     def props(self, fall: Fall) -> list[str]:
         """Return the parts placed later each of which would keep everything standing.
@@ -124,7 +147,7 @@ class PartBalance:
 
     def refusal(self, fall: Fall) -> str:
         """Return what falls, why, and what would help."""
-        at, body, standing = fall.step, fall.body, self._rules.standing
+        at, body, standing = fall.step, fall.body, self._rules
         pairs = [pair for pair in self._standing.patches if body in pair]
         touched = {name for pair in pairs for name in pair} - {body}
         there = sorted(name for name in touched if self._number.get(name, -1) <= at)
@@ -149,8 +172,8 @@ class PartBalance:
 
 
 def balance_groups(
-    steps: Sequence[KnownStep], rules: BalanceRules, leaves: Collection[int]
-) -> Iterator[tuple[int, Sequence[KnownStep], BalanceRules]]:
+    steps: Sequence[KnownStep], rules: StandingRules, leaves: Collection[int]
+) -> Iterator[tuple[int, Sequence[KnownStep], StandingRules]]:
     """Yield steps that build something together, and the rules for it.
 
     Args:
@@ -162,34 +185,29 @@ def balance_groups(
         The number of the first step, from 0, the steps, and the rules.
     """
     placed = {s.part.name for s in steps if isinstance(s, PartStep)}
-    cuts = [0, *sorted(leaves), len(steps)]
-    for first, stop in pairwise(cuts):
-        own = steps[first:stop]
-        if not own:
-            continue
-        others = placed - {s.part.name for s in own if isinstance(s, PartStep)}
-        joined = tuple(
-            item
-            for item in rules.joined
-            if others.isdisjoint((item.joint.first, item.joint.second))
-        )
-        yield first, own, replace(rules, joined=joined)
+    for first, stop in pairwise([0, *sorted(leaves), len(steps)]):
+        if own := steps[first:stop]:
+            others = placed - {s.part.name for s in own if isinstance(s, PartStep)}
+            joints = tuple(j for j in rules.joints if others.isdisjoint(j.ends))
+            yield first, own, replace(rules, joints=joints)
 
 
 def stand_of_all(
-    cell: Workcell,
-    steps: Sequence[KnownStep],
-    rules: BalanceRules,
-    leaves: Collection[int],
+    cell: Workcell, steps: Sequence[KnownStep], assembly: PartAssembly
 ) -> Stand:
     """Return what waits for what, and what is kept hold of, so that every product always stands.
+
+    Where that is not looked at, hold is kept of what steps say.
 
     Raises:
         InfeasibleStepError: something falls even in the given order; says what would help.
     """
+    if assembly.balance is None:
+        return Stand(frozenset(), kept_as_said(steps))
     waits: set[tuple[int, int]] = set()
     keeps: dict[int, int] = {}
-    for first, own, rule in balance_groups(steps, rules, leaves):
+    leaves = assembly.supply.leaves.keys()
+    for first, own, rule in balance_groups(steps, assembly.balance, leaves):
         found = PartBalance(cell, own, rule).stand()
         waits |= {(first + a, first + b) for a, b in found.waits}
         keeps |= {first + k: first + last for k, last in found.keeps.items()}
@@ -209,56 +227,6 @@ def _ground(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
         for item in cell.objects
         if item.name not in placed and not item.later
     }
-
-
-def _falling_stops(
-    steps: Sequence[KnownStep], ground: Mapping[str, PlacedBody], rules: StandingRules
-) -> Iterator[tuple[int, PartStep]]:
-    """Yield the steps, with their number from 0, after which a part on its way would fall.
-
-    It is taken on while others are put in their places: so it stands on the ground alone.
-    """
-    for k, step in enumerate(steps):
-        if isinstance(step, PartStep) and step.step.stop is not None:
-            body = _body(step.part, step.goal)
-            standing = Standing({body.name: body}, ground, rules)
-            if standing.falling([body.name]) is not None:
-                yield k, step
-
-
-def _known_waits(
-    steps: Sequence[KnownStep], number: Mapping[str, int]
-) -> Iterator[tuple[int, int]]:
-    """Yield which steps wait for which in any plan (see ``waits``)."""
-    named = {step.step.name: k for k, step in enumerate(steps)}
-    for k, step in enumerate(steps):
-        yield from ((named[name], k) for name in step.step.after)
-        touched = step.at_goal if isinstance(step, PartStep) else step.touched
-        for name in touched:
-            if number.get(name, k) < k:
-                yield number[name], k
-
-
-def _build_steps(
-    steps: Sequence[KnownStep],
-    number: Mapping[str, int],
-    joined: Iterable[Joined],
-) -> tuple[list[BuildStep], Waits]:
-    """Return what each step does to the structure, and what waits because of joints."""
-    named = {step.step.name: k for k, step in enumerate(steps)}
-    joints: dict[int, list[Joint]] = {k: [] for k in range(len(steps))}
-    waits = set()
-    for item in joined:
-        ends = [number[n] for n in (item.joint.first, item.joint.second) if n in number]
-        at = max([*ends, *([] if item.by is None else [named[item.by]])], default=0)
-        joints[at].append(item.joint)
-        waits |= {(end, at) for end in ends if end < at}
-    adds = [(s.part.name,) if _builds(s) else () for s in steps]
-    until = kept_as_said(steps)
-    build = [
-        BuildStep(add, tuple(joints[k]), until.get(k)) for k, add in enumerate(adds)
-    ]
-    return build, frozenset(waits)
 
 
 def kept_as_said(steps: Sequence[KnownStep]) -> dict[int, int]:

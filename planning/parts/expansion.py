@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.parts.assembly import Grip
+from planning.grips.grip import Grip
+from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import held_pose, process_targets
-from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
-from planning.statics.build_order import Waits
+from planning.parts.part_steps import KnownStep, PartStep
 from planning.steps.handovers import Handover
 from planning.steps.skill import SkillPath, handled, tool_entity, touching
 from planning.steps.step_writer import (
@@ -28,8 +28,20 @@ from planning.steps.step_writer import (
 )
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.task import HOLD, STRAIGHT, Handling, StepTasks, Task, door_shut
-from planning.tasks.work import AssemblyWork, TaskHistory
+from planning.tasks.task import (
+    ARRIVE,
+    GONE,
+    HOLD,
+    LEAVE,
+    PRESENT,
+    STRAIGHT,
+    Handling,
+    StepTasks,
+    Task,
+    door_shut,
+    is_done_to_a_product,
+)
+from planning.tasks.work import AssemblyWork, Supply, TaskHistory
 from planning.transforms import Transform
 
 _PICK, _PLACE = "pick", "place-down"
@@ -40,59 +52,72 @@ _PICKED, _PLACED, _MACHINED, _DONE = "picked", "placed", "machined", "done"
 _USED, _PUT = "used", "put"
 """What was done to a part, and put to it, since it was picked last."""
 
+_CAME, _THERE, _BUILT, _LEFT = "came", "there", "built", "left"
+"""What a machine brought, and by which a part is there; what was done since a product left, and that."""
+
 
 def part_work(candidates: PartCandidates) -> AssemblyWork:
     """Return the assembly work of part candidates, for assignment and motion planning."""
     return AssemblyWork(
         candidates.problem,
-        partial(_expand_step, candidates),
-        partial(_waiting_tasks, candidates.steps, candidates.balance),
+        lambda plan, step, first: _Expansion(candidates, plan, step, first).tasks(),
+        partial(_waiting_tasks, candidates),
     )
 
 
-def _expand_step(
-    candidates: PartCandidates, plan: TaskPlan, step: int, first_index: int
-) -> StepTasks:
-    """Return the tasks of a step as the plan chooses it.
+class _Expansion:
+    """A step as a plan does it, and its tasks.
 
-    Tools are changed before anything else.
+    Args:
+        candidates: of all steps.
+        plan: what was chosen.
+        step: counted from 1.
+        first: index of its first task.
     """
-    changes, known = candidates.changes, candidates.steps[step - 1]
-    chosen = _ChosenPartStep(candidates, plan, step)
-    build = StepWriter(chosen.cell, step, first_index)
-    before = changes.mounted_before(plan.choices[: step - 1])
-    if first_index == 0:
-        changes.begin(build)
-    for robot, tool in sorted(plan[step].tools):
-        if before[robot] != tool:
-            changes.change(build, robot, before[robot], tool)
-    if isinstance(known, MachineStep):
-        done = _write_machine_work(build, candidates, known)
-    elif isinstance(known, PartStep):
-        done = write_placement(build, chosen.placement(known))
-    else:
-        done = _write_process(build, chosen, known)
-    for earlier, last in candidates.paths.keeps.items():
-        if last == step:
-            _write_let_go(build, candidates, plan, earlier, done)
-    changes.allow_mounted(build, before)
-    return build.build()
 
+    def __init__(
+        self, candidates: PartCandidates, plan: TaskPlan, step: int, first: int
+    ) -> None:
+        self._candidates, self._plan, self._choice = candidates, plan, plan[step]
+        self._known = candidates.steps[step - 1]
+        self._cell = with_tools(candidates.cell, self._choice.tools)
+        self._paths = candidates.paths.planned(plan, step)
+        self._build = StepWriter(self._cell, step, first)
 
-class _ChosenPartStep:
-    """A step as a plan does it."""
+    def tasks(self) -> StepTasks:
+        """Return the tasks of the step; tools are changed before anything else."""
+        changes, build, step = self._candidates.changes, self._build, self._known.step
+        number, supply = self._choice.step, self._candidates.assembly.supply
+        before = changes.mounted_before(self._plan.choices[: number - 1])
+        if build.first == 0:
+            changes.begin(build)
+        for robot, tool in sorted(self._choice.tools):
+            if before[robot] != tool:
+                changes.change(build, robot, before[robot], tool)
+        if isinstance(self._known, PartStep):
+            done = write_placement(build, self._placement(self._known))
+        elif isinstance(step, Work):
+            done = self._process(step)
+        else:
+            assert isinstance(step, MachineWork)
+            shut: tuple[Handling, ...] = ()
+            if step.door is not None:
+                shut = door_shut(step.door, self._cell.object(step.door).start)
+            about = step.machine, step.process, step.words, step.part, shut
+            done = build.unmoved(*about)
+        for earlier, last in self._candidates.paths.keeps.items():
+            if last == number:
+                self._let_go(earlier, done)
+        if (leaving := supply.leaves.get(number)) is not None:
+            gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
+            build.unmoved(leaving.machine, LEAVE, "leaves", None, gone)
+        changes.allow_mounted(build, before)
+        return build.build()
 
-    def __init__(self, candidates: PartCandidates, plan: TaskPlan, step: int) -> None:
-        self.choice, self._candidates = plan[step], candidates
-        self.cell = with_tools(candidates.cell, self.choice.tools)
-        self.paths = candidates.paths.planned(plan, step)
-        self._hold = candidates.paths.planned_hold(plan, step)
-
-    def placement(self, step: PartStep) -> PlannedPlacement:
+    def _placement(self, step: PartStep) -> PlannedPlacement:
         """Return how the part is picked, changes hands, is held and placed."""
-        choice, part = self.choice, self.choice.object
-        ways = self._candidates.paths
-        *_, pick, place = self.paths
+        choice, part, ways = self._choice, step.part.name, self._candidates.paths
+        *_, pick, place = self._paths
         kept = choice.step in ways.keeps
         if kept:
             place = replace(place, path=place.path[: place.change_at])
@@ -101,30 +126,34 @@ class _ChosenPartStep:
         if relay is None:
             first = self._pick(part, pick, step.grips[choice.grasp], step.at_start)
         else:
-            first = self._pick(part, relay.paths[0], relay.give, step.at_start)
+            first = self._pick(part, relay.give.path, relay.give.grip, step.at_start)
             rest = relay.between
             if isinstance(rest, Handover):
-                in_hand = self._in_hand(relay.receiver, relay.take)
+                in_hand = self._in_hand(place.robot, relay.take.grip)
                 between = PlannedHandover(rest, in_hand, by_home=True)
             else:
                 coming = f"{part} to where it lies in between"
                 contacts = touching(part, rest.touched)
-                down = relay.paths[1], coming, f"lay down {part}", rest.pose, contacts
-                again = self._pick(part, pick, relay.take, rest.touched)
+                laid, _ = relay.passing
+                down = laid, coming, f"lay down {part}", rest.pose, contacts
+                again = self._pick(part, pick, relay.take.grip, rest.touched)
                 between = PlannedSkill(*down), again
-        contacts = touching(part, step.at_goal)
+        refill = self._candidates.assembly.supply.refills.get(choice.step)
+        contacts = touching(part, step.touched)
         coming, words = f"{part} to its place", f"place {part}"
-        put = PlannedSkill(place, coming, words, step.goal, contacts)
-        return PlannedPlacement(part, first, between, put, self.hold(step), kept=kept)
+        put = PlannedSkill(place, coming, words, step.place, contacts)
+        return PlannedPlacement(
+            part, replace(first, refill=refill), between, put, self._hold(), kept=kept
+        )
 
-    def hold(self, step: PartStep | WorkStep) -> PlannedSupport | None:
+    def _hold(self) -> PlannedSupport | None:
         """Return how another robot grips what is held meanwhile, None if nothing is."""
-        path = self._hold
-        if path is None or step.held is None:
+        path = self._candidates.paths.planned_hold(self._plan, self._choice.step)
+        if path is None or self._known.held is None:
             return None
-        part = step.held.part.name
+        part = self._known.held.part.name
         grips = PlannedSkill(path, f"to hold {part}", f"hold {part}")
-        touched = handled(self.cell.robot(path.robot), part)
+        touched = handled(self._cell.robot(path.robot), part)
         return PlannedSupport(grips, part, f"let go of {part}", touched)
 
     def _pick(
@@ -136,72 +165,61 @@ class _ChosenPartStep:
 
     def _in_hand(self, robot: str, grip: Grip) -> Transform:
         """Return the pose of the part in the flange frame of the robot that holds it by a grip."""
-        return held_pose(self.cell.robot(robot), self._candidates.frame, grip.pose)
+        frame = self._candidates.assembly.frame
+        return held_pose(self._cell.robot(robot), frame, grip.pose)
 
-
-def _write_process(build: StepWriter, chosen: _ChosenPartStep, step: WorkStep) -> int:
-    """Write the hold if any, approach, process, and the ways back; return the process."""
-    process, robot = step.step.process, chosen.cell.robot(chosen.choice.robot)
-    (path,) = chosen.paths
-    words, part = step.step.words, step.step.owner
-    if part not in step.around:
-        part = None
-    targets = process_targets(process, step.place, process.turns[chosen.choice.grasp])
-    way, first, last = [*path.lead, *path.path], targets.first, targets.last
-    hold = chosen.hold(step)
-    held = 0 if hold is None else write_support(build, hold)
-    build.lead_in(path, f"to {words}", None)
-    parts = (
-        (STRAIGHT, way[: first + 1], f"approach to {words}"),
-        (process.name, way[first : last + 1], words),
-        (STRAIGHT, way[last:], f"back from {words}"),
-    )
-    begun, done, back = (
-        # A process may stay where it is.
-        build.skill(
-            SkillPath(kind, robot.name, np.array(own[:1]), np.array(own[1:] or own)),
-            label,
-            part,
+    def _process(self, step: Work) -> int:
+        """Write the hold if any, approach, process, and the ways back; return the process."""
+        build, known, words = self._build, self._known, step.words
+        robot, owner = self._cell.robot(self._choice.robot), step.spot.owner
+        part = owner if owner in known.around else None
+        turn = step.process.turns[self._choice.grasp]
+        targets = process_targets(step.process, known.place, turn)
+        first, last = targets.first, targets.last
+        (path,) = self._paths
+        way = np.vstack([path.lead, path.path])
+        hold = self._hold()
+        held = 0 if hold is None else write_support(build, hold)
+        build.lead_in(path, f"to {words}")
+        begun, done, back = (
+            # A process may stay where it is.
+            build.skill(
+                SkillPath(
+                    kind,
+                    robot.name,
+                    way[begin : begin + 1],
+                    way[min(begin + 1, end) : end + 1],
+                ),
+                label,
+                part,
+            )
+            for kind, begin, end, label in (
+                (STRAIGHT, 0, first, f"approach to {words}"),
+                (step.process.name, first, last, words),
+                (STRAIGHT, last, len(way) - 1, f"back from {words}"),
+            )
         )
-        for kind, own, label in parts
-    )
-    build.allow(touching(tool_entity(robot), step.touched), begun, done, back)
-    build.home(robot.name)
-    if hold is not None:
-        write_release(build, hold, held, begun, done)
-    return done
+        build.allow(touching(tool_entity(robot), known.touched), begun, done, back)
+        build.home(robot.name)
+        if hold is not None:
+            write_release(build, hold, held, begun, done)
+        return done
 
-
-def _write_machine_work(
-    build: StepWriter, candidates: PartCandidates, step: MachineStep
-) -> int:
-    """Write what a machine does, with its door shut; return that task."""
-    work = step.step
-    shut: tuple[Handling, ...] = ()
-    if work.door is not None:
-        shut = door_shut(work.door, candidates.cell.object(work.door).start)
-    return build.unmoved(work.machine, work.process, work.words, work.part, shut)
-
-
-def _write_let_go(
-    build: StepWriter, candidates: PartCandidates, plan: TaskPlan, step: int, done: int
-) -> None:
-    """Write the way back of who kept hold of what it placed in an earlier step, after a task."""
-    choice, paths = plan[step], candidates.paths
-    *_, place = paths.planned(plan, step)
-    back = build.skill(
-        paths.release(place), f"let go of {choice.object}", choice.object
-    )
-    build.home(choice.robot)
-    build.depend(done, back)
-    robot = with_tools(candidates.cell, choice.tools).robot(choice.robot)
-    build.allow(handled(robot, choice.object), back)
+    def _let_go(self, step: int, done: int) -> None:
+        """Write the way back of who kept hold of what it placed in an earlier step, after a task."""
+        choice, paths = self._plan[step], self._candidates.paths
+        back = paths.release(paths.planned(self._plan, step)[-1])
+        index = self._build.skill(back, f"let go of {choice.object}", choice.object)
+        self._build.home(choice.robot)
+        self._build.depend(done, index)
+        cell = with_tools(self._candidates.cell, choice.tools)
+        self._build.allow(handled(cell.robot(choice.robot), choice.object), index)
 
 
 def _waiting_tasks(
-    handled: Sequence[KnownStep], balance: Waits, steps: Sequence[StepTasks]
+    candidates: PartCandidates, steps: Sequence[StepTasks]
 ) -> Iterator[tuple[Task, Task]]:
-    """Yield what waits for what.
+    """Yield what waits for what, of the tasks of all steps.
 
     A part is placed after those that it touches in its place, and picked after those that it
     touched in the stock and that were placed before it. A process, and who holds a part, wait
@@ -211,17 +229,43 @@ def _waiting_tasks(
     are to come ``after``, and for those without which something would fall. Others need not wait
     for each other: what else must be kept in order follows from collisions.
 
-    Args:
-        handled: the steps with what touches what.
-        balance: pairs of steps, from 0, of which the second changes the structure after the
-            first.
-        steps: the tasks of each of them.
+    A pick waits for the part to be there, if it comes up. What leaves waits for all that was done to
+    it, and whatever is done at the place of the next product for that to be gone.
     """
-    changes = [_begin_and_end(*pair)[1] for pair in zip(handled, steps, strict=True)]
-    yield from ((changes[a], changes[b]) for a, b in sorted(balance))
-    history, contacts = TaskHistory(), _stock_contacts(handled)
-    for step, tasks in zip(handled, steps, strict=True):
+    known, history = candidates.steps, TaskHistory()
+    changes = [_begin_and_end(*pair)[1] for pair in zip(known, steps, strict=True)]
+    yield from ((changes[a], changes[b]) for a, b in sorted(candidates.balance))
+    contacts = _stock_contacts(known)
+    for step, tasks in zip(known, steps, strict=True):
         yield from _waits_of_step(history, contacts, step, tasks)
+        yield from _waits_of_supply(history, candidates.assembly.supply, tasks)
+
+
+def _waits_of_supply(
+    history: TaskHistory, supply: Supply, step: StepTasks
+) -> Iterator[tuple[Task, Task]]:
+    """Yield what waits for machines that bring and take parts away, and what these wait for."""
+    for task in step.tasks:
+        if task.kind == LEAVE:
+            yield from history.before(task, _BUILT, "")
+            history.forget(_BUILT, "")
+            history.put(_LEFT, "", task)
+        elif task.kind == PRESENT:
+            history.add(_CAME, task.robot, task)
+            for handling in task.handlings:
+                history.put(_THERE, handling.object, task)
+        elif task.kind == ARRIVE and task.robot in supply.buffers:
+            # The part that comes next waits behind the others that are still to be taken.
+            machine, buffer = supply.buffers[task.robot]
+            before = [first for first, _ in history.before(task, _CAME, machine)]
+            if len(before) > buffer:
+                yield before[-1 - buffer], task
+        elif task.kind == _PICK and task.object is not None:
+            yield from history.before(task, _THERE, task.object)
+        if is_done_to_a_product(task):
+            history.add(_BUILT, "", task)
+            if task.step not in supply.elsewhere:
+                yield from history.before(task, _LEFT, "")
 
 
 def _waits_of_step(
@@ -240,24 +284,14 @@ def _waits_of_step(
     """
     begins, ends = _begin_and_end(step, tasks)
     yield from history.before(begins, _DONE, *step.step.after)
-    yield from history.before(begins, _MACHINED, *_concerned(step))
+    yield from history.before(begins, _MACHINED, *step.touched)
     for hold in (task for task in tasks.tasks if task.kind == HOLD):
         assert step.held is not None
         held = step.held.part.name
         yield from history.before(hold, _PLACED, held)
         yield from history.before(hold, _MACHINED, held)
         history.add(_USED, held, hold)
-    if isinstance(step, MachineStep):
-        part = step.step.part
-        for did in (_PLACED, _USED, _PUT):
-            yield from history.before(begins, did, part)
-        history.put(_MACHINED, part, begins)
-        history.add(_USED, part, begins)
-    elif isinstance(step, WorkStep):
-        yield from history.before(begins, _PLACED, *step.touched)
-        for name in step.touched & step.around.keys():
-            history.add(_USED, name, ends)
-    else:
+    if isinstance(step, PartStep):
         part = step.part.name
         pick = next(task for task in tasks.tasks if task.kind == _PICK)
         yield from history.before(pick, _USED, part)
@@ -266,51 +300,43 @@ def _waits_of_step(
         placed = list(history.before(pick, _PLACED, part))
         yield from placed or history.before(pick, _PICKED, *contacts[part])
         history.put(_PICKED, part, pick)
-        yield from history.before(ends, _PLACED, *step.at_goal)
-        for name in step.at_goal:
+        yield from history.before(ends, _PLACED, *step.touched)
+        for name in step.touched:
             history.add(_PUT, name, ends)
         history.put(_PLACED, part, ends)
+    else:
+        yield from history.before(begins, _PLACED, *step.touched)
+        for name in step.touched.keys() & step.around.keys():
+            if isinstance(step.step, MachineWork):
+                yield from history.before(begins, _USED, name)
+                yield from history.before(begins, _PUT, name)
+                history.put(_MACHINED, name, begins)
+            history.add(_USED, name, ends)
     if step.step.name is not None:
         history.put(_DONE, step.step.name, ends)
 
 
-def _concerned(step: KnownStep) -> frozenset[str]:
-    """Return the parts that a step is done to or puts something to; who is picked waits anyway."""
-    touched = step.at_goal if isinstance(step, PartStep) else step.touched
-    return frozenset(touched)
-
-
-def _begin_and_end(step: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
+def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
     """Return the tasks with which the work of a step begins and is complete."""
-    if isinstance(step, MachineStep):
-        (work,) = (t for t in tasks.tasks if t.kind == step.step.process)
-        return work, work
-    if isinstance(step, PartStep):
+    step = known.step
+    if isinstance(step, PlacePart):
         # The last one: before that the part may have been laid down in between.
         *_, place = (task for task in tasks.tasks if task.kind == _PLACE)
         return place, place
-    before, process = next(
-        (before, task)
-        for before, task in pairwise(tasks.tasks)
-        if task.kind == step.step.process.name
-    )
-    return before, process
+    if isinstance(step, MachineWork):
+        (work,) = (task for task in tasks.tasks if task.kind == step.process)
+        return work, work
+    pairs = pairwise(tasks.tasks)
+    return next(pair for pair in pairs if pair[1].kind == step.process.name)
 
 
-def _stock_contacts(
-    steps: Sequence[KnownStep],
-) -> Mapping[str, frozenset[str]]:
+def _stock_contacts(steps: Sequence[KnownStep]) -> Mapping[str, frozenset[str]]:
     """Return what each part touches at the start, whichever of the two is picked first."""
-    first: dict[str, PartStep] = {}
+    first: dict[str, Mapping[str, float]] = {}
     for step in steps:
         if isinstance(step, PartStep):
-            first.setdefault(step.part.name, step)
-    parts = tuple(first)
-    touched = {
-        name: {other for other in step.at_start if other in parts}
-        for name, step in first.items()
-    }
+            first.setdefault(step.part.name, step.at_start)
     return {
-        name: frozenset(touched[name] | {k for k in parts if name in touched[k]})
-        for name in parts
+        name: frozenset(k for k in first if k in touched or name in first[k])
+        for name, touched in first.items()
     }

@@ -12,7 +12,8 @@ does and a later step joins it, its robot keeps hold of it, and that step comes 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -34,10 +35,8 @@ from planning.errors import InfeasibleStepError
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.balance import PartBalance, standing_of
 from planning.parts.candidates import PartCandidates, find_candidates
-from planning.parts.joints import in_place, room
-from planning.parts.part_steps import part_steps
+from planning.parts.part_steps import in_place, part_steps, room, spot_pose
 from planning.progress import Progress, no_progress
-from planning.statics.standing import BalanceRules
 from planning.steps.tool_changes import in_racks
 from planning.transforms import Array, readonly, translation
 
@@ -87,10 +86,10 @@ def find_ordered_candidates(
         known = steps.propped(known)
         ordered = steps.ordered(known)
         found = find_candidates(cell, ordered)
-        stuck = found.impossible
+        stuck = found.problem.impossible
         if not stuck or tried == most:
             return found  # what is still impossible is said by the assignment
-        changed = steps.moved(known, ordered, stuck[0], found.blockers)
+        changed = steps.moved(known, ordered, stuck[0], found.blockers[stuck[0]])
         if changed is None:
             return found
         known = changed
@@ -120,6 +119,8 @@ class _AnyOrder:
         self._goals: dict[str, Lying] = {
             name: (objects[name], assembly.goals[name]) for name in assembly.placed
         }
+        lying = in_place(cell, assembly)
+        self._fixed = {k: v for k, v in lying.items() if k not in self._goals}
 
     def precedence(self) -> StepPrecedence:
         """Return what comes before what, as far as places and contacts alone tell.
@@ -127,21 +128,24 @@ class _AnyOrder:
         Raises:
             ConstructionError: two parts would overlap in their places.
         """
-        graph = self._graph()
-        any_of = tuple(
-            self._one_of(graph, step.part)
-            if isinstance(step, PlacePart)
-            else frozenset[int]()
-            for step in self._steps
+        rules = self._assembly
+        graph = build_part_graph(
+            self._goals,
+            list(self._fixed.values()),
+            touch=rules.touch,
+            overlaps=rules.overlaps,
         )
-        closing = {
-            k: frozenset({self._named[step.until]})
-            for k, step in self._places.items()
-            if step.until is not None
-        }
-        words = tuple(s.words for s in self._steps)
-        before = tuple[dict[int, str]]({} for _ in words)
-        out = StepPrecedence(words, before, any_of, closing)
+        parts = {k: step.part for k, step in self._places.items()}
+        out = StepPrecedence(
+            tuple(step.words for step in self._steps),
+            tuple({} for _ in self._steps),
+            tuple(self._one_of(graph, parts.get(k)) for k in range(len(self._steps))),
+            {
+                k: frozenset({self._named[step.until]})
+                for k, step in self._places.items()
+                if step.until is not None
+            },
+        )
         for first, then, why in (
             *self._said(),
             *self._contacts(graph),
@@ -151,23 +155,20 @@ class _AnyOrder:
             out.require(first, then, why)
         return out
 
-    def _one_of(self, graph: PartGraph, part: str) -> frozenset[int]:
+    def _one_of(self, graph: PartGraph, part: str | None) -> frozenset[int]:
         """Return the steps one of which comes before a part, as it touches or is joined to nothing else."""
+        if part is None or part in graph.ground:
+            return frozenset()
         near = {*graph.neighbours[part], *self._assembly.joined_to(part)}
-        if part in graph.ground or not near <= self._goals.keys():
+        if not near <= self._goals.keys():
             return frozenset()
         return frozenset(self._placing[other] for other in near)
 
     def _lacks(self, steps: Collection[int]) -> str:
         """Return in words how far parts, none of which touches what stands, are from that."""
-        lying = in_place(self._cell, self._assembly)
-        there = {k: v for k, v in lying.items() if k not in self._goals}
-        found = []
-        for name in dict.fromkeys(
-            s.part for k, s in self._places.items() if k in steps
-        ):
-            if (near := nearest_to(self._goals[name], there)) is not None:
-                found.append((near[1], name, near[0]))
+        names = dict.fromkeys(s.part for k, s in self._places.items() if k in steps)
+        near = {name: nearest_to(self._goals[name], self._fixed) for name in names}
+        found = [(at[1], name, at[0]) for name, at in near.items() if at is not None]
         if not found:
             return ""
         gap, name, other = min(found)
@@ -214,7 +215,7 @@ class _AnyOrder:
             changed = next((t for t in tries if t.order() is not None), None)
             if changed is None:
                 name = next((n for n in balance.fall.holds if n not in keepable), None)
-                if name is None or not (ends := self._joining(name, falls, rules)):
+                if name is None or not (ends := self._joining(name, falls)):
                     return known
                 keepable.add(name)
                 closing = {**known.closing, self._placing[name]: ends}
@@ -226,7 +227,7 @@ class _AnyOrder:
         known: StepPrecedence,
         ordered: PartAssembly,
         step: int,
-        blockers: Mapping[int, Sequence[str]],
+        blockers: Counter[str],
     ) -> StepPrecedence | None:
         """Return what comes before what once a part that blocks a step is moved past it.
 
@@ -234,7 +235,7 @@ class _AnyOrder:
             known: what comes before what.
             ordered: the order that was tried.
             step: number of the step that nobody can do in it, from 1.
-            blockers: names of what was in the way, by number of the step.
+            blockers: how often things were in its way.
         """
         place = {
             s.part: k
@@ -242,7 +243,7 @@ class _AnyOrder:
             if isinstance(s, PlacePart)
         }
         blocked = self._number(ordered.steps[step - 1])
-        for name in blockers.get(step, ()):
+        for name in sorted(blockers, key=lambda name: (-blockers[name], name)):
             placing = self._placing.get(name, blocked)
             if placing == blocked:
                 continue
@@ -260,15 +261,14 @@ class _AnyOrder:
         """Return the place of a step in the list."""
         return next(k for k, own in enumerate(self._steps) if own is step)
 
-    def _joining(self, part: str, but: int, rules: BalanceRules) -> frozenset[int]:
+    def _joining(self, part: str, but: int) -> frozenset[int]:
         """Return the steps that join a part to others, one of them left out."""
         found = set()
-        for item in rules.joined:
-            pair = {item.joint.first, item.joint.second}
-            if part in pair:
-                (other,) = pair - {part}
+        for joint in self._assembly.joints:
+            if part in joint.ends:
+                (other,) = {*joint.ends} - {part}
                 by_other = self._placing.get(other)
-                found.add(by_other if item.by is None else self._named[item.by])
+                found.add(by_other if joint.by is None else self._named[joint.by])
         return frozenset(k for k in found if k is not None and k != but)
 
     def _said(self) -> Iterator[tuple[int, int, str]]:
@@ -282,23 +282,11 @@ class _AnyOrder:
                 yield k, self._named[step.until], words
             if step.hold in placing:
                 yield placing[step.hold], k, f"{step.hold} is held in its place"
-            if isinstance(step, Work) and step.owner in placing:
-                yield placing[step.owner], k, f"it is done at {step.owner} in its place"
+            if isinstance(step, Work) and step.spot.owner in placing:
+                owner = step.spot.owner
+                yield placing[owner], k, f"it is done at {owner} in its place"
             if isinstance(step, MachineWork) and step.part in placing:
                 yield placing[step.part], k, f"it is done at {step.part} in its place"
-
-    def _graph(self) -> PartGraph:
-        """Return what touches what where every part is in its place."""
-        fixed: list[Lying] = [(item, item.pose) for item in self._cell.fixtures]
-        fixed += [
-            (item, item.start)
-            for item in self._cell.objects
-            if item.name not in self._goals and not item.later
-        ]
-        rules = self._assembly
-        return build_part_graph(
-            self._goals, fixed, touch=rules.touch, overlaps=rules.overlaps
-        )
 
     def _contacts(self, graph: PartGraph) -> Iterator[tuple[int, int, str]]:
         """Yield what rests on what in its place, and what lies on what at the start."""
@@ -333,23 +321,17 @@ class _AnyOrder:
 
     def _barred_works(self) -> Iterator[tuple[int, int, str]]:
         """Yield parts that would bar the straight way of a tool to where it works."""
-        fixtures = {item.name: item for item in self._cell.fixtures}
+        lying = {item.name: item.start for item in self._cell.objects}
+        lying |= self._assembly.goals
         for k, step in enumerate(self._steps):
             if not isinstance(step, Work):
                 continue
-            base: Array = np.eye(4)
-            if step.owner in fixtures:
-                fixture = fixtures[step.owner]
-                inside = np.eye(4) if step.frame is None else fixture.frames[step.frame]
-                base = fixture.pose @ inside
-            elif step.owner is not None:
-                owner = self._cell.object(step.owner)
-                base = self._assembly.goals.get(step.owner, owner.start)
+            place = spot_pose(self._cell, step.spot, lying)
             for pose in step.process.path or (np.eye(4),):
-                way = _bore(base @ step.pose @ pose, step.process.approach)
+                way = _bore(place @ pose, step.process.approach)
                 for name, goal in self._goals.items():
-                    if name != step.owner and _overlap(way, goal):
-                        words = f"{name} would bar the tool's way to {step.at}"
+                    if name != step.spot.owner and _overlap(way, goal):
+                        words = f"{name} would bar the tool's way to {step.spot.words}"
                         yield k, self._placing[name], words
 
 

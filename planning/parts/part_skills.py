@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,11 +19,12 @@ from planning.cell.workcell import (
 )
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
+from planning.grips.grip import Grip
+from planning.grips.tool_grips import tool_misfit
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
-from planning.parts.assembly import DOWN, UP, Grip, PartAssembly, Process
-from planning.parts.part_steps import Held, PartStep, WorkStep
-from planning.parts.tool_grips import tool_misfit
+from planning.parts.assembly import PartAssembly, PartHandling, Process
+from planning.parts.part_steps import KnownStep, PartStep
 from planning.steps.skill import (
     NOTHING,
     Obstruction,
@@ -52,8 +53,6 @@ from planning.transforms import (
     translation,
 )
 
-Vector = tuple[float, float, float]
-
 SMALL_STRIDE = 0.01
 """Longest straight way between two subgoals of a process, where the tool is at work [m]."""
 
@@ -61,54 +60,37 @@ SMALL_TURN = math.radians(5.0)
 """Most that the tool turns between two subgoals of such a path [rad]."""
 
 
-def pick_targets(
-    frame: str, grip: Transform, approach: float, leave: float, out: Vector = UP
-) -> SkillTargets:
+def pick_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
     """Return the subgoals of picking a part up: approach, attach, lift.
 
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where it grips the part.
-        approach: length of the straight way along the tool before that [m].
-        leave: length of the straight way out after it [m].
-        out: direction of that way in the world, of length one.
+        ways: straight to the part along the tool before that, and out with it.
     """
-    back = grip @ translation(0.0, 0.0, -approach)
-    lifted = _moved(grip, out, leave)
+    back, lifted = grip @ translation(0.0, 0.0, -ways.approach), grip.copy()
+    lifted[:3, 3] += ways.leave * np.asarray(ways.extraction)
     return _in_and_out("pick", frame, grip, ("approach", back), ("lift", lifted))
 
 
-def place_targets(
-    frame: str, grip: Transform, approach: float, leave: float, into: Vector = DOWN
-) -> SkillTargets:
+def place_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
     """Return the subgoals of putting a part in place: above, detach, leave.
 
     Args:
         frame: name of the tool frame.
         grip: pose of that frame in the world where the part is in its place.
-        approach: length of the straight way into its place before that [m].
-        leave: length of the straight way back along the tool after it [m].
-        into: direction of the way into its place in the world, of length one.
+        ways: straight into its place before that, and back from it along the tool.
     """
-    back = grip @ translation(0.0, 0.0, -leave)
-    above = _moved(grip, into, -approach)
+    above, back = grip.copy(), grip @ translation(0.0, 0.0, -ways.leave)
+    above[:3, 3] += -ways.approach * np.asarray(ways.insertion)
     return _in_and_out("place-down", frame, grip, ("above", above), ("leave", back))
 
 
-def hold_targets(frame: str, grip: Transform, approach: float) -> SkillTargets:
-    """Return the subgoals of gripping a part where it lies: approach, hold.
-
-    Args:
-        frame: name of the tool frame.
-        grip: pose of that frame in the world where it grips the part.
-        approach: length of the straight way along the tool before that [m].
-    """
-    back = grip @ translation(0.0, 0.0, -approach)
-    subgoals = [
-        *straight_way(frame, "approach", back, grip),
-        Subgoal(HOLD, frame, grip),
-    ]
-    return SkillTargets(HOLD, tuple(subgoals))
+def hold_targets(frame: str, grip: Transform, ways: PartHandling) -> SkillTargets:
+    """Return the subgoals of gripping a part where it lies: straight to it, hold."""
+    back = grip @ translation(0.0, 0.0, -ways.approach)
+    way = straight_way(frame, "approach", back, grip)
+    return SkillTargets(HOLD, (*way, Subgoal(HOLD, frame, grip)))
 
 
 @dataclass(frozen=True)
@@ -199,12 +181,6 @@ def _in_and_out(
     return SkillTargets(kind, subgoals, change_at=len(way_in))
 
 
-def _moved(pose: Transform, direction: Vector, way: float) -> Transform:
-    out = pose.copy()
-    out[:3, 3] += way * np.asarray(direction)
-    return out
-
-
 PRESSED = 0.003
 """Deepest that the tool of a process may be in what it works at [m]."""
 
@@ -222,80 +198,134 @@ def held_pose(robot: PlacedRobot, frame: str, grip: Transform) -> Transform:
 
 
 @dataclass(frozen=True)
+class SkillTry:
+    """A skill that a robot tries in a scene.
+
+    Attributes:
+        robot: who tries it.
+        targets: poses to reach in order.
+        scene: of the skill.
+        approach, leave: lengths of the straight ways before and after; None for none [m].
+    """
+
+    robot: PlacedRobot
+    targets: SkillTargets
+    scene: SkillScene
+    approach: float
+    leave: float | None = None
+
+    def found(self, known: SkillPath | None = None) -> SkillPath | Obstruction:
+        """Return the skill in a posture that is free; a known one where that is."""
+        if known is not None and find_obstruction(known, self.scene) is None:
+            return known
+        found = resolve_skill(self.robot, self.targets, self.scene)
+        if isinstance(found, Obstruction):
+            return self._with_remedy(found)
+        if found.touched:
+            grazed = min(found.touched)
+            return Obstruction(f"the tool comes too near to {grazed}", grazed)
+        return found.path
+
+    def carried_home(self) -> Obstruction | None:
+        """Return what is in the way of who stands at HOME with what it has taken."""
+        assert self.scene.handed is not None
+        name, in_hand = self.scene.handed
+        places = {k: at for k, (_, at) in self.scene.objects.items()}
+        state = WorldState(self.scene.configurations, {**places, name: in_hand})
+        allowed = self.scene.contacts.after
+        checker = SceneChecker(
+            self.scene.cell, self.robot.name, state, allowed, margin=MARGIN
+        )
+        contact = checker.contact(self.robot.home)
+        if contact is None:
+            return None
+        return Obstruction(str(contact), contact.second.split(":")[0])
+
+    def _with_remedy(self, found: Obstruction) -> Obstruction:
+        """Return what is in the way; at an end of a straight way, with what could help."""
+        if found.phase is Phase.BEFORE:
+            key, end, length = "approach_m", "begins", self.approach
+        elif found.phase is Phase.AFTER and self.leave is not None:
+            key, end, length = "leave_m", "ends", self.leave
+        else:
+            return found
+        return replace(
+            found,
+            words=f"{found.words}, where the straight way {end}, {1e3 * length:g} mm away: if that is too"
+            f" short to be clear of what is around, {key} makes it longer",
+        )
+
+
+@dataclass(frozen=True)
 class PartSkills:
-    """Skills in one cell, with all other robots at HOME but for those that hold something.
+    """Skills in one cell, with all other robots at HOME.
+
+    Grips are poses of the tool in the frame of the part.
 
     Attributes:
         cell: robots and fixtures.
         assembly: grips, approaches and ways back.
-        holding: configurations of the robots that hold something.
     """
 
     cell: Workcell
     assembly: PartAssembly
-    holding: Mapping[str, Array] = field(default_factory=dict)
 
     def misfit(
         self, robot: PlacedRobot, part: CellObject, grip: Grip
     ) -> Obstruction | None:
         """Return why a robot's tool cannot hold a part by a grip, None where it can."""
         approach = self.assembly.handling(part.name).approach
-        return tool_misfit(robot, self._frame, part, grip, approach)
+        return tool_misfit(robot, self.assembly.frame, part, grip, approach)
 
-    def pick(
-        self,
-        robot: PlacedRobot,
-        step: PartStep,
-        grip: Transform,
-        known: SkillPath | None = None,
-    ) -> SkillPath | Obstruction:
-        """Return the pick of a step by a grip; one that is known, where it is free.
+    def pick(self, robot: PlacedRobot, step: PartStep, grip: Transform) -> SkillTry:
+        """Return the pick of a step by a grip."""
+        lying, ways = step.part.start, self.assembly.handling(step.part.name)
+        targets = pick_targets(self.assembly.frame, lying @ grip, ways)
+        changes = Attachment(None, lying), self._in_hand(robot, grip)
+        return self._handling(robot, step, targets, changes, step.at_start)
 
-        Grips are poses of the tool in the frame of the part.
-        """
-        start, ways = step.part.start, self.assembly.handling(step.part.name)
-        targets = pick_targets(
-            self._frame, start @ grip, ways.approach, ways.leave, ways.extraction
-        )
-        changes = Attachment(None, start), self._in_hand(robot, grip)
-        found = self._handle(robot, step, targets, changes, step.at_start, known)
-        return _with_remedy(found, ways.approach, ways.leave)
-
-    def place(
-        self,
-        robot: PlacedRobot,
-        step: PartStep,
-        grip: Transform,
-        known: SkillPath | None = None,
-    ) -> SkillPath | Obstruction:
-        """Return the place-down of a step by a grip; one that is known, where it is free."""
+    def place(self, robot: PlacedRobot, step: PartStep, grip: Transform) -> SkillTry:
+        """Return the place-down of a step by a grip."""
         ways = self.assembly.handling(step.part.name)
-        targets = place_targets(
-            self._frame, step.goal @ grip, ways.approach, ways.leave, ways.insertion
-        )
-        changes = self._in_hand(robot, grip), Attachment(None, step.goal)
-        found = self._handle(robot, step, targets, changes, step.at_goal, known)
-        return _with_remedy(found, ways.approach, ways.leave)
+        targets = place_targets(self.assembly.frame, step.place @ grip, ways)
+        changes = self._in_hand(robot, grip), Attachment(None, step.place)
+        return self._handling(robot, step, targets, changes, step.touched)
 
-    def carried_home(
-        self, robot: PlacedRobot, step: PartStep, grip: Transform
-    ) -> Obstruction | None:
-        """Return what is in the way of a robot that stands at HOME with a part."""
-        name = step.part.name
-        attachments = {k: at for k, (_, at) in step.around.items()}
-        attachments[name] = self._in_hand(robot, grip)
-        state = WorldState(self._configurations, attachments)
-        held = gripped(robot.name, name)
-        checker = SceneChecker(self.cell, robot.name, state, held, margin=MARGIN)
-        contact = checker.contact(robot.home)
-        if contact is None:
-            return None
-        return Obstruction(str(contact), contact.second.split(":")[0])
+    def hold(self, robot: PlacedRobot, step: KnownStep, grip: Transform) -> SkillTry:
+        """Return how a robot grips what is held in a step, where it lies."""
+        assert step.held is not None
+        name = step.held.part.name
+        at_part, ways = gripped(robot.name, name), self.assembly.handling(name)
+        targets = hold_targets(self.assembly.frame, step.held.pose @ grip, ways)
+        contacts = SkillContacts(NOTHING, at_part, at_part)
+        scene = SkillScene(self.cell, step.around, self._at_home, contacts)
+        return SkillTry(robot, targets, scene, ways.approach)
+
+    def work(
+        self, robot: PlacedRobot, step: KnownStep, process: Process, turn: float
+    ) -> SkillTry:
+        """Return a process with its approach and way back, with the tool turned so far [rad]."""
+        targets = process_targets(process, step.place, turn).targets
+        touches = touching(entity(robot.name, "tool"), step.touched)
+        scene = SkillScene(
+            self.cell,
+            step.around,
+            self._at_home,
+            SkillContacts(NOTHING, touches, NOTHING),
+            tool=ToolContact(0.0, PRESSED),
+        )
+        return SkillTry(robot, targets, scene, process.approach)
+
+    def beside(self, known: SkillTry, standing: Mapping[str, Array]) -> SkillTry:
+        """Return a try in this cell, with some robots at given configurations, shape (n,) each."""
+        at = {**self._at_home, **standing}
+        scene = replace(known.scene, cell=self.cell, configurations=at)
+        return replace(known, robot=self.cell.robot(known.robot.name), scene=scene)
 
     def in_door(self, door: str) -> str | None:
         """Return the first robot that stands in a door when it is at HOME, None for none."""
         leaf = Attachment(None, self.cell.object(door).start)
-        state = WorldState(self._configurations, {door: leaf})
+        state = WorldState(self._at_home, {door: leaf})
         for robot in self.cell.robots:
             alone = replace(self.cell, robots=(robot,), fixtures=())
             checker = SceneChecker(alone, robot.name, state, NOTHING, margin=MARGIN)
@@ -303,63 +333,21 @@ class PartSkills:
                 return robot.name
         return None
 
-    def hold(
-        self,
-        robot: PlacedRobot,
-        step: PartStep | WorkStep,
-        held: Held,
-        grip: Transform,
-        known: SkillPath | None = None,
-    ) -> SkillPath | Obstruction:
-        """Return how a robot grips a part where it lies; as is known, where that is free."""
-        part = held.part.name
-        at_part = gripped(robot.name, part)
-        targets = hold_targets(
-            self._frame,
-            held.pose @ grip,
-            self.assembly.handling(part).approach,
-        )
-        contacts = SkillContacts(NOTHING, at_part, at_part)
-        scene = SkillScene(self.cell, step.around, self._configurations, contacts)
-        found = _free_path(robot, targets, scene, known)
-        return _with_remedy(found, self.assembly.handling(part).approach)
-
-    def work(
-        self,
-        robot: PlacedRobot,
-        step: WorkStep,
-        turn: float,
-        known: SkillPath | None = None,
-    ) -> SkillPath | Obstruction:
-        """Return a process with its approach and way back; a known one, where it is free."""
-        targets = process_targets(step.step.process, step.place, turn).targets
-        touches = touching(entity(robot.name, "tool"), step.touched)
-        scene = SkillScene(
-            self.cell,
-            step.around,
-            self._configurations,
-            SkillContacts(NOTHING, touches, NOTHING),
-            tool=ToolContact(0.0, PRESSED),
-        )
-        found = _free_path(robot, targets, scene, known)
-        return _with_remedy(found, step.step.process.approach)
-
-    def _handle(
+    def _handling(
         self,
         robot: PlacedRobot,
         step: PartStep,
         targets: SkillTargets,
         changes: tuple[Attachment, Attachment],
         touched: Iterable[str],
-        known: SkillPath | None,
-    ) -> SkillPath | Obstruction:
+    ) -> SkillTry:
         """Return a skill, given where the part is before and after it, and what it touches at rest."""
         part, (first, then) = step.part, changes
-        held = gripped(robot.name, part.name)
+        held, ways = gripped(robot.name, part.name), self.assembly.handling(part.name)
         scene = SkillScene(
             self.cell,
             {**step.around, part.name: (part, first)},
-            self._configurations,
+            self._at_home,
             SkillContacts(
                 NOTHING if first.holder is None else held,
                 held | touching(part.name, touched),
@@ -367,58 +355,11 @@ class PartSkills:
             ),
             (part.name, then),
         )
-        return _free_path(robot, targets, scene, known)
+        return SkillTry(robot, targets, scene, ways.approach, ways.leave)
 
     def _in_hand(self, robot: PlacedRobot, grip: Transform) -> Attachment:
-        return Attachment(robot.name, held_pose(robot, self._frame, grip))
+        return Attachment(robot.name, held_pose(robot, self.assembly.frame, grip))
 
     @property
-    def _frame(self) -> str:
-        return self.assembly.grips.frame
-
-    @property
-    def _configurations(self) -> dict[str, Array]:
-        home = {robot.name: robot.home for robot in self.cell.robots}
-        return {**home, **self.holding}
-
-
-def _with_remedy(
-    found: SkillPath | Obstruction, approach: float, leave: float | None = None
-) -> SkillPath | Obstruction:
-    """Return what was found; of what is in the way at an end of a straight way, what could help.
-
-    Args:
-        found: a path, or what is in its way.
-        approach, leave: lengths of the straight ways before and after [m].
-    """
-    if not isinstance(found, Obstruction):
-        return found
-    if found.phase is Phase.BEFORE:
-        key, end, length = "approach_m", "begins", approach
-    elif found.phase is Phase.AFTER and leave is not None:
-        key, end, length = "leave_m", "ends", leave
-    else:
-        return found
-    return replace(
-        found,
-        words=f"{found.words}, where the straight way {end}, {1e3 * length:g} mm away: if that is too"
-        f" short to be clear of what is around, {key} makes it longer",
-    )
-
-
-def _free_path(
-    robot: PlacedRobot,
-    targets: SkillTargets,
-    scene: SkillScene,
-    known: SkillPath | None,
-) -> SkillPath | Obstruction:
-    """Return a skill that is free in a scene, a known one where that is."""
-    if known is not None and find_obstruction(known, scene) is None:
-        return known
-    found = resolve_skill(robot, targets, scene)
-    if isinstance(found, Obstruction):
-        return found
-    if found.touched:
-        grazed = min(found.touched)
-        return Obstruction(f"the tool comes too near to {grazed}", grazed)
-    return found.path
+    def _at_home(self) -> dict[str, Array]:
+        return {robot.name: robot.home for robot in self.cell.robots}

@@ -11,6 +11,7 @@ import numpy as np
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.precedence import (
+    Lying,
     Overlaps,
     leads_through,
     near_to,
@@ -18,17 +19,17 @@ from planning.contacts.precedence import (
     standing,
 )
 from planning.errors import InfeasibleStepError
+from planning.grips.grip import Grip
+from planning.grips.tool_grips import tool_grips
 from planning.parts.assembly import (
     AnyStep,
-    Grip,
-    MachineWork,
     PartAssembly,
     PlacePart,
     Process,
-    StopOnTheWay,
+    Spot,
     Work,
 )
-from planning.parts.tool_grips import tool_grips
+from planning.statics.standing import Joint
 from planning.steps.skill_scene import Objects
 from planning.steps.tool_changes import with_each_tool
 from planning.transforms import Transform, readonly
@@ -56,70 +57,44 @@ class Held:
 
 
 @dataclass(frozen=True)
-class PartStep:
-    """One step in which a part is placed, known before anything is assigned.
+class KnownStep:
+    """One step where it is done, known before anything is assigned.
 
     Attributes:
         step: what is done.
-        part: what is placed; it is picked at its ``start``, which is where it is by then.
-        goal: pose of its centre in its place, in the world, or where it is put down on its way.
+        place: pose in the world of what it is done at: of the part in its place, or where it is
+            put down on its way, or of the frame at which a process is done.
         around: all other parts: those of earlier steps in place, the others where they were.
+        touched: what the part touches there, or the tool may touch, with the distances [m].
+        held: what another robot grips meanwhile, None for nothing.
+    """
+
+    step: AnyStep
+    place: Transform
+    around: Objects
+    touched: Mapping[str, float]
+    held: Held | None
+
+    @property
+    def others(self) -> dict[str, Lying]:
+        """All other parts where they lie, by name."""
+        return {name: (item, at.pose) for name, (item, at) in self.around.items()}
+
+
+@dataclass(frozen=True)
+class PartStep(KnownStep):
+    """A step in which a part is placed.
+
+    Attributes:
+        part: what is placed; it is picked at its ``start``, which is where it is by then.
         grips: ways to hold it; the number of a grip is its place here.
         at_start: what it touches before it is picked, with the distances [m].
-        at_goal: what it touches once it is in place, with the distances [m].
-        held: what another robot grips meanwhile, None for nothing.
     """
 
     step: PlacePart
     part: CellObject
-    goal: Transform
-    around: Objects
     grips: list[Grip]
     at_start: Mapping[str, float]
-    at_goal: Mapping[str, float]
-    held: Held | None = None
-
-
-@dataclass(frozen=True)
-class WorkStep:
-    """One step in which a process is done, known before anything is assigned.
-
-    Attributes:
-        step: what is done.
-        place: pose in the world of the frame at which it is done.
-        around: all parts as they are by then.
-        touched: parts and fixtures that the tool may touch.
-        held: what another robot grips meanwhile, None for nothing.
-    """
-
-    step: Work
-    place: Transform
-    around: Objects
-    touched: frozenset[str]
-    held: Held | None = None
-
-
-@dataclass(frozen=True)
-class MachineStep:
-    """One step in which a machine works at a part.
-
-    Attributes:
-        step: what is done.
-        around: all parts as they are by then.
-        held: None: nobody holds anything meanwhile.
-    """
-
-    step: MachineWork
-    around: Objects
-    held: None = None
-
-    @property
-    def touched(self) -> frozenset[str]:
-        """What it is done at."""
-        return frozenset({self.step.part})
-
-
-KnownStep = PartStep | WorkStep | MachineStep
 
 
 def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
@@ -134,23 +109,28 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
             on with another one on it.
     """
     out: list[KnownStep] = []
+    robots = list(with_each_tool(cell.robots))
     for number, step, where, goal in steps_in_order(cell, assembly):
         held = None
         if step.hold is not None:
             part, pose = cell.object(step.hold), where[step.hold]
             rules = assembly.handling(step.hold).grips
-            grips = tool_grips(
-                list(with_each_tool(cell.robots)), part.shape, pose, pose, rules
-            )
-            held = Held(part, pose, grips)
-        if isinstance(step, Work):
-            out.append(_work_step(cell, step, where, assembly.touch, held))
-        elif isinstance(step, MachineWork):
-            out.append(MachineStep(step, _around(cell, where)))
-        else:
-            placing = _place_step(cell, assembly, number, where, goal, held)
+            held = Held(part, pose, tool_grips(robots, part.shape, pose, pose, rules))
+        around = {
+            item.name: (item, Attachment(None, where[item.name]))
+            for item in cell.objects
+            if item.name in where
+        }
+        known = KnownStep(step, goal, around, {}, held)
+        if isinstance(step, PlacePart):
+            placing = _place_step(cell, assembly, number, step, known)
             _require_alone(number, placing, out)
             out.append(placing)
+        elif isinstance(step, Work):
+            out.append(_work_step(cell, step, known, assembly.touch))
+        else:
+            at, touched = where[step.part], {step.part: 0.0}
+            out.append(replace(known, place=at, touched=touched))
     return tuple(out)
 
 
@@ -172,7 +152,7 @@ def steps_in_order(
         goal: Transform = np.eye(4)
         if isinstance(step, PlacePart):
             stop = step.stop
-            goal = assembly.goals[step.part] if stop is None else stop_pose(cell, stop)
+            goal = assembly.goals[step.part] if stop is None else spot_pose(cell, stop)
         yield number, step, dict(where), goal
         if isinstance(step, PlacePart):
             where[step.part] = goal
@@ -183,11 +163,10 @@ def steps_in_order(
                 del where[name]
 
 
-def far_first(step: PartStep | WorkStep) -> list[int]:
+def far_first(step: KnownStep) -> list[int]:
     """Return the grips on what is held, those first that leave most room for the other robot."""
     assert step.held is not None
-    held = step.held
-    work = (step.goal if isinstance(step, PartStep) else step.place)[:3, 3]
+    held, work = step.held, step.place[:3, 3]
 
     def near(k: int) -> float:
         at = (held.pose @ held.grips[k].pose)[:3, 3]
@@ -210,29 +189,25 @@ def _place_step(
     cell: Workcell,
     assembly: PartAssembly,
     number: int,
-    where: Mapping[str, Transform],
-    goal: Transform,
-    held: Held | None,
+    step: PlacePart,
+    known: KnownStep,
 ) -> PartStep:
-    step = assembly.steps[number - 1]
-    assert isinstance(step, PlacePart)
-    name = step.part
-    part = replace(cell.object(name), start=where[name])
-    around = _around(cell, {k: pose for k, pose in where.items() if k != name})
-    lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
-    at_goal = near_to((part, goal), lying, assembly.touch)
-    if not at_goal and not assembly.joined_to(name):
+    name, goal, around = step.part, known.place, dict(known.around)
+    _, at = around.pop(name)
+    part = replace(cell.object(name), start=at.pose)
+    lying = standing(cell) | replace(known, around=around).others
+    touched = near_to((part, goal), lying, assembly.touch)
+    if not touched and not assembly.joined_to(name):
         raise InfeasibleStepError(
             f"step {number} ({name}) would leave it in the air: it touches neither a fixture nor a part"
             f" that is there by then; {nearest_words(name, (part, goal), lying)}"
         )
-    _require_room(number, name, at_goal, assembly.overlaps)
+    _require_room(number, name, touched, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
     rules = assembly.handling(name).grips
-    grips = tool_grips(
-        list(with_each_tool(cell.robots)), part.shape, part.start, goal, rules
-    )
-    return PartStep(step, part, goal, around, grips, at_start, at_goal, held)
+    robots = list(with_each_tool(cell.robots))
+    grips = tool_grips(robots, part.shape, part.start, goal, rules)
+    return PartStep(step, goal, around, touched, known.held, part, grips, at_start)
 
 
 def require_ways(
@@ -250,10 +225,9 @@ def require_ways(
         if not isinstance(step, PartStep):
             continue
         part, ways = step.part, assembly.handling(step.part.name)
-        lying = standing(cell)
-        lying |= {name: (item, at.pose) for name, (item, at) in step.around.items()}
+        lying = standing(cell) | step.others
         for place, touched, direction, length, words in (
-            (step.goal, step.at_goal, np.array(ways.insertion), ways.approach, _IN),
+            (step.place, step.touched, np.array(ways.insertion), ways.approach, _IN),
             (part.start, step.at_start, -np.array(ways.extraction), ways.leave, _OUT),
         ):
             for other, gap in sorted(touched.items()):
@@ -294,38 +268,25 @@ def node_remedy(name: str, other: str, depth: float, overlaps: Overlaps) -> str:
     return words
 
 
-def _work_step(
-    cell: Workcell,
-    step: Work,
-    where: Mapping[str, Transform],
-    touch: float,
-    held: Held | None,
-) -> WorkStep:
-    base = where.get(step.owner or "")
-    if base is None:
-        base = _frame_of(cell, step.owner, step.frame)
-    place = readonly(base @ step.pose)
-    around = _around(cell, where)
-    lying = standing(cell) | {k: (item, at.pose) for k, (item, at) in around.items()}
-    touched = {step.owner} - {None}
+def _work_step(cell: Workcell, step: Work, known: KnownStep, touch: float) -> KnownStep:
+    owner, others = step.spot.owner, known.others
+    place = spot_pose(cell, step.spot, {name: at for name, (_, at) in others.items()})
+    touched = {} if owner is None else {owner: 0.0}
     for tip in _tips(step.process, place):
-        touched |= near_to(tip, lying, touch + TIP).keys()
-    names = frozenset(name for name in touched if name is not None)
-    return WorkStep(step, place, around, names, held)
+        touched |= near_to(tip, standing(cell) | others, touch + TIP)
+    return replace(known, place=place, touched=touched)
 
 
-def stop_pose(cell: Workcell, stop: StopOnTheWay) -> Transform:
-    """Return where the frame of a part comes to lie in the world at a stop."""
-    return readonly(_frame_of(cell, stop.fixture, stop.frame) @ stop.pose)
-
-
-def _frame_of(cell: Workcell, fixture: str | None, frame: str | None) -> Transform:
-    """Return the pose of a fixture, or of one of its frames; None stands for the world."""
+def spot_pose(
+    cell: Workcell, spot: Spot, parts: Mapping[str, Transform] | None = None
+) -> Transform:
+    """Return the pose of a spot in the world, given where the parts of a cell are by then."""
+    base = (parts or {}).get(spot.owner or "", np.eye(4))
     for item in cell.fixtures:
-        if item.name == fixture:
-            inside = np.eye(4) if frame is None else item.frames[frame]
-            return np.asarray(item.pose @ inside)
-    return np.eye(4)
+        if item.name == spot.owner:
+            inside = np.eye(4) if spot.frame is None else item.frames[spot.frame]
+            base = item.pose @ inside
+    return readonly(base @ spot.pose)
 
 
 def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> None:
@@ -338,7 +299,7 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
         leant.discard(other.part.name)
         if other.part.name == part:
             moved, leant = True, set()
-        elif moved and part in other.at_goal:
+        elif moved and part in other.touched:
             leant.add(other.part.name)
     if leant:
         raise InfeasibleStepError(
@@ -347,16 +308,49 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
         )
 
 
-def _around(cell: Workcell, where: Mapping[str, Transform]) -> Objects:
-    return {
-        item.name: (item, Attachment(None, where[item.name]))
-        for item in cell.objects
-        if item.name in where
-    }
-
-
 def _tips(process: Process, place: Transform) -> Iterator[tuple[Fixture, Transform]]:
     """Yield grains at the places that the tip of the tool comes to."""
     for at in process.path or (np.eye(4),):
         pose = readonly(place @ at)
         yield Fixture("tip", box_shape("tip", np.full(3, 1e-4)), pose), pose
+
+
+def in_place(cell: Workcell, assembly: PartAssembly) -> dict[str, Lying]:
+    """Return fixtures, parts in their places, and those that no step places where they lie, by name."""
+    lying = standing(cell)
+    for item in cell.objects:
+        if item.name in assembly.goals:
+            lying[item.name] = item, assembly.goals[item.name]
+        elif not item.later:
+            lying[item.name] = item, item.start
+    return lying
+
+
+def room(gap: float) -> float:
+    """Return a distance in whole millimetres, rounded up [m]."""
+    return math.ceil(round(gap * 1e3, 3)) / 1e3
+
+
+def wide_joints(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[Joint, str]]:
+    """Yield joints of things that are farther apart in their places than the joint says, with words.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: goals, joints, and what touches.
+    """
+    lying = in_place(cell, assembly) if assembly.joints else {}
+    for joint in assembly.joints:
+        first, second = joint.first, joint.second
+        most = assembly.touch + joint.gap
+        if near_to(lying[first], {second: lying[second]}, most):
+            continue
+        (gap,) = near_to(lying[first], {second: lying[second]}, math.inf).values()
+        others = {k: v for k, v in lying.items() if k not in (first, second)}
+        said = f", gap_m {joint.gap:g}" if joint.gap else ""
+        yield (
+            joint,
+            f"{first} and {second} are joined across {gap * 1e3:.1f} mm of air, and may be"
+            f" {most * 1e3:g} mm apart (touch_m {assembly.touch:g}{said}): put them nearer, or say the room"
+            f" of what is between them (joined: {{parts: [{first}, {second}], gap_m: {room(gap):g}}}); of all"
+            f" else {nearest_words(second, lying[second], others)}",
+        )

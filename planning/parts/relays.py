@@ -16,11 +16,11 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, Fixture, PlacedRobot, Workcell
 from planning.contacts.precedence import near_to, standing
+from planning.grips.grip import Grip
+from planning.grips.tool_grips import overload, robot_grips
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.parts.assembly import Grip, PartAssembly
-from planning.parts.part_skills import PartSkills, handover_targets, held_pose
+from planning.parts.part_skills import PartSkills, SkillTry, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
-from planning.parts.tool_grips import overload, robot_grips
 from planning.steps.handovers import Handover, MeetingPlace, find_handover
 from planning.steps.skill import Obstruction, SkillPath, Subgoal, joint_distance
 from planning.steps.tool_changes import mounted_tool, with_each_tool
@@ -50,7 +50,8 @@ _CLEAR = 0.0005
 """A part comes to lie so far above a fixture [m]."""
 
 _UPRIGHT = np.cos(np.radians(1.0))
-
+_SIDES = (("x", 0), ("x", 1), ("x", 2), ("x", 3), ("y", 1), ("y", 3))
+"""Quarter turns by which each side of a part comes to lie below."""
 
 _PALM, _PALMS = 0.08, 0.1
 """Palms are so far behind the tips of tools, and at least so far from each other [m]."""
@@ -60,6 +61,10 @@ _MOST_PAIRS, _MOST_MEETINGS = 8, 48
 
 _MEETING_HEIGHTS = (0.4, 0.3, 0.5, 0.6)
 """Heights above the middle between two bases at which a part is handed over [m]."""
+
+
+Skill = Callable[[PlacedRobot, PartStep, Transform], SkillTry]
+"""Returns the pick or the place-down of a step by a robot and a grip."""
 
 
 @dataclass(frozen=True)
@@ -76,42 +81,54 @@ class LaidDown:
 
 
 @dataclass(frozen=True)
-class Relay:
-    """A way to do a step in which the part changes hands in between.
-
-    Attributes:
-        giver: who picks the part, and lays it down or hands it over.
-        receiver: who takes it up or is handed it, and places it; may be who laid it down.
-        give, take: grips of the two.
-        between: where it is laid down, or how it is handed over.
-        paths: all skills in their order, from the pick to the place.
-        cost: joint distance of all from HOME.
-    """
-
-    giver: str
-    receiver: str
-    give: Grip
-    take: Grip
-    between: LaidDown | Handover
-    paths: tuple[SkillPath, ...]
-    cost: float
-
-
-@dataclass(frozen=True)
 class End:
     """Pick of a part by a robot, or its place-down, at one end of the part's way.
 
     Attributes:
         robot: who does it.
         grip: how it holds the part.
-        path: its pick where the part is at the start, or its place-down at the goal.
-        cost: joint distance from HOME.
+        tried: its pick where the part is at the start, or its place-down at the goal.
+        path: what came of that.
     """
 
     robot: PlacedRobot
     grip: Grip
+    tried: SkillTry
     path: SkillPath
+
+    @property
+    def cost(self) -> float:
+        """Joint distance from HOME [rad]."""
+        return joint_distance(self.robot.home, self.path.contact)
+
+
+@dataclass(frozen=True)
+class Relay:
+    """A way to do a step in which the part changes hands in between.
+
+    Attributes:
+        give: who picks the part, and lays it down or hands it over.
+        take: who takes it up or is handed it, and places it; may be who laid it down.
+        between: where it is laid down, or how it is handed over.
+        passing: skills between the pick and the place.
+        cost: joint distance of all from HOME [rad].
+    """
+
+    give: End
+    take: End
+    between: LaidDown | Handover
+    passing: tuple[SkillPath, ...]
     cost: float
+
+    @property
+    def paths(self) -> tuple[SkillPath, ...]:
+        """All skills in their order, from the pick to the place."""
+        return self.give.path, *self.passing, self.take.path
+
+    @property
+    def robots(self) -> tuple[str, str]:
+        """Names of who picks the part, and of who places it."""
+        return self.give.robot.name, self.take.robot.name
 
 
 def find_relays(
@@ -126,21 +143,21 @@ def find_relays(
         skills_with: returns the skills of robots that have certain tools on them.
         step: that no robot can do alone.
     """
-    choices = [list(with_each_tool([robot])) for robot in cell.robots]
-    for find in (_laid_down, _handed_over):
+    chosen = list(product(*(list(with_each_tool([robot])) for robot in cell.robots)))
+    every = [
+        _Passing(skills_with(NO_TOOLS.union(*map(mounted_tool, robots))), step)
+        for robots in chosen
+    ]
+    for find in (_Passing.laid_down, _Passing.handed_over):
         found: list[tuple[Relay, Tools]] = []
         known: set[tuple[str, str, Tools]] = set()
-        for chosen in product(*choices):
+        for robots, passing in zip(chosen, every, strict=True):
             new = set()
-            for way in find(
-                skills_with(NO_TOOLS.union(*map(mounted_tool, chosen))), step
-            ):
-                pair = way.giver, way.receiver
-                tools = NO_TOOLS.union(
-                    *(mounted_tool(r) for r in chosen if r.name in pair)
-                )
-                if (*pair, tools) not in known:
-                    new.add((*pair, tools))
+            for way in sorted(find(passing), key=lambda way: way.cost):
+                own = (mounted_tool(r) for r in robots if r.name in way.robots)
+                tools = NO_TOOLS.union(*own)
+                if (*way.robots, tools) not in known:
+                    new.add((*way.robots, tools))
                     found.append((way, tools))
             known |= new
         if found:
@@ -148,165 +165,206 @@ def find_relays(
     return found
 
 
-def _laid_down(skills: PartSkills, step: PartStep) -> list[Relay]:
-    """Return ways to do a step with the part laid down in between, the cheapest of each pair first.
+class _Passing:
+    """Ways in which a part changes hands, with certain tools on the robots.
 
     Args:
         skills: of the robots.
         step: that no robot can do alone.
     """
-    picks, places = _find_ends(skills, step)
-    if not picks or not places:
-        return []
-    found: list[Relay] = []
-    for rest in _rests(skills.cell, skills.assembly, step, (picks, places)):
-        there = replace(step, goal=rest.pose, at_goal=rest.touched)
-        lying = replace(step.part, start=rest.pose)
-        taken = replace(step, part=lying, at_start=rest.touched)
-        laid = _through(skills, there, picks, pick=False)
-        if not laid:
-            continue
-        up = _through(skills, taken, places, pick=True)
-        ways = [_over(rest, *pair) for pair in product(laid, up)]
-        if ways:
-            found.append(min(ways, key=lambda way: way.cost))
-        if len(found) == _ENOUGH:
-            break
-    return sorted(found, key=lambda way: way.cost)
 
+    def __init__(self, skills: PartSkills, step: PartStep) -> None:
+        self._skills, self._step = skills, step
+        self._cell, self._assembly = skills.cell, skills.assembly
+        self._ways = self._assembly.handling(step.part.name)
+        self._picks = self._ends(skills.pick, step.part.start)
+        self._places = self._ends(skills.place, step.place)
 
-def _over(
-    rest: LaidDown,
-    first: tuple[End, SkillPath, float],
-    then: tuple[End, SkillPath, float],
-) -> Relay:
-    (give, down, down_cost), (take, up, up_cost) = first, then
-    return Relay(
-        give.robot.name,
-        take.robot.name,
-        give.grip,
-        take.grip,
-        rest,
-        (give.path, down, up, take.path),
-        give.cost + down_cost + up_cost + take.cost,
-    )
-
-
-def _find_ends(skills: PartSkills, step: PartStep) -> tuple[list[End], list[End]]:
-    """Return how robots can pick the part of a step, and how they can place it, some ways each."""
-    return _ends(skills, step, pick=True), _ends(skills, step, pick=False)
-
-
-def _ends(skills: PartSkills, step: PartStep, *, pick: bool) -> list[End]:
-    at = step.part.start if pick else step.goal
-    out = []
-    rules = skills.assembly.handling(step.part.name).grips
-    for robot in skills.cell.robots:
-        if not step.step.done_by(robot.name) or overload(robot, step.part) is not None:
-            continue
-        count = 0
-        for grip in robot_grips(robot, step.part.shape, at, at, rules):
-            if skills.misfit(robot, step.part, grip) is not None:
+    def laid_down(self) -> Iterator[Relay]:
+        """Yield ways to do the step with the part laid down in between, one of each place."""
+        if not self._picks or not self._places:
+            return
+        count, step = 0, self._step
+        for rest in self._rests():
+            there = replace(step, place=rest.pose, touched=rest.touched)
+            lying = replace(step.part, start=rest.pose)
+            taken = replace(step, part=lying, at_start=rest.touched)
+            laid = self._through(self._skills.place, there, rest, self._picks)
+            if not laid:
                 continue
-            way = skills.pick if pick else skills.place
-            path = way(robot, step, grip.pose)
-            if isinstance(path, Obstruction):
+            up = self._through(self._skills.pick, taken, rest, self._places)
+            ways = [
+                Relay(
+                    give,
+                    take,
+                    rest,
+                    (down.path, again.path),
+                    give.cost + down.cost + again.cost + take.cost,
+                )
+                for (give, down), (take, again) in product(laid, up)
+            ]
+            if ways:
+                count += 1
+                yield min(ways, key=lambda way: way.cost)
+            if count == _ENOUGH:
+                return
+
+    def handed_over(self) -> Iterator[Relay]:
+        """Yield ways in which one robot hands the part over in the air, one of each pair of robots.
+
+        The giver brings the part into the receiver's open fingers, along the receiver's tool, and
+        leaves along its own. They meet between their bases, at some heights.
+        """
+        for giver, receiver in permutations(self._cell.robots, 2):
+            tries = islice(self._meetings(giver, receiver), _MOST_MEETINGS)
+            ways = (self._handover(*meeting) for meeting in tries)
+            yield from islice((way for way in ways if way is not None), 1)
+
+    def _ends(self, skill: Skill, at: Transform) -> list[End]:
+        """Return how robots can pick the part, or place it, where it is by then, some ways each."""
+        step, out = self._step, list[End]()
+        for robot in self._cell.robots:
+            heavy = overload(robot, step.part) is not None
+            if heavy or not step.step.done_by(robot.name):
                 continue
-            if skills.carried_home(robot, step, grip.pose) is not None:
-                continue
-            cost = joint_distance(robot.home, path.contact)
-            out.append(End(robot, grip, path, cost))
-            count += 1
-            if count == _MOST_GRIPS:
-                break
-    return out
+            count = 0
+            for grip in robot_grips(robot, step.part.shape, at, at, self._ways.grips):
+                if self._skills.misfit(robot, step.part, grip) is not None:
+                    continue
+                end = _end(skill, robot, step, grip)
+                carried = self._skills.pick(robot, step, grip.pose)
+                if end is None or carried.carried_home() is not None:
+                    continue
+                out.append(end)
+                count += 1
+                if count == _MOST_GRIPS:
+                    break
+        return out
 
+    def _through(
+        self, skill: Skill, step: PartStep, rest: LaidDown, ends: Sequence[End]
+    ) -> list[tuple[End, End]]:
+        """Return the ends whose robots also reach the part where it is laid down, one way each."""
+        robots = {end.robot.name: end.robot for end in ends}
+        about = step.part.shape, rest.pose, rest.pose, self._ways.grips
+        good = {
+            (name, grip.pose.tobytes())
+            for name, robot in robots.items()
+            for grip in robot_grips(robot, *about)
+        }
+        out: dict[str, tuple[End, End]] = {}
+        for end in ends:
+            name = end.robot.name
+            if name not in out and (name, end.grip.pose.tobytes()) in good:
+                found = _end(skill, end.robot, step, end.grip)
+                if found is not None:
+                    out[name] = end, found
+        return list(out.values())
 
-def _through(
-    skills: PartSkills,
-    step: PartStep,
-    ends: Sequence[End],
-    *,
-    pick: bool,
-) -> list[tuple[End, SkillPath, float]]:
-    """Return the ends whose robots also reach the part where it is laid down, one way each."""
-    rest = step.part.start if pick else step.goal
-    rules = skills.assembly.handling(step.part.name).grips
-    robots = {end.robot.name: end.robot for end in ends}
-    good = {
-        (name, grip.pose.tobytes())
-        for name, robot in robots.items()
-        for grip in robot_grips(robot, step.part.shape, rest, rest, rules)
-    }
-    out = []
-    reached: set[str] = set()
-    for end in ends:
-        way_there = end.robot.name, end.grip.pose.tobytes()
-        if end.robot.name in reached or way_there not in good:
-            continue
-        way = skills.pick if pick else skills.place
-        path = way(end.robot, step, end.grip.pose)
-        if not isinstance(path, Obstruction):
-            reached.add(end.robot.name)
-            cost = joint_distance(end.robot.home, path.contact)
-            out.append((end, path, cost))
-    return out
+    def _rests(self) -> Iterator[LaidDown]:
+        """Yield where the part can lie in between, nearest to the robots first."""
+        step, part, touch = self._step, self._step.part, self._assembly.touch
+        fixtures = standing(self._cell)
+        own = {"goal": (part, step.place), "start": (part, part.start)}
+        # As far from the robots as what they reach already.
+        rings = []
+        for side, at in ((self._picks, part.start), (self._places, step.place)):
+            base = np.mean([end.robot.base[:3, 3] for end in side], axis=0)
+            rings.append((base, float(np.linalg.norm(at[:3, 3] - base))))
 
+        def away(spot: Array) -> float:
+            apart = (abs(float(np.linalg.norm(spot - c)) - r) for c, r in rings)
+            return round(sum(apart), 6)
 
-def _rests(
-    cell: Workcell,
-    assembly: PartAssembly,
-    step: PartStep,
-    ends: tuple[Sequence[End], Sequence[End]],
-) -> Iterator[LaidDown]:
-    """Yield where a part can lie in between, nearest to the robots first."""
-    lying = standing(cell) | {
-        name: (item, at.pose) for name, (item, at) in step.around.items()
-    }
-    own = {"goal": (step.part, step.goal), "start": (step.part, step.part.start)}
-    # As far from the robots as what they reach already.
-    rings = []
-    for side, at in zip(ends, (step.part.start, step.goal), strict=True):
-        base = np.mean([end.robot.base[:3, 3] for end in side], axis=0)
-        rings.append((base, float(np.linalg.norm(at[:3, 3] - base))))
+        every = (spot for fixture in self._cell.fixtures for spot in _spots(fixture))
+        spots = sorted(every, key=away)[:_MOST_SPOTS]
+        for spot in islice(filter(self._in_reach, spots), _FEW_SPOTS):
+            for turn in _turns(step):
+                low, _ = part.shape.bounds(turn)
+                rest = turn.copy()
+                rest[:3, 3] = spot
+                rest[2, 3] += _CLEAR - low[2]
+                touched = near_to((part, rest), fixtures | step.others, touch)
+                free = min(touched.values(), default=-1.0) >= 0.0
+                if not free or not touched.keys() <= fixtures.keys():
+                    continue
+                if near_to((part, rest), own, touch):
+                    continue  # no step lies on where it comes from or goes
+                yield LaidDown(readonly(rest), touched)
 
-    def away(spot: Array) -> float:
-        return round(sum(abs(float(np.linalg.norm(spot - c)) - r) for c, r in rings), 6)
-
-    spots = sorted((s for fixture in cell.fixtures for s in _spots(fixture)), key=away)
-    near = (spot for spot in spots[:_MOST_SPOTS] if _in_reach(spot, assembly, ends))
-    for spot in islice(near, _FEW_SPOTS):
-        for turn in _turns(step):
-            low, _ = step.part.shape.bounds(turn)
-            rest = turn.copy()
-            rest[:3, 3] = spot
-            rest[2, 3] += _CLEAR - low[2]
-            touched = near_to((step.part, rest), lying, assembly.touch)
-            fixtures = {fixture.name for fixture in cell.fixtures}
-            free = min(touched.values(), default=-1.0) >= 0.0
-            if not free or not touched.keys() <= fixtures:
-                continue
-            if near_to((step.part, rest), own, assembly.touch):
-                continue  # no step lies on where it comes from or goes
-            yield LaidDown(readonly(rest), touched)
-
-
-def _in_reach(
-    spot: Array, assembly: PartAssembly, ends: tuple[Sequence[End], Sequence[End]]
-) -> bool:
-    """Tell whether a robot of either side reaches above a spot with its tool down."""
-    tool = rotation("x", np.pi)
-    tool[:3, 3] = spot
-    tool[2, 3] += assembly.approach
-    return all(
-        any(
-            inverse_kinematics(
-                robot, assembly.grips.frame, tool, robot.home, restarts=3
+    def _in_reach(self, spot: Array) -> bool:
+        """Tell whether a robot at either end reaches above a spot with its tool down."""
+        tool = rotation("x", np.pi)
+        tool[:3, 3] = spot
+        tool[2, 3] += self._assembly.usual.approach
+        return all(
+            any(
+                inverse_kinematics(
+                    robot, self._assembly.frame, tool, robot.home, restarts=3
+                )
+                for robot in {end.robot.name: end.robot for end in ends}.values()
             )
-            for robot in {end.robot.name: end.robot for end in side}.values()
+            for ends in (self._picks, self._places)
         )
-        for side in ends
-    )
+
+    def _meetings(
+        self, giver: PlacedRobot, receiver: PlacedRobot
+    ) -> Iterator[tuple[End, End, Transform]]:
+        """Yield how two robots hold the part between them, and its pose: hands far apart come first.
+
+        The giver points to the receiver, or down; the receiver to the giver, or down.
+        """
+        own = [end for end in self._picks if end.robot is giver]
+        other = [end for end in self._places if end.robot is receiver]
+        pairs = [pair for pair in product(own, other) if _apart(*pair) >= _PALMS]
+        pairs.sort(key=lambda pair: -round(_apart(*pair), 6))
+        to = receiver.base[:3, 3] - giver.base[:3, 3]
+        middle = giver.base[:3, 3] + 0.5 * to
+        bearing = float(np.arctan2(to[1], to[0]))
+        level = rotation("z", bearing) @ rotation("y", np.pi / 2)
+        down = rotation("z", bearing) @ rotation("x", np.pi)
+        for height, pointing, (give, take), quarter in product(
+            _MEETING_HEIGHTS, (level, down), pairs[:_MOST_PAIRS], range(4)
+        ):
+            tool = pointing @ rotation("z", quarter * np.pi / 2)
+            part = tool @ inverse(give.grip.pose)
+            part[:3, 3] = middle
+            part[2, 3] += height
+            facing = (part @ take.grip.pose)[:3, 2]
+            if facing @ level[:3, 2] < -0.5 or facing[2] < -0.8:
+                yield give, take, readonly(part)
+
+    def _handover(self, give: End, take: End, at: Transform) -> Relay | None:
+        """Return how the part is handed over at a pose, None if something is in the way."""
+        giver, receiver, frame = give.robot, take.robot, self._assembly.frame
+        tool = at @ take.grip.pose
+        back = tool @ translation(0.0, 0.0, -self._ways.approach)
+        coming = -self._ways.approach * tool[:3, 2]
+        meeting = MeetingPlace(
+            giver,
+            receiver,
+            self._step.part,
+            Attachment(giver.name, held_pose(giver, frame, give.grip.pose)),
+            Attachment(receiver.name, held_pose(receiver, frame, take.grip.pose)),
+            at,
+            Subgoal("pre-receive", frame, back),
+            Subgoal("receive", frame, tool),
+            handover_targets(frame, at @ give.grip.pose, coming, self._ways.leave),
+            giver.home,
+        )
+        found = find_handover(self._cell, self._step.around, meeting)
+        if not isinstance(found, Handover):
+            return None
+        cost = give.cost + take.cost + joint_distance(giver.home, found.give.contact)
+        cost += joint_distance(receiver.home, found.receive)
+        return Relay(give, take, found, (found.give,), cost)
+
+
+def _end(skill: Skill, robot: PlacedRobot, step: PartStep, grip: Grip) -> End | None:
+    """Return how a robot picks or places the part of a step by a grip, None if it cannot."""
+    tried = skill(robot, step, grip.pose)
+    found = tried.found()
+    return None if isinstance(found, Obstruction) else End(robot, grip, tried, found)
 
 
 def _spots(fixture: Fixture) -> Iterator[Array]:
@@ -316,13 +374,10 @@ def _spots(fixture: Fixture) -> Iterator[Array]:
     if up[axis] < _UPRIGHT:
         return
     flat = [k for k in range(3) if k != axis]
-    sides = [
-        np.arange(-(n := int(0.5 * fixture.size[k] / _SPACING)), n + 1) * _SPACING
-        for k in flat
-    ]
-    for a, b in product(*sides):
+    counts = (int(0.5 * fixture.size[k] / _SPACING) for k in flat)
+    for spot in product(*(np.arange(-n, n + 1) * _SPACING for n in counts)):
         inside = fixture.shape.middle.copy()
-        inside[flat] += a, b
+        inside[flat] += spot
         at = fixture.pose[:3, :3] @ inside + fixture.pose[:3, 3]
         at[2] += 0.5 * fixture.size[axis]
         yield at
@@ -331,7 +386,8 @@ def _spots(fixture: Fixture) -> Iterator[Array]:
 def _turns(step: PartStep) -> Iterator[Transform]:
     """Yield how a part can lie: as at the start, as in its place, then on each of its sides."""
     seen: set[bytes] = set()
-    for first in (step.part.start, step.goal, *_sides()):
+    sides = (rotation(axis, quarter * np.pi / 2) for axis, quarter in _SIDES)
+    for first in (step.part.start, step.place, *sides):
         lying = np.eye(4)
         lying[:3, :3] = first[:3, :3]
         if np.max(np.abs(lying[2, :3])) < _UPRIGHT:
@@ -344,100 +400,8 @@ def _turns(step: PartStep) -> Iterator[Transform]:
                 yield turn
 
 
-def _sides() -> Iterator[Transform]:
-    for axis, quarter in (("x", 0), ("x", 1), ("x", 2), ("x", 3), ("y", 1), ("y", 3)):
-        yield rotation(axis, quarter * np.pi / 2)
-
-
-def _handed_over(skills: PartSkills, step: PartStep) -> list[Relay]:
-    """Return ways to do a step in which one robot hands the part over, the cheapest first.
-
-    The giver brings the part into the receiver's open fingers, along the receiver's tool, and
-    leaves along its own. They meet between their bases, at some heights.
-
-    Args:
-        skills: of the robots.
-        step: that no robot can do alone.
-    """
-    picks, places = _find_ends(skills, step)
-    found: list[Relay] = []
-    for giver, receiver in permutations(skills.cell.robots, 2):
-        tries = islice(_meetings(picks, places, giver, receiver), _MOST_MEETINGS)
-        ways = (_handover(skills, step, *meeting) for meeting in tries)
-        found += islice((way for way in ways if way is not None), 1)
-    return sorted(found, key=lambda way: way.cost)
-
-
-def _meetings(
-    picks: Sequence[End],
-    places: Sequence[End],
-    giver: PlacedRobot,
-    receiver: PlacedRobot,
-) -> Iterator[tuple[End, End, Transform]]:
-    """Yield how two robots hold a part between them, and its pose: hands far apart come first.
-
-    The giver points to the receiver, or down; the receiver to the giver, or down.
-    """
-    own = [end for end in picks if end.robot is giver]
-    other = [end for end in places if end.robot is receiver]
-    pairs = [pair for pair in product(own, other) if _apart(*pair) >= _PALMS]
-    pairs.sort(key=lambda pair: -round(_apart(*pair), 6))
-    to = receiver.base[:3, 3] - giver.base[:3, 3]
-    middle = giver.base[:3, 3] + 0.5 * to
-    bearing = float(np.arctan2(to[1], to[0]))
-    level = rotation("z", bearing) @ rotation("y", np.pi / 2)
-    down = rotation("z", bearing) @ rotation("x", np.pi)
-    for height, pointing, (give, take), quarter in product(
-        _MEETING_HEIGHTS, (level, down), pairs[:_MOST_PAIRS], range(4)
-    ):
-        tool = pointing @ rotation("z", quarter * np.pi / 2)
-        part = tool @ inverse(give.grip.pose)
-        part[:3, 3] = middle
-        part[2, 3] += height
-        facing = (part @ take.grip.pose)[:3, 2]
-        if facing @ level[:3, 2] < -0.5 or facing[2] < -0.8:
-            yield give, take, readonly(part)
-
-
 def _apart(give: End, take: End) -> float:
     """Return how far the palms of two hands on one part are from each other [m]."""
     palm = translation(0.0, 0.0, -_PALM)
     one, two = (end.grip.pose @ palm for end in (give, take))
     return float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
-
-
-def _handover(
-    skills: PartSkills, step: PartStep, give: End, take: End, at: Transform
-) -> Relay | None:
-    """Return how a part is handed over at a pose, None if something is in the way."""
-    part, frame = step.part, skills.assembly.grips.frame
-    giver, receiver = give.robot, take.robot
-    ways = skills.assembly.handling(part.name)
-    tool = at @ take.grip.pose
-    back = tool @ translation(0.0, 0.0, -ways.approach)
-    coming = -ways.approach * tool[:3, 2]
-    meeting = MeetingPlace(
-        giver,
-        receiver,
-        part,
-        Attachment(giver.name, held_pose(giver, frame, give.grip.pose)),
-        Attachment(receiver.name, held_pose(receiver, frame, take.grip.pose)),
-        at,
-        Subgoal("pre-receive", frame, back),
-        Subgoal("receive", frame, tool),
-        handover_targets(frame, at @ give.grip.pose, coming, ways.leave),
-        giver.home,
-    )
-    found = find_handover(skills.cell, step.around, meeting)
-    if not isinstance(found, Handover):
-        return None
-    cost = give.cost + take.cost + joint_distance(giver.home, found.give.contact)
-    return Relay(
-        giver.name,
-        receiver.name,
-        give.grip,
-        take.grip,
-        found,
-        (give.path, found.give, take.path),
-        cost + joint_distance(receiver.home, found.receive),
-    )

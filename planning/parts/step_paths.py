@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import TypeVar
 
 from planning.cell.workcell import Attachment
-from planning.parts.assembly import Grip
-from planning.parts.part_skills import PartSkills
-from planning.parts.part_steps import KnownStep, MachineStep, PartStep, WorkStep
+from planning.grips.grip import Grip
+from planning.parts.part_skills import PartSkills, SkillTry
+from planning.parts.part_steps import KnownStep, PartStep
 from planning.parts.relays import Relay
 from planning.steps.handovers import CandidateCollector
 from planning.steps.skill import (
@@ -31,8 +33,10 @@ from planning.tasks.task import STRAIGHT
 from planning.transforms import Array
 
 _ENOUGH = 4
-"""So many candidates of each robot to place a part and keep hold of it are looked for, and so many of
-another one to do a step meanwhile."""
+"""So many candidates of each robot are looked for to place a part and keep hold of it, or to do a step
+beside another robot that holds something."""
+
+Candidate = PrimaryCandidate | SupportCandidate
 
 
 @dataclass(frozen=True)
@@ -62,21 +66,21 @@ class StepPaths:
     Attributes:
         skills: returns those of robots that have certain tools on them, all others at HOME.
         steps: what is done.
-        alone: pick and place, or a process, of every candidate, beside nobody.
-        holds: how a part is held, beside nobody.
-        relays: how the part changes hands in between, of candidates with which it does.
         keeps: by step, from 1, whose robot keeps hold of what it placed, the step until which.
+        alone: pick and place, a process, or a hold, of every candidate, beside nobody.
+        tries: what the last of these paths were found by.
+        relays: how the part changes hands in between, of candidates with which it does.
     """
 
     skills: Callable[[Tools], PartSkills]
     steps: Sequence[KnownStep]
-    alone: dict[PrimaryCandidate, tuple[SkillPath, ...]] = field(default_factory=dict)
-    holds: dict[SupportCandidate, SkillPath] = field(default_factory=dict)
-    relays: dict[PrimaryCandidate, Relay] = field(default_factory=dict)
     keeps: Mapping[int, int] = field(default_factory=dict)
+    alone: dict[Candidate, tuple[SkillPath, ...]] = field(default_factory=dict)
+    tries: dict[Candidate, tuple[SkillTry, ...]] = field(default_factory=dict)
+    relays: dict[PrimaryCandidate, Relay] = field(default_factory=dict)
 
     def among(
-        self, item: PrimaryCandidate, holding: Holders, supporting: Holders = NOBODY
+        self, item: Candidate, holding: Holders, supporting: Holders = NOBODY
     ) -> tuple[SkillPath, ...] | Obstruction:
         """Return the paths of a candidate beside robots that hold something, or what is in its way.
 
@@ -86,54 +90,31 @@ class StepPaths:
         Args:
             item: the candidate.
             holding: who holds something all the time.
-            supporting: who holds something while the part is placed, or the process is done.
+            supporting: who holds something while the last of its skills is done.
         """
-        step = self.steps[item.step - 1]
-        if isinstance(step, MachineStep):
-            return ()
-        known = self.alone[item]
-        if not holding.at and not supporting.at:
-            return known
-        early = self._skills(item.tools, holding)
-        skills = self._skills(item.tools, holding.and_also(supporting))
-        robot = skills.cell.robot(item.robot)
-        if isinstance(step, WorkStep):
-            turn = step.step.process.turns[item.grasp]
-            found = [skills.work(robot, step, turn, known[-1])]
-        else:
-            grip = self.grip_of(item).pose
-            found = [skills.place(robot, step, grip, known[-1])]
-            if item not in self.relays and holding.at:
-                found = [early.pick(robot, step, grip, known[0]), *found]
-                blocked = early.carried_home(robot, step, grip)
-                found += [] if blocked is None else [blocked]
-        wrong = next((item for item in found if isinstance(item, Obstruction)), None)
-        if wrong is not None:
-            return wrong
-        own = [item for item in found if isinstance(item, SkillPath)]
-        return (*known[: len(known) - len(own)], *own)
+        tries, found = self.tries.get(item, ()), list(self.alone.get(item, ()))
+        late = holding.and_also(supporting)
+        for k, tried in enumerate(tries, len(found) - len(tries)):
+            holders = late if k == len(found) - 1 else holding
+            if holders.at:
+                path = self._beside(tried, item, holders).found(found[k])
+                if isinstance(path, Obstruction):
+                    return path
+                found[k] = path
+        if len(tries) > 1 and holding.at:
+            blocked = self._beside(tries[0], item, holding).carried_home()
+            if blocked is not None:
+                return blocked
+        return tuple(found)
 
-    def held_among(
-        self, item: SupportCandidate, holding: Holders
-    ) -> SkillPath | Obstruction:
-        """Return how a robot holds a part beside others, or what is in its way."""
-        step, known = self.steps[item.step - 1], self.holds[item]
-        if not holding.at:
-            return known
-        assert not isinstance(step, MachineStep)
-        assert step.held is not None
-        skills = self._skills(item.tools, holding)
-        robot, grip = skills.cell.robot(item.robot), step.held.grips[item.pose].pose
-        return skills.hold(robot, step, step.held, grip, known)
-
-    def _skills(self, tools: Tools, holding: Holders) -> PartSkills:
-        return replace(self.skills(tools | holding.tools), holding=holding.at)
+    def _beside(self, tried: SkillTry, item: Candidate, holders: Holders) -> SkillTry:
+        return self.skills(item.tools | holders.tools).beside(tried, holders.at)
 
     def grip_of(self, item: PrimaryCandidate) -> Grip:
         """Return the grip with which a part is placed."""
         step, relay = self.steps[item.step - 1], self.relays.get(item)
         assert isinstance(step, PartStep)
-        return step.grips[item.grasp] if relay is None else relay.take
+        return step.grips[item.grasp] if relay is None else relay.take.grip
 
     def planned(self, plan: TaskPlan, step: int) -> tuple[SkillPath, ...]:
         """Return pick and place of a step, or its process, beside all that is held meanwhile.
@@ -152,8 +133,8 @@ class StepPaths:
         support = plan[step].support
         if support is None:
             return None
-        found = self.held_among(support, self._kept(plan, step))
-        return self.holds[support] if isinstance(found, Obstruction) else found
+        found = self.among(support, self._kept(plan, step))
+        return (self.alone[support] if isinstance(found, Obstruction) else found)[0]
 
     def _kept(self, plan: TaskPlan, step: int) -> Holders:
         """Return who keeps hold of what was placed before a step."""
@@ -177,129 +158,153 @@ class StepPaths:
         last = self.steps[self.keeps[item.step] - 1]
         there = dict(last.around)
         if isinstance(last, PartStep):
-            there[last.part.name] = last.part, Attachment(None, last.goal)
+            there[last.part.name] = last.part, Attachment(None, last.place)
         cell, grip = self.skills(item.tools).cell, gripped(item.robot, kept.part.name)
-        scene = SkillScene(
-            cell,
-            there,
-            {robot.name: robot.home for robot in cell.robots},
-            SkillContacts(grip, grip, NOTHING),
-        )
+        at_home = {robot.name: robot.home for robot in cell.robots}
+        contacts = SkillContacts(grip, grip, NOTHING)
+        scene = SkillScene(cell, there, at_home, contacts)
         return find_obstruction(self.release(self.alone[item][-1]), scene)
 
 
-def pair_kept(paths: StepPaths, found: CandidateCollector) -> None:
-    """Find which candidates go together where robots keep hold of what they placed.
+@dataclass(frozen=True)
+class Pairing:
+    """Finds which candidates go together where robots hold something.
 
-    Of every step of that sort the cheapest are taken, some for each robot, that leave others
-    candidates to do each step until they may let go, and that lead away then. The rest is dropped.
-
-    Args:
+    Attributes:
         paths: of all candidates.
-        found: with the candidates of all steps.
+        found: with the candidates; notes which do not go together, and why.
     """
-    # The last ones first: what others go with must be left when it is their turn.
-    for step in sorted(paths.keeps, reverse=True):
-        own = [p for p, item in enumerate(found.primaries) if item.step == step]
-        own.sort(key=lambda p: (found.primaries[p].cost, p))
-        enough: Counter[str] = Counter()
-        for p in own:
-            robot = found.primaries[p].robot
-            if enough[robot] < _ENOUGH and _can_keep(paths, p, found):
-                enough[robot] += 1
-            else:
-                found.dropped.add(p)
 
+    paths: StepPaths
+    found: CandidateCollector
 
-def _can_keep(paths: StepPaths, p: int, found: CandidateCollector) -> bool:
-    """Tell whether others can do what is to be done while a robot keeps hold; note what clashes."""
-    item = found.primaries[p]
-    grip = paths.grip_of(item).words
-    words = f"{item.robot} that keeps hold of {item.object}, {grip}"
-    if (wrong := paths.blocks_release(item)) is not None:
-        found.reject(item.step, f"{words}, lets go", wrong)
-        return False
-    holding = Holders({item.robot: paths.alone[item][-1].contact}, item.tools)
-    clashing: set[tuple[int, int]] = set()
-    incompatible: set[tuple[int, int]] = set()
-    for later in range(item.step + 1, paths.keeps[item.step] + 1):
-        others = [
-            q
-            for q in _of_step(found.primaries, later, item.robot)
-            if q not in found.dropped
-        ]
-        good: Counter[str] = Counter()
-        wrong = None
-        for q in sorted(others, key=lambda q: (found.primaries[q].cost, q)):
-            other = found.primaries[q]
-            if good[other.robot] == _ENOUGH:
-                clashing.add((p, q))
+    def pair_held(self, step: int) -> None:
+        """Find ways to do a step beside ways to hold; what is not found cannot go together."""
+        good: dict[str, Counter[str]] = defaultdict(Counter)
+        for s, support in _of_step(self.found.supports, step).items():
+            at = {support.robot: self.paths.alone[support][0].path[-1]}
+            bad, _ = self._beside(
+                self._cheapest(step, support.robot),
+                f"beside {support.robot} that holds",
+                (NOBODY, Holders(at, support.tools)),
+                good[support.robot],
+            )
+            self.found.incompatible |= {(p, s) for p in bad}
+
+    def pair_kept(self) -> None:
+        """Find which candidates go together where robots keep hold of what they placed.
+
+        Of every step of that sort the cheapest are taken, some for each robot, that leave others
+        candidates to do each step until they may let go, and that lead away then. The rest is
+        dropped.
+        """
+        # The last ones first: what others go with must be left when it is their turn.
+        for step in sorted(self.paths.keeps, reverse=True):
+            enough: Counter[str] = Counter()
+            for p, item in self._cheapest(step).items():
+                if enough[item.robot] < _ENOUGH and self._can_keep(p, item):
+                    enough[item.robot] += 1
+                else:
+                    self.found.dropped.add(p)
+
+    def _can_keep(self, p: int, item: PrimaryCandidate) -> bool:
+        """Tell whether others can do what is to be done while a robot keeps hold; note what clashes."""
+        paths, found = self.paths, self.found
+        words = f"{item.robot} that keeps hold of {item.object}, {paths.grip_of(item).words}"
+        if (wrong := paths.blocks_release(item)) is not None:
+            found.reject(item.step, f"{words}, lets go", wrong)
+            return False
+        at = {item.robot: paths.alone[item][-1].contact}
+        holding = Holders(at, item.tools), NOBODY
+        clashing: set[tuple[int, int]] = set()
+        incompatible: set[tuple[int, int]] = set()
+        for later in range(item.step + 1, paths.keeps[item.step] + 1):
+            others = self._cheapest(later, item.robot)
+            bad, why = self._beside(others, f"beside {words}", holding, Counter())
+            clashing |= {(p, q) for q in bad}
+            wrong, able = next(iter(why), None), len(bad) < len(others)
+            if able and paths.steps[later - 1].held is not None:
+                holds = _of_step(found.supports, later, item.robot)
+                said = f"holds beside {words}"
+                bad, why = self._beside(holds, said, holding, Counter(), inf)
+                incompatible |= {(p, s) for s in bad}
+                wrong, able = [wrong, *why][-1], len(bad) < len(holds)
+            if not able:
+                found.reject(item.step, words, self._nobody(item, later, wrong))
+                return False
+        found.clashing |= clashing
+        found.incompatible |= incompatible
+        return True
+
+    def _beside(
+        self,
+        items: Mapping[int, Candidate],
+        words: str,
+        holders: tuple[Holders, Holders],
+        good: Counter[str],
+        most: float = _ENOUGH,
+    ) -> tuple[set[int], list[Obstruction]]:
+        """Return which candidates cannot be done beside robots that hold something, and why.
+
+        Args:
+            items: candidates by their numbers.
+            words: beside whom, for people.
+            holders: who holds something all the time, and at the end.
+            good: how many candidates of each robot can be done, counted on.
+            most: how many of these are looked for; the others count as those that cannot.
+        """
+        bad, why = set(), []
+        for number, item in items.items():
+            if good[item.robot] >= most:
+                bad.add(number)
                 continue
-            way = paths.among(other, holding)
-            if isinstance(way, Obstruction):
-                clashing.add((p, q))
-                wrong = wrong or way
-                found.reject(later, f"{other.robot} beside {words}", way)
+            found = self.paths.among(item, *holders)
+            if isinstance(found, Obstruction):
+                bad.add(number)
+                why.append(found)
+                self.found.reject(item.step, f"{item.robot} {words}", found)
             else:
-                good[other.robot] += 1
-        if not good:
-            found.reject(item.step, *_nobody(paths, found, item, later, wrong))
-            return False
-        if paths.steps[later - 1].held is None:
-            continue
-        beside = 0
-        for s in _of_step(found.supports, later, item.robot):
-            support = found.supports[s]
-            hold = paths.held_among(support, holding)
-            if isinstance(hold, Obstruction):
-                incompatible.add((p, s))
-                wrong = hold
-                found.reject(later, f"{support.robot} holds beside {words}", hold)
-            else:
-                beside += 1
-        if not beside:
-            found.reject(item.step, *_nobody(paths, found, item, later, wrong))
-            return False
-    found.clashing |= clashing
-    found.incompatible |= incompatible
-    return True
+                good[item.robot] += 1
+        return bad, why
+
+    def _nobody(
+        self, kept: PrimaryCandidate, later: int, wrong: Obstruction | None
+    ) -> Obstruction:
+        """Return that a step cannot be done while a robot keeps hold, and why not.
+
+        Where nothing of who keeps hold is in the way, nobody else can do the step at all: then
+        that is why.
+        """
+        step = f"step {later} ({self.paths.steps[later - 1].step.words})"
+        if wrong is not None:
+            nobody = f"nobody else could do {step} meanwhile: {wrong.words}"
+            return Obstruction(nobody, wrong.by)
+        reasons = Counter[str]()
+        whats: dict[str, str] = {}
+        for item in self.found.rejections:
+            if item.step == later and not item.what.startswith(kept.robot):
+                reasons[item.reason] += 1
+                whats.setdefault(item.reason, item.what)
+        why = f"nobody else can do {step}"
+        if reasons:
+            reason, _ = reasons.most_common(1)[0]
+            why += f" at all: {whats[reason]}: {reason}"
+        return Obstruction(why)
+
+    def _cheapest(self, step: int, but: str = "") -> dict[int, PrimaryCandidate]:
+        """Return the ways to do a step by number, the cheapest first, one robot's left out."""
+        items = _of_step(self.found.primaries, step, but)
+        numbers = sorted(items.keys() - self.found.dropped)
+        return {p: items[p] for p in sorted(numbers, key=lambda p: items[p].cost)}
 
 
-def _nobody(
-    paths: StepPaths,
-    found: CandidateCollector,
-    item: PrimaryCandidate,
-    later: int,
-    wrong: Obstruction | None,
-) -> tuple[str, Obstruction]:
-    """Return in words that a step cannot be done meanwhile: who keeps hold, and why not.
-
-    Where nothing of who keeps hold is in the way, nobody else can do the step at all: then that is why.
-    """
-    step = f"step {later} ({paths.steps[later - 1].step.words})"
-    words = (
-        f"{item.robot} that keeps hold of {item.object}, {paths.grip_of(item).words}"
-    )
-    if wrong is not None:
-        nobody = f"nobody else could do {step} meanwhile: {wrong.words}"
-        return words, Obstruction(nobody, wrong.by)
-    others = [
-        r
-        for r in found.rejections
-        if r.step == later and not r.what.startswith(item.robot)
-    ]
-    why = f"nobody else can do {step}"
-    if others:
-        reason, _ = Counter(r.reason for r in others).most_common(1)[0]
-        what = next(r.what for r in others if r.reason == reason)
-        why += f" at all: {what}: {reason}"
-    return words, Obstruction(why)
+Item = TypeVar("Item", PrimaryCandidate, SupportCandidate)
 
 
-def _of_step(
-    items: Iterable[PrimaryCandidate | SupportCandidate], step: int, but: str
-) -> Iterator[int]:
-    """Yield the numbers of the candidates of a step, those of one robot left out."""
-    for k, item in enumerate(items):
-        if item.step == step and item.robot != but:
-            yield k
+def _of_step(items: Sequence[Item], step: int, but: str = "") -> dict[int, Item]:
+    """Return the candidates of a step by number, those of one robot left out."""
+    return {
+        k: item
+        for k, item in enumerate(items)
+        if item.step == step and item.robot != but
+    }

@@ -69,6 +69,7 @@ class Joint:
         force: most that it bears along each axis [N].
         torque: most that it bears about each axis [N m].
         gap: room between them, of a connector that is no part [m].
+        by: name of the step that joins them; None for the one that places the later of them.
     """
 
     first: str
@@ -76,6 +77,7 @@ class Joint:
     force: float = math.inf
     torque: float = math.inf
     gap: float = 0.0
+    by: str | None = None
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -96,11 +98,13 @@ class StandingRules:
         friction: least coefficient of friction of all contacts.
         tilt: by which gravity may be tilted [rad].
         touch: bodies that are nearer to each other than this touch [m].
+        joints: what is joined, and when.
     """
 
     friction: float = 0.4
     tilt: float = math.radians(1.0)
     touch: float = 0.002
+    joints: tuple[Joint, ...] = ()
 
 
 class Standing:
@@ -121,17 +125,15 @@ class Standing:
         self.rules = rules or StandingRules()
         self.bodies = bodies
         self._ground = ground
+        self._all = {**bodies, **ground}
         self._known: dict[_State, str | None] = {}
-        self._boxes = {
-            name: _boxes(body) for name, body in {**ground, **bodies}.items()
-        }
+        self._boxes = {name: _boxes(body) for name, body in self._all.items()}
         self.patches: dict[tuple[str, str], tuple[ContactPatch, ...]] = {}
         """Contacts by pair of names; the second is a body, the first one or of the ground."""
         self._between: dict[Joint, tuple[ContactPatch, ...]] = {}
-        for first, second in self._pairs():
-            found = self._contacts(first, second, self.rules.touch)
-            if found:
-                self.patches[first, second] = found
+        for pair in (*product(ground, bodies), *combinations(bodies, 2)):
+            if found := self._contacts(*pair, self.rules.touch):
+                self.patches[pair] = found
 
     def touching(self) -> nx.Graph[str]:
         """Return which bodies touch each other in their places, the ground left out."""
@@ -229,27 +231,10 @@ class Standing:
         for x, y in ((s, 0.0), (0.0, s), (-s, 0.0), (0.0, -s)):
             yield x, y, -c
 
-    def _pairs(self) -> Iterator[tuple[str, str]]:
-        """Yield the pairs of names whose bounds come near to each other."""
-        for ground in self._ground:
-            yield from (
-                (ground, name) for name in self.bodies if self._near(ground, name)
-            )
-        yield from (pair for pair in combinations(self.bodies, 2) if self._near(*pair))
-
-    def _near(self, first: str, second: str) -> bool:
-        (low, high), (least, most) = (
-            (lows.min(axis=0), highs.max(axis=0))
-            for lows, highs in (self._boxes[first], self._boxes[second])
-        )
-        touch = self.rules.touch
-        return bool(np.all(low <= most + touch) and np.all(least <= high + touch))
-
     def _contacts(
         self, first: str, second: str, touch: float
     ) -> tuple[ContactPatch, ...]:
-        one = self._ground.get(first) or self.bodies[first]
-        other = self.bodies[second]
+        one, other = self._all[first], self._all[second]
         (low, high), (least, most) = self._boxes[first], self._boxes[second]
         near = np.all(low[:, None] <= most + touch, axis=2)
         near &= np.all(least <= high[:, None] + touch, axis=2)
@@ -271,7 +256,7 @@ class Standing:
             patches = self._between[joint]
         if patches:
             return np.asarray(np.vstack([p.points for p in patches]).mean(axis=0))
-        ends = [self._ground.get(name) or self.bodies[name] for name in pair]
+        ends = [self._all[name] for name in pair]
         return np.asarray(np.mean([_placed(e.centre, e.pose) for e in ends], axis=0))
 
 
@@ -287,29 +272,3 @@ def _boxes(body: PlacedBody) -> tuple[Array, Array]:
         np.array([own.min(axis=0) for own in corners]),
         np.array([own.max(axis=0) for own in corners]),
     )
-
-
-@dataclass(frozen=True)
-class Joined:
-    """Two parts, or a part and a fixture, that are joined.
-
-    Attributes:
-        joint: whom, and what the joint bears.
-        by: name of the step that joins them; None for the step that places the later of them.
-    """
-
-    joint: Joint
-    by: str | None = None
-
-
-@dataclass(frozen=True)
-class BalanceRules:
-    """Rules for the balance of what is built.
-
-    Attributes:
-        standing: friction, tilt, and what touches.
-        joined: what is joined, and when.
-    """
-
-    standing: StandingRules
-    joined: tuple[Joined, ...] = ()

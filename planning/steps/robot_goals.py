@@ -78,7 +78,7 @@ def prepare_goals(cell: Workcell, goals: Sequence[RobotGoal]) -> AssemblyWork:
         choice = plan[step]
         build = StepWriter(cell, step, first_index)
         goal = found[step, choice.grasp]
-        build.transit(choice.robot, goal, f"to goal {step}", None, goal=True)
+        build.transit(choice.robot, goal, f"to goal {step}", goal=True)
         return build.build()
 
     return AssemblyWork(problem, expand)

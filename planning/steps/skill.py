@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
@@ -12,7 +12,6 @@ import numpy as np
 
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.robot_bodies import entity
-from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import follow_poses, inverse_kinematics
 from planning.transforms import Array, Transform
 
@@ -191,56 +190,25 @@ class Obstruction:
     phase: Phase | None = None
 
 
-def obstructions(
-    path: SkillPath, checker_of: Callable[[Phase], SceneChecker]
-) -> Iterator[Obstruction]:
-    """Yield obstructions of a skill, from its start to its end.
-
-    Whoever goes on has taken away what was yielded last: the same place is looked at again, and
-    what was clear before it still is.
-
-    Args:
-        path: of the skill.
-        checker_of: returns the collision checker of the robot in a phase of the skill, at any
-            time.
-    """
-    waypoints = path.waypoints
-    change = len(waypoints) if path.change_at is None else path.change_at
-    for q in path.lead:
-        while found := _at(checker_of, q, Phase.BEFORE):
-            yield found
-    phase = Phase.UNTIL_CHANGE
-    for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
-        if k == change:
-            phase = Phase.SINCE_CHANGE
-        while not checker_of(phase).motion_free(q_a, q_b):
-            yield _on_the_way(checker_of(phase), q_a, q_b)
-    while found := _at(checker_of, waypoints[-1], Phase.AFTER):
-        yield found
-
-
 def skill_postures(
     robot: PlacedRobot, targets: SkillTargets
 ) -> Iterator[SkillPath | Obstruction]:
     """Yield the skill in every posture found to start in, nearest to HOME first.
 
-    Where a posture does not lead through all poses, why that is.
+    Where a posture does not lead through all poses, or there is none at all, why that is.
     """
-    first = targets.subgoals[0]
-    for posture in inverse_kinematics(robot, first.frame, first.pose, robot.home):
+    first, lead, at = targets.subgoals[0], targets.lead, targets.change_at
+    postures = inverse_kinematics(robot, first.frame, first.pose, robot.home)
+    if not postures:
+        yield Obstruction(f"{first.name} is out of reach")
+    for posture in postures:
         chain = _follow(robot, targets.subgoals, posture)
         if isinstance(chain, Obstruction):
             yield chain
             continue
-        lead, at = targets.lead, targets.change_at
         # A path counts from its start, the last goal of the transits before it.
         change = None if at is None else at - lead + 1
         yield SkillPath(targets.skill, robot.name, chain[:lead], chain[lead:], change)
-
-
-def unreachable(targets: SkillTargets) -> Obstruction:
-    """Return that there is no posture at all to start in."""
-    return Obstruction(f"{targets.subgoals[0].name} is out of reach")
 
 
 def joint_distance(q_a: Array, q_b: Array) -> float:
@@ -268,21 +236,3 @@ def _follow(
             )
         chain.append(solution)
     return np.array(chain)
-
-
-def _at(
-    checker_of: Callable[[Phase], SceneChecker], q: Array, phase: Phase
-) -> Obstruction | None:
-    contact = checker_of(phase).contact(q)
-    if contact is None:
-        return None
-    words = f"{contact} {phase.value}"
-    return Obstruction(words, contact.second.split(":")[0], phase)
-
-
-def _on_the_way(checker: SceneChecker, q_a: Array, q_b: Array) -> Obstruction:
-    for t in np.linspace(0.0, 1.0, 9)[::-1]:
-        contact = checker.contact(q_a + t * (q_b - q_a))
-        if contact is not None:
-            return Obstruction(str(contact), contact.second.split(":")[0])
-    return Obstruction("something touches between two subgoals")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,10 +31,8 @@ from planning.steps.skill import (
     SkillPath,
     SkillTargets,
     ToolContact,
-    obstructions,
     skill_postures,
     touching,
-    unreachable,
 )
 from planning.transforms import Array
 
@@ -180,7 +179,7 @@ class SkillTrial:
         self._near = scene.near(path)
         self._built: dict[bool, SceneChecker] = {}
         self._checkers: dict[Phase, SceneChecker] = {}
-        self._obstructions = obstructions(path, self._checker)
+        self._obstructions = self._in_the_way()
         self.found = self._next()
 
     def take_away(self, names: Collection[str]) -> Obstruction | None:
@@ -198,6 +197,39 @@ class SkillTrial:
         """Return the skill as it is once nothing is in the way any more."""
         left = {k: v for k, v in self.touched.items() if k not in self.gone}
         return ResolvedSkill(self.path, frozenset(self.gone), left)
+
+    def _in_the_way(self) -> Iterator[Obstruction]:
+        """Yield obstructions of the path, from its start to its end.
+
+        Whoever goes on has taken away what was yielded last: the same place is looked at again,
+        and what was clear before it still is.
+        """
+        waypoints, change = self.path.waypoints, self.path.change_at
+        for q in self.path.lead:
+            while found := self._at(q, Phase.BEFORE):
+                yield found
+        phase = Phase.UNTIL_CHANGE
+        for k, (q_a, q_b) in enumerate(pairwise(waypoints)):
+            if k == change:
+                phase = Phase.SINCE_CHANGE
+            while not self._checker(phase).motion_free(q_a, q_b):
+                yield self._on_the_way(phase, q_a, q_b)
+        while found := self._at(waypoints[-1], Phase.AFTER):
+            yield found
+
+    def _at(self, q: Array, phase: Phase) -> Obstruction | None:
+        contact = self._checker(phase).contact(q)
+        if contact is None:
+            return None
+        words = f"{contact} {phase.value}"
+        return Obstruction(words, contact.second.split(":")[0], phase)
+
+    def _on_the_way(self, phase: Phase, q_a: Array, q_b: Array) -> Obstruction:
+        for t in np.linspace(0.0, 1.0, 9)[::-1]:
+            contact = self._checker(phase).contact(q_a + t * (q_b - q_a))
+            if contact is not None:
+                return Obstruction(str(contact), contact.second.split(":")[0])
+        return Obstruction("something touches between two subgoals")
 
     def _next(self) -> Obstruction | None:
         """Return what is in the way next, but for what the tool may graze or lean on."""
@@ -336,8 +368,7 @@ def resolve_skill(
             return trial.resolved()
         trials.append(trial)
         reason = _nearer_reason(reason, found)
-    if reason is None:
-        return unreachable(targets)
+    assert reason is not None
     if reason.by not in loose:
         return reason
     reason = None

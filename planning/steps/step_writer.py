@@ -8,6 +8,7 @@ after what, who waits for whom, and who touches what it carries is the same for 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +17,8 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.steps.handovers import Handover
 from planning.steps.skill import NOTHING, Pairs, SkillPath, handled
 from planning.tasks.task import (
+    ARRIVE,
+    PRESENT,
     STILL,
     STRAIGHT,
     TRANSIT,
@@ -24,6 +27,7 @@ from planning.tasks.task import (
     StepTasks,
     Task,
 )
+from planning.tasks.work import Refill
 from planning.transforms import Array, Transform, readonly
 
 
@@ -42,8 +46,9 @@ class StepWriter:
     first: int
     _tasks: list[Task] = field(default_factory=list)
     _dependencies: list[tuple[int, int]] = field(default_factory=list)
-    _allowed: dict[frozenset[str], set[int]] = field(default_factory=dict)
-    _grazed: dict[frozenset[str], set[int]] = field(default_factory=dict)
+    _allowed: dict[tuple[bool, str, str], set[int]] = field(
+        default_factory=lambda: defaultdict(set)
+    )
     _objects: list[CellObject] = field(default_factory=list)
 
     def transit(
@@ -51,16 +56,13 @@ class StepWriter:
         robot: str,
         to: Array,
         label: str,
-        carries: str | None,
+        carries: str | None = None,
         *,
         goal: bool = False,
     ) -> int:
         """Append a transit and return its index; with ``goal`` it may not be cut short."""
-        path = readonly(np.atleast_2d(to))
-        task = Task(
-            *(self._next, robot, TRANSIT, self.step, label, path, (), carries), goal
-        )
-        return self._append(task)
+        path = np.atleast_2d(to)
+        return self._append(robot, TRANSIT, label, path, (), carries, goal=goal)
 
     def home(self, robot: str, carries: str | None = None) -> int:
         """Append the transit of a robot to HOME, with what it carries."""
@@ -69,12 +71,8 @@ class StepWriter:
 
     def stand(self, robot: PlacedRobot, label: str, handling: Handling) -> int:
         """Append a task in which something changes hands and the robot stays at HOME."""
-        task = Task(
-            *(self._next, robot.name, TRANSIT, self.step, label),
-            readonly(robot.home[None]),
-            (handling,),
-        )
-        return self._append(task)
+        path = robot.home[None]
+        return self._append(robot.name, TRANSIT, label, path, (handling,))
 
     def skill(
         self,
@@ -104,31 +102,30 @@ class StepWriter:
             coming = Handling(refill.name, len(path.path), None, refill.start)
             handlings = (*handlings, coming)
             self._objects.append(refill)
-        task = Task(
-            self._next,
-            path.robot,
-            path.skill,
-            self.step,
-            label,
-            readonly(path.path),
-            handlings,
-            item,
-        )
-        return self._append(task)
+        return self._append(path.robot, path.skill, label, path.path, handlings, item)
 
     def unmoved(
         self,
         machine: str,
         kind: str,
         label: str,
-        item: str,
+        item: str | None,
         handlings: tuple[Handling, ...] = (),
     ) -> int:
-        """Append a task of a machine at an object, and return its index."""
-        task = Task(self._next, machine, kind, self.step, label, STILL, handlings, item)
-        return self._append(task)
+        """Append a task of a machine, at an object if any, and return its index."""
+        return self._append(machine, kind, label, STILL, handlings, item)
 
-    def lead_in(self, path: SkillPath, label: str, carries: str | None) -> None:
+    def refill(self, refill: Refill, emptied: int) -> None:
+        """Append how machines bring what comes up once a task has emptied its source."""
+        name = refill.parts[0][0]
+        if refill.arrivals is not None:
+            come = self.unmoved(refill.arrivals, ARRIVE, f"{name} arrives", name)
+            self.depend(come, come + 1)
+        up = tuple(Handling(part, 1, None, pose) for part, pose in refill.parts)
+        there = self.unmoved(refill.machine, PRESENT, f"{name} comes up", name, up)
+        self.depend(emptied, there)
+
+    def lead_in(self, path: SkillPath, label: str, carries: str | None = None) -> None:
         """Append the transits to where a skill starts."""
         for goal in path.lead:
             self.transit(path.robot, goal, label, carries)
@@ -137,15 +134,11 @@ class StepWriter:
         """Let one task wait for another."""
         self._dependencies.append((before, after))
 
-    def allow(self, pairs: Pairs, *tasks: int) -> None:
-        """Allow contacts during some tasks."""
-        for entry in pairs:
-            self._allowed.setdefault(entry, set()).update(tasks)
-
-    def graze(self, pairs: Pairs, task: int) -> None:
-        """Allow contacts no deeper than the contact tolerance during a task."""
-        for entry in pairs:
-            self._grazed.setdefault(entry, set()).add(task)
+    def allow(self, pairs: Pairs, *tasks: int, grazing: bool = False) -> None:
+        """Allow contacts during some tasks, if grazing no deeper than the contact tolerance."""
+        for pair in pairs:
+            first, second = sorted(pair)
+            self._allowed[grazing, first, second].update(tasks)
 
     @property
     def tasks(self) -> tuple[Task, ...]:
@@ -172,12 +165,10 @@ class StepWriter:
 
     def build(self) -> StepTasks:
         """Return the step."""
-        allowed = []
-        for pairs, grazing in ((self._allowed, False), (self._grazed, True)):
-            for entry, tasks in sorted(pairs.items(), key=lambda e: sorted(e[0])):
-                first, second = sorted(entry)
-                contact = AllowedContact(first, second, frozenset(tasks), grazing)
-                allowed.append(contact)
+        allowed = (
+            AllowedContact(first, second, frozenset(tasks), grazing)
+            for (grazing, first, second), tasks in sorted(self._allowed.items())
+        )
         return StepTasks(
             self.step,
             tuple(self._tasks),
@@ -186,13 +177,21 @@ class StepWriter:
             tuple(self._objects),
         )
 
-    @property
-    def _next(self) -> int:
-        return self.first + len(self._tasks)
-
-    def _append(self, task: Task) -> int:
-        self._tasks.append(task)
-        return task.index
+    def _append(
+        self,
+        robot: str,
+        kind: str,
+        label: str,
+        path: Array,
+        handlings: tuple[Handling, ...] = (),
+        item: str | None = None,
+        *,
+        goal: bool = False,
+    ) -> int:
+        index, way = self.first + len(self._tasks), readonly(path)
+        about = index, robot, kind, self.step, label, way, handlings, item, goal
+        self._tasks.append(Task(*about))
+        return index
 
 
 @dataclass(frozen=True)
@@ -207,7 +206,8 @@ class PlannedSkill:
             in the world; None where nothing changes hands.
         allowed: who may touch whom in it, besides the tool and what it handles.
         grazed: who may touch whom no deeper than the contact tolerance.
-        refill: object that comes up where the other one was picked, None for nothing.
+        refill: what comes up where the other one was picked: an object at once, or what machines
+            bring; None for nothing.
     """
 
     path: SkillPath
@@ -216,7 +216,7 @@ class PlannedSkill:
     pose: Transform | None = None
     allowed: Pairs = NOTHING
     grazed: Pairs = NOTHING
-    refill: CellObject | None = None
+    refill: CellObject | Refill | None = None
 
 
 @dataclass(frozen=True)
@@ -226,13 +226,11 @@ class PlannedHandover:
     Attributes:
         handover: postures of the two robots, and the skill of the giver.
         pose: of the object in the flange frame of the receiver.
-        aside: whether the giver waits at its rest before and after, and not at HOME.
         by_home: whether the receiver goes on by way of HOME.
     """
 
     handover: Handover
     pose: Transform
-    aside: bool = False
     by_home: bool = False
 
 
@@ -315,7 +313,7 @@ def write_placement(build: StepWriter, step: PlannedPlacement) -> int:
 def write_support(build: StepWriter, support: PlannedSupport) -> int:
     """Write how a robot comes to support or hold something; return the skill."""
     skill = support.skill
-    build.lead_in(skill.path, skill.coming, None)
+    build.lead_in(skill.path, skill.coming)
     return _write_skill(build, support.item, skill)
 
 
@@ -336,7 +334,7 @@ def write_release(
         straight = SkillPath(STRAIGHT, path.robot, path.path[-1:], way)
         back = [build.skill(straight, support.leaving, support.item)]
     else:
-        back = [build.transit(path.robot, q, support.leaving, None) for q in way]
+        back = [build.transit(path.robot, q, support.leaving) for q in way]
     build.home(path.robot)
     build.depend(held, begun)
     build.depend(done, back[0])
@@ -347,17 +345,20 @@ def write_release(
 def _write_skill(
     build: StepWriter, item: str | None, skill: PlannedSkill, holder: str | None = None
 ) -> int:
-    path, refill = skill.path, skill.refill
-    done = build.skill(path, skill.words, item, holder, skill.pose, refill)
+    more = skill.refill
+    at_once = more if isinstance(more, CellObject) else None
+    done = build.skill(skill.path, skill.words, item, holder, skill.pose, at_once)
     build.allow(skill.allowed, done)
-    build.graze(skill.grazed, done)
+    build.allow(skill.grazed, done, grazing=True)
+    if isinstance(more, Refill):
+        build.refill(more, done)
     return done
 
 
 def _write_pick(build: StepWriter, item: str, pick: PlannedSkill) -> int:
     """Write transit, pick and the way HOME; return the pick."""
     robot = pick.path.robot
-    build.lead_in(pick.path, pick.coming, None)
+    build.lead_in(pick.path, pick.coming)
     picked = _write_skill(build, item, pick, robot)
     build.home(robot, item)
     return picked
@@ -376,17 +377,18 @@ def _write_handover(
     """Write how a picked object is handed over; return how the receiver takes it away."""
     found, meeting = way.handover, way.handover.meeting
     giver, receiver = meeting.giver.name, meeting.receiver.name
-    build.transit(receiver, found.pre, "to the handover", None)
-    ready = build.transit(receiver, found.receive, "ready to receive", None)
-    if way.aside:
+    aside = not np.array_equal(meeting.rest, meeting.giver.home)
+    build.transit(receiver, found.pre, "to the handover")
+    ready = build.transit(receiver, found.receive, "ready to receive")
+    if aside:
         build.transit(giver, meeting.rest, f"{item} to the handover", item)
     build.lead_in(found.give, f"{item} to {receiver}", item)
     given = build.skill(found.give, f"hand over {item}", item, receiver, way.pose)
     build.depend(ready, given)
     # The receiver stands at the end of its task "ready" while the object is brought.
     build.allow_carried(giver, item, picked, given, ready)
-    if way.aside:
-        build.transit(giver, meeting.rest, "back from the handover", None)
+    if aside:
+        build.transit(giver, meeting.rest, "back from the handover")
     build.home(giver)
     taken = build.transit(receiver, found.pre, f"take {item}", item)
     build.depend(given, taken)

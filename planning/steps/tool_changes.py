@@ -12,14 +12,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import (
     Attachment,
-    CellObject,
     PlacedRobot,
     RackTool,
     Workcell,
@@ -39,9 +38,8 @@ from planning.steps.skill import (
     skill_postures,
     straight_way,
     touching,
-    unreachable,
 )
-from planning.steps.skill_scene import SkillScene, find_obstruction
+from planning.steps.skill_scene import Placed, SkillScene, find_obstruction
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, StepChoice, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
@@ -124,12 +122,12 @@ class RackPath:
     Attributes:
         tool: that has its place there.
         path: straight to where the tool is left and taken.
-        touched: fixtures that the tool touches in its rack.
+        contacts: who may touch whom there.
     """
 
     tool: RackTool
     path: SkillPath
-    touched: frozenset[str]
+    contacts: Pairs
 
 
 @dataclass(frozen=True)
@@ -162,10 +160,8 @@ class ToolChanges:
                     self.paths[robot.name, tool.name].path.contact
                     for tool in (old, new)
                 ]
-                stops = [robot.home, *ends, robot.home]
-                way = sum(
-                    joint_distance(a, b) for a, b in zip(stops, stops[1:], strict=False)
-                )
+                stops = pairwise([robot.home, *ends, robot.home])
+                way = sum(joint_distance(a, b) for a, b in stops)
                 found[robot.name, old.name, new.name] = way + old.seconds + new.seconds
         return found
 
@@ -186,25 +182,20 @@ class ToolChanges:
 
     def change(self, build: StepWriter, robot: str, old: str, new: str) -> None:
         """Write how a robot leaves one tool and takes another."""
-        self._at_rack(build, self.paths[robot, old], leave=True)
-        self._at_rack(build, self.paths[robot, new], leave=False)
-        build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}", None)
-
-    def _at_rack(self, build: StepWriter, way: RackPath, *, leave: bool) -> None:
-        name, path = way.tool.name, way.path
-        stop = path.path[-1:]
-        build.lead_in(path, f"to the rack of {name}", None)
-        into = build.skill(path, f"into the rack of {name}", name)
-        kind = LEAVE_TOOL if leave else TAKE_TOOL
-        change = SkillPath(kind, path.robot, stop, stop, 1)
-        holder = None if leave else path.robot
-        pose = way.tool.rack if leave else way.tool.mount
-        done = build.skill(
-            change, f"{'leave' if leave else 'take'} {name}", name, holder, pose
-        )
-        back = SkillPath(STRAIGHT, path.robot, stop, path.waypoints[-2::-1])
-        out = build.skill(back, f"out of the rack of {name}", name)
-        build.allow(_at_rack(path.robot, way), into, done, out)
+        for name, kind, verb in ((old, LEAVE_TOOL, "leave"), (new, TAKE_TOOL, "take")):
+            way = self.paths[robot, name]
+            path, stop = way.path, way.path.path[-1:]
+            holder, pose = (
+                (None, way.tool.rack) if name == old else (robot, way.tool.mount)
+            )
+            build.lead_in(path, f"to the rack of {name}")
+            into = build.skill(path, f"into the rack of {name}", name)
+            change = SkillPath(kind, robot, stop, stop, 1)
+            done = build.skill(change, f"{verb} {name}", name, holder, pose)
+            back = SkillPath(STRAIGHT, robot, stop, path.waypoints[-2::-1])
+            out = build.skill(back, f"out of the rack of {name}", name)
+            build.allow(way.contacts, into, done, out)
+        build.transit(robot, self.cell.robot(robot).home, f"HOME with {new}")
 
     def allow_mounted(self, build: StepWriter, mounted: Mapping[str, str]) -> None:
         """Allow robots to touch the tools that they have on them, in all tasks written so far.
@@ -240,13 +231,15 @@ def find_tool_changes(cell: Workcell, goals: Mapping[str, Transform]) -> ToolCha
             rack, or cannot stand there; says why.
     """
     touched, ways = _touched_in_racks(cell, goals), {}
-    around = with_tools(cell, frozenset())
+    around = with_tools(cell, NO_TOOLS)
     for robot in cell.robots:
         robots = [robot if r.name == robot.name else r for r in around.robots]
         here = replace(around, robots=tuple(robots))
         for tool in robot.tools:
-            touches = touched[tool.name]
-            ways[robot.name, tool.name] = _rack_path(here, robot, tool, goals, touches)
+            flange = touching(entity(robot.name, "tool"), [tool.name])
+            contacts = flange | touching(tool.name, touched[tool.name])
+            path = _rack_path(here, robot, tool, goals, contacts)
+            ways[robot.name, tool.name] = RackPath(tool, path, contacts)
     return ToolChanges(cell, ways)
 
 
@@ -278,20 +271,14 @@ def _touched_in_racks(
     return found
 
 
-def _at_rack(robot: str, way: RackPath) -> Pairs:
-    """Return what may touch while a robot is at a rack."""
-    name = way.tool.name
-    return touching(entity(robot, "tool"), [name]) | touching(name, way.touched)
-
-
 def _rack_path(
     cell: Workcell,
     robot: PlacedRobot,
     tool: RackTool,
     goals: Mapping[str, Transform],
-    touched: frozenset[str],
-) -> RackPath:
-    lying: dict[str, tuple[CellObject, Attachment]] = {
+    contacts: Pairs,
+) -> SkillPath:
+    lying: dict[str, Placed] = {
         item.name: (item, Attachment(None, item.start))
         for item in cell.objects
         if not item.later
@@ -304,27 +291,25 @@ def _rack_path(
     targets = SkillTargets(
         STRAIGHT, (*subgoals, Subgoal("rack", "flange", near)), len(subgoals)
     )
-    in_hand = Attachment(robot.name, tool.mount)
     on_it = touching(entity(robot.name, "tool"), [tool.name])
-    found = unreachable(targets)
+    scene = SkillScene(
+        cell,
+        lying,
+        {r.name: r.home for r in cell.robots},
+        SkillContacts(NOTHING, contacts, on_it),
+        (tool.name, Attachment(robot.name, tool.mount)),
+    )
+    found: Obstruction | None = None
     for path in skill_postures(robot, targets):
         if isinstance(path, Obstruction):
             found = path
             continue
-        way = RackPath(tool, replace(path, change_at=None), touched)
         # In with nothing on the flange, out with the tool: in with it is the same the other way.
         both = np.vstack([path.path, path.waypoints[-2::-1]])
-        scene = SkillScene(
-            cell,
-            lying,
-            {r.name: r.home for r in cell.robots},
-            SkillContacts(NOTHING, _at_rack(robot.name, way), on_it),
-            (tool.name, in_hand),
-        )
-        blocked = find_obstruction(replace(path, path=both), scene)
-        if blocked is None:
-            return way
-        found = blocked
+        found = find_obstruction(replace(path, path=both), scene)
+        if found is None:
+            return replace(path, change_at=None)
+    assert found is not None
     raise InfeasibleStepError(
         f"{robot.name} cannot change {tool.name} at its rack: {found.words}"
     )

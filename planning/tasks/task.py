@@ -131,6 +131,12 @@ LEAVE = "leave"
 
 SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE)
 
+
+def is_done_to_a_product(task: Task) -> bool:
+    """Tell whether a task is done to a product, by a robot or a machine."""
+    return task.kind not in (TRANSIT, "pick", *SUPPLY_KINDS)
+
+
 DOOR = "door"
 """Kind of the object that is the door of a machine while that works."""
 

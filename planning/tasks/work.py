@@ -4,25 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
-from planning.tasks.task import (
-    ARRIVE,
-    GONE,
-    LEAVE,
-    PRESENT,
-    STILL,
-    SUPPLY_KINDS,
-    TRANSIT,
-    Handling,
-    StepTasks,
-    Task,
-)
+from planning.tasks.task import StepTasks, Task
 from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12
@@ -121,7 +110,6 @@ class StepExpansions:
             yield self.work.expand(self.plan, step, first_index)
 
 
-_PICK = "pick"
 Lying = tuple[str, Transform]
 """Name of a part and where its centre lies in the world."""
 
@@ -171,113 +159,11 @@ class Supply:
     leaves: Mapping[int, Leaving] = field(default_factory=dict)
     elsewhere: frozenset[int] = frozenset()
 
-
-def supplied_work(work: AssemblyWork, supply: Supply) -> AssemblyWork:
-    """Return the work of an assembly with the tasks of the machines that supply it.
-
-    A pick waits for the part to be there, a refill for the source to be empty. What leaves waits
-    for all that was done to it, and whatever is done at the place of the next product for that to
-    be gone.
-    """
-    if not supply.refills and not supply.leaves:
-        return work
-    return replace(
-        work,
-        expand=partial(_expand, work, supply),
-        waits=partial(_waits, work, supply),
-    )
-
-
-def _expand(
-    work: AssemblyWork, supply: Supply, plan: TaskPlan, step: int, first: int
-) -> StepTasks:
-    """Return the tasks of a step, with those of machines where they have something to do."""
-    inner = work.expand(plan, step, first)
-    tasks: list[Task] = []
-    index: dict[int, int] = {}
-    pairs: list[tuple[int, int]] = []
-
-    def append(task: Task) -> int:
-        tasks.append(replace(task, index=first + len(tasks)))
-        return tasks[-1].index
-
-    left = supply.refills.get(step)
-    for task in inner.tasks:
-        index[task.index] = append(task)
-        if left is None or task.kind != _PICK:
-            continue
-        # A part that is laid down in between is picked again: it has left the source by then.
-        refill, left = left, None
-        there = Task(0, refill.machine, PRESENT, step, "", STILL)
-        name = refill.parts[0][0]
-        if refill.arrivals is not None:
-            come = replace(
-                there, robot=refill.arrivals, kind=ARRIVE, label=f"{name} arrives"
-            )
-            append(replace(come, object=name))
-        up = tuple(Handling(part, 1, None, pose) for part, pose in refill.parts)
-        present = append(
-            replace(there, label=f"{name} comes up", handlings=up, object=name)
-        )
-        pairs.append((index[task.index], present))
-        if refill.arrivals is not None:
-            pairs.append((present - 1, present))
-    if leaving := supply.leaves.get(step):
-        gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
-        append(Task(0, leaving.machine, LEAVE, step, "leaves", STILL, gone))
-    return replace(
-        inner,
-        tasks=tuple(tasks),
-        dependencies=(
-            *((index[a], index[b]) for a, b in inner.dependencies),
-            *pairs,
-        ),
-        allowed=tuple(
-            replace(contact, tasks=frozenset(index[t] for t in contact.tasks))
-            for contact in inner.allowed
-        ),
-    )
-
-
-def _waits(
-    work: AssemblyWork, supply: Supply, steps: Sequence[StepTasks]
-) -> Iterator[tuple[Task, Task]]:
-    yield from work.waits(steps)
-    there: dict[str, Task] = {}
-    come: dict[str, list[Task]] = {}
-    done: list[Task] = []
-    left: Task | None = None
-    buffers = buffers_of(supply)
-    for task in (task for step in steps for task in step.tasks):
-        if task.kind == LEAVE:
-            yield from ((earlier, task) for earlier in done)
-            done, left = [], task
-        elif task.kind == PRESENT:
-            there |= dict.fromkeys((h.object for h in task.handlings), task)
-            come.setdefault(task.robot, []).append(task)
-        elif task.kind == ARRIVE and (limit := buffers.get(task.robot)) is not None:
-            # The part that comes next waits behind the others that are still to be taken.
-            machine, buffer = limit
-            before = come.get(machine, [])
-            if len(before) > buffer:
-                yield before[-1 - buffer], task
-        elif task.kind == _PICK and task.object in there:
-            yield there[task.object], task
-        if is_done_to_a_product(task):
-            done.append(task)
-            if left is not None and task.step not in supply.elsewhere:
-                yield left, task
-
-
-def is_done_to_a_product(task: Task) -> bool:
-    """Tell whether a task is done to a product, by a robot or a machine."""
-    return task.kind not in (TRANSIT, _PICK, *SUPPLY_KINDS)
-
-
-def buffers_of(supply: Supply) -> dict[str, tuple[str, int]]:
-    """Return by conveyor that stops when it is full who presents its parts, and how many may wait."""
-    return {
-        refill.arrivals: (refill.machine, refill.buffer)
-        for refill in supply.refills.values()
-        if refill.arrivals is not None and refill.buffer is not None
-    }
+    @cached_property
+    def buffers(self) -> dict[str, tuple[str, int]]:
+        """By conveyor that stops when it is full, who presents its parts, and how many may wait."""
+        return {
+            refill.arrivals: (refill.machine, refill.buffer)
+            for refill in self.refills.values()
+            if refill.arrivals is not None and refill.buffer is not None
+        }

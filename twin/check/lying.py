@@ -16,8 +16,7 @@ from planning.contacts.precedence import (
     standing,
 )
 from planning.parts.assembly import PlacePart
-from planning.parts.joints import wide_joints
-from planning.parts.part_steps import node_remedy, steps_in_order
+from planning.parts.part_steps import node_remedy, steps_in_order, wide_joints
 from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import PartsSection
 
@@ -77,7 +76,7 @@ def check_goals(subject: Subject) -> Findings:
         name = step.part
         at, place = subject.thing_at(name, "goal"), "in its place"
         if step.stop is not None:
-            at, place = subject.step_at(number, "at"), f"at {step.stop.at}"
+            at, place = subject.step_at(number, "at"), f"at {step.stop.words}"
         lying: dict[str, Lying] = standing(cell)
         lying |= {
             item.name: (item, where[item.name])

@@ -25,7 +25,7 @@ from planning.cell.workcell import PlacedRobot
 from planning.errors import OutputError
 from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.parts.assembly import PlacePart
-from planning.parts.part_steps import stop_pose
+from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
 from twin.check.close_ups import (
     NAME_SIZE,
@@ -49,7 +49,7 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
 
         assembly, cell = build_assembly(section), subject.cell
         stops = [
-            (step.part, stop_pose(cell, step.stop))
+            (step.part, spot_pose(cell, step.stop))
             for step in assembly.steps
             if isinstance(step, PlacePart) and step.stop is not None
         ]

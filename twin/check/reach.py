@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from planning.errors import (
     RobotModelError,
     ScenarioError,
 )
+from planning.grips.grip import Grip
+from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import Grip, PartHandling, PlacePart
+from planning.parts.assembly import PartHandling, PlacePart, Work
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
-from planning.parts.part_steps import WorkStep, steps_in_order
-from planning.parts.tool_grips import robot_grips
+from planning.parts.part_steps import steps_in_order
 from planning.steps.skill import SkillPath, SkillTargets, skill_postures
 from planning.steps.tool_changes import find_tool_changes, rack_tools
 from planning.transforms import Transform
@@ -105,7 +107,7 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
     robots = [
         robot
         for robot in cell.robots
-        if assembly.grips.frame in {"flange", *robot.model.frames}
+        if assembly.frame in {"flange", *robot.model.frames}
     ]
     if isinstance(parts.found, str):
         return  # said elsewhere
@@ -113,7 +115,7 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
     for leg in _legs(subject, parts):
-        yield from _check_leg(leg, robots, assembly.grips.frame)
+        yield from _check_leg(leg, robots, assembly.frame)
 
 
 def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findings:
@@ -122,7 +124,8 @@ def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findi
     nobody = "no robot"
     if leg.step.robots is not None:
         nobody = f"no robot that may do it ({', '.join(leg.step.robots)})"
-    pick, place = _picking(frame, ways), _placing(frame, ways)
+    pick = partial(pick_targets, frame, ways=ways)
+    place = partial(place_targets, frame, ways=ways)
     if any(
         _reaches(robot, frame, part.start @ grip.pose, pick)
         and _reaches(robot, frame, end @ grip.pose, place)
@@ -193,7 +196,7 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
         start_at = known.get(name, subject.thing_at(name, "start"))
         end_at, words = subject.thing_at(name, "goal"), "its place"
         if step.stop is not None:
-            end_at, words = subject.step_at(number, "at"), step.stop.at
+            end_at, words = subject.step_at(number, "at"), step.stop.words
         known[name] = end_at
         part = replace(subject.cell.object(name), start=where[name])
         yield _PartLeg(
@@ -204,9 +207,10 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
 def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield places of work that no robot that may work there reaches."""
     for found in parts.steps or ():  # none where one cannot be, which is said elsewhere
-        if not isinstance(found, WorkStep):
+        step = found.step
+        if not isinstance(step, Work):
             continue
-        step, process = found.step, found.step.process
+        process = step.process
         robots = [
             robot
             for robot in subject.cell.robots
@@ -224,23 +228,11 @@ def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
         number = next(k for k, item in enumerate(parts.listed.steps) if item is step)
         yield Finding(
             ("assembly", "steps", number),
-            f"no robot reaches {step.at}, at {position(found.place[:3, 3].tolist())}, with frame"
+            f"no robot reaches {step.spot.words}, at {position(found.place[:3, 3].tolist())}, with frame"
             f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
             f" {len(process.turns)} turns",
             error=True,
         )
-
-
-def _picking(frame: str, ways: PartHandling) -> Targets:
-    return lambda at: pick_targets(
-        frame, at, ways.approach, ways.leave, ways.extraction
-    )
-
-
-def _placing(frame: str, ways: PartHandling) -> Targets:
-    return lambda at: place_targets(
-        frame, at, ways.approach, ways.leave, ways.insertion
-    )
 
 
 def _reaching(

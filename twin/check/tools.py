@@ -14,9 +14,9 @@ from planning.cell.cover import ConvexBody
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, distance_at
-from planning.parts.assembly import GripRules
-from planning.parts.grips import thinnest
-from planning.parts.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
+from planning.grips.grip import GripRules
+from planning.grips.shape_grips import thinnest
+from planning.grips.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.overview import flange_doubt, overview
 from planning.transforms import Array, Transform, readonly

@@ -9,11 +9,11 @@ import numpy as np
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
 from planning.contacts.precedence import Lying, near_to, nearest_to, standing
+from planning.grips.tool_grips import tool_bodies
 from planning.kinematics.kinematics import frame_in_last_joint
-from planning.parts.assembly import MachineWork, PlacePart
+from planning.parts.assembly import MachineWork, PlacePart, Process, Work
 from planning.parts.part_skills import process_targets
-from planning.parts.part_steps import WorkStep, steps_in_order
-from planning.parts.tool_grips import tool_bodies
+from planning.parts.part_steps import KnownStep, steps_in_order
 from planning.transforms import Transform, inverse
 from twin.check.finding import Finding, Findings, Subject, millimetres, position
 from twin.scenario.sections.parts import MachineSection
@@ -36,15 +36,14 @@ def check_works(subject: Subject) -> Findings:
     listed = {id(step): k for k, step in enumerate(parts.listed.steps)}
     seen: set[int] = set()
     for known in parts.steps or ():  # none where one cannot be, which is said elsewhere
-        if not isinstance(known, WorkStep):
-            continue
         step = known.step
+        if not isinstance(step, Work):
+            continue
         number = listed[id(step)] % len(parts.section.steps)
         if number in seen:
             continue  # of another product
         seen.add(number)
-        lying = standing(subject.cell)
-        lying |= {name: (item, at.pose) for name, (item, at) in known.around.items()}
+        lying = standing(subject.cell) | known.others
         there = {name: lying[name] for name in known.touched} or lying
         found = [
             (gap, robot.name, name)
@@ -52,7 +51,7 @@ def check_works(subject: Subject) -> Findings:
             if step.done_by(robot.name)
             and step.process.tool in (None, robot.tool)
             and step.process.frame in {"flange", *robot.model.frames}
-            for name, gap in _nearest(robot, known, there)
+            for name, gap in _nearest(robot, known, step.process, there)
         ]
         room = parts.section.processes[step.process.name].distance_m
         if not found or min(found)[0] <= _BRIDGED + room:
@@ -69,10 +68,9 @@ def check_works(subject: Subject) -> Findings:
 
 
 def _nearest(
-    robot: PlacedRobot, known: WorkStep, there: Mapping[str, Lying]
+    robot: PlacedRobot, known: KnownStep, process: Process, there: Mapping[str, Lying]
 ) -> Iterator[tuple[str, float]]:
     """Yield what is nearest to the tool of a robot at each pose of its path, and how far it is [m]."""
-    process = known.step.process
     body = Shape((), tuple(tool_bodies(robot.model)))
     tip = inverse(frame_in_last_joint(robot.model, process.frame))
     way = process_targets(process, known.place, process.turns[0])

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
 from planning.tasks.task import DOOR
-from planning.tasks.work import supplied_work
 from planning.transforms import readonly
 from twin.audit.wanted import Wanted
 from twin.durations.lifetimes import SkillOverride
@@ -133,7 +132,7 @@ class PartKind(AssemblyKind):
                 if self.section.order == "find"
                 else find_candidates(cell, assembly)
             )
-            work = supplied_work(part_work(found), line.supply)
+            work = part_work(found)
         return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.tasks.task import SUPPLY_KINDS, TRANSIT
-from planning.tasks.work import is_done_to_a_product
+from planning.tasks.task import SUPPLY_KINDS, TRANSIT, is_done_to_a_product
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds

@@ -35,11 +35,9 @@ from planning.lego.stability.contacts import ToolHold
 from planning.lego.stability.partial_structures import Names, PressBearing
 from planning.statics.equilibrium import Load
 from planning.steps.skill import (
-    Obstruction,
     SkillPath,
     SkillTargets,
     skill_postures,
-    unreachable,
 )
 
 Part = TypeVar("Part")
@@ -396,14 +394,14 @@ class _Reach:
         for robot, targets in attempts:
             if robot.name in done:
                 continue
-            reason: Obstruction | None = None
+            reason = ""
             for found in skill_postures(robot, targets):
                 if isinstance(found, SkillPath):
                     done.add(robot.name)
                     break
-                reason = reason or found
+                reason = reason or found.words
             else:
-                reasons[robot.name][(reason or unreachable(targets)).words] += 1
+                reasons[robot.name][reason] += 1
         return {
             name: max(words, key=lambda w: words[w])
             for name, words in reasons.items()

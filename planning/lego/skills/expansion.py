@@ -125,7 +125,7 @@ class _ChosenBrickStep:
             assert isinstance(handover, Handover), handover
             flange = inverse(self._flange(robot, handover.receive))
             in_hand = flange @ handover.meeting.at
-            between = PlannedHandover(handover, in_hand, aside=True)
+            between = PlannedHandover(handover, in_hand)
         pick = self._pick(giver or robot)
         place = self._place(_option(self.skills.place(robot, step, grasp, by)))
         return PlannedPlacement(

@@ -15,10 +15,10 @@ from planning.parts.assembly import PartAssembly, PlacePart
 from planning.parts.balance import PartBalance
 from planning.parts.order import in_found_order
 from planning.parts.part_steps import part_steps
-from planning.statics.standing import BalanceRules, Joined, Joint, StandingRules
+from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Transform, translation
 
-RULES = BalanceRules(StandingRules())
+RULES = StandingRules()
 
 
 def part(name: str, size: tuple[float, float, float], mass: float = 0.0) -> CellObject:
@@ -50,7 +50,7 @@ def cell() -> Workcell:
     return Workcell((), (top,), PARTS)
 
 
-def assembly(*names: str, rules: BalanceRules = RULES) -> PartAssembly:
+def assembly(*names: str, rules: StandingRules = RULES) -> PartAssembly:
     steps = tuple(PlacePart(part=name, name=name) for name in names)
     return PartAssembly(GOALS, steps, balance=rules)
 
@@ -82,10 +82,10 @@ def test_what_is_propped_waits_for_its_prop() -> None:
 
 def test_a_joint_does_instead_of_a_prop_as_far_as_it_bears() -> None:
     def built(torque: float) -> PartAssembly:
-        base = Joined(Joint("table", "post"))
-        neck = Joined(Joint("post", "beam", 1.0, torque))
+        base = Joint("table", "post")
+        neck = Joint("post", "beam", 1.0, torque)
         return assembly(
-            "post", "beam", "load", rules=replace(RULES, joined=(base, neck))
+            "post", "beam", "load", rules=replace(RULES, joints=(base, neck))
         )
 
     assert balance(built(math.inf)).fall is None
@@ -100,10 +100,7 @@ def test_a_joint_does_instead_of_a_prop_as_far_as_it_bears() -> None:
 def test_what_a_later_step_joins_is_kept_hold_of_until_then() -> None:
     late = replace(
         RULES,
-        joined=(
-            Joined(Joint("table", "post")),
-            Joined(Joint("post", "beam"), by="prop"),
-        ),
+        joints=(Joint("table", "post"), Joint("post", "beam", by="prop")),
     )
     found = balance(assembly("post", "beam", "prop", rules=late))
     assert found.fall is None
@@ -127,6 +124,6 @@ def test_what_touches_nothing_may_stand_where_it_is_joined() -> None:
     with pytest.raises(InfeasibleStepError, match="in the air"):
         part_steps(cell(), free)
     across = Joint("post", "beam", gap=0.02)
-    joined = (Joined(Joint("table", "post")), Joined(across))
-    built = replace(free, balance=replace(RULES, joined=joined))
+    joints = (Joint("table", "post"), across)
+    built = replace(free, balance=replace(RULES, joints=joints))
     assert balance(built).stand().waits == {(0, 1)}

@@ -14,7 +14,15 @@ from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.precedence import StepPrecedence
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import GripRules, PartAssembly, PlacePart, Process, Work
+from planning.grips.grip import GripRules
+from planning.parts.assembly import (
+    PartAssembly,
+    PartHandling,
+    PlacePart,
+    Process,
+    Spot,
+    Work,
+)
 from planning.parts.order import find_ordered_candidates, in_found_order
 from planning.transforms import Transform, translation
 from tests.planning.parts.test_part_steps import crossing, two_arms
@@ -104,9 +112,7 @@ def test_a_process_comes_after_its_part_and_before_what_covers_it() -> None:
     cell, assembly = two_arms(), crossing("across", "north", "south")
     hole = Work(
         process=Process("screw"),
-        at="south/hole",
-        owner="south",
-        pose=translation(0.0, 0.0, 0.012),
+        spot=Spot("south/hole", "south", None, translation(0.0, 0.0, 0.012)),
     )
     order = in_found_order(cell, replace(assembly, steps=(*assembly.steps, hole)))
     words = [step.words for step in order.steps]
@@ -139,9 +145,9 @@ def test_a_part_goes_in_before_walls_between_which_no_hand_fits() -> None:
     assembly = PartAssembly(
         goals=goals,
         steps=tuple(PlacePart(part=k, name=k) for k in ("left", "right", "low")),
-        grips=GripRules(positions=1),
+        usual=PartHandling(GripRules(positions=1)),
     )
     assert in_found_order(cell, assembly).placed == ("left", "right", "low")
     found = find_ordered_candidates(cell, assembly)
-    assert found.impossible == ()
+    assert found.problem.impossible == ()
     assert found.problem.steps[0] == "pick and place low"

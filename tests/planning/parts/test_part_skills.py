@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -11,58 +12,52 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from planning.parts.assembly import Process
+from planning.parts.assembly import PartHandling, Process
 from planning.parts.part_skills import (
     SMALL_STRIDE,
     SMALL_TURN,
-    _with_remedy,
+    SkillTry,
     pick_targets,
     place_targets,
     process_targets,
 )
-from planning.parts.step_paths import _nobody
+from planning.parts.step_paths import Pairing
 from planning.steps.handovers import CandidateCollector
 from planning.steps.skill import STRIDE, Obstruction, Phase, SkillTargets
 from planning.tasks.assignment import PrimaryCandidate
-from planning.transforms import Array, Transform, from_rpy
+from planning.transforms import Transform, from_rpy
 
 GRIP = from_rpy((0.4, 0.1, 0.2), (np.pi, 0.5, 0.3))
 
 
-def ways(skill: SkillTargets) -> tuple[Array, Array, Array]:
+@pytest.mark.parametrize("approach", [0.01, 0.03, 0.1])
+@pytest.mark.parametrize("leave", [0.05, 1.0])
+@pytest.mark.parametrize(
+    ("targets", "name"), [(pick_targets, "pick"), (place_targets, "place-down")]
+)
+def test_ways_are_straight_and_as_long_as_asked_for(
+    targets: Callable[[str, Transform, PartHandling], SkillTargets],
+    name: str,
+    approach: float,
+    leave: float,
+) -> None:
+    """A pick comes along the tool and lifts straight up; a place the other way round."""
+    skill = targets("tool", GRIP, PartHandling(approach=approach, leave=leave))
+    assert (skill.skill, skill.lead) == (name, 1)
+    points = np.array([item.pose[:3, 3] for item in skill.subgoals])
     at = skill.change_at
     assert at is not None
-    points = np.array([item.pose[:3, 3] for item in skill.subgoals])
-    return points[: at + 1], points[at], points[at:]
-
-
-@pytest.mark.parametrize("length", [0.01, 0.03, 0.075])
-def test_a_pick_comes_along_the_tool_and_lifts_straight_up(length: float) -> None:
-    skill = pick_targets("tool", GRIP, length, 0.05)
-    before, attach, after = ways(skill)
-    assert (skill.skill, skill.lead) == ("pick", 1)
-    np.testing.assert_allclose(attach, GRIP[:3, 3])
-    np.testing.assert_allclose(attach - before[0], length * GRIP[:3, 2], atol=1e-12)
-    np.testing.assert_allclose(after[-1] - attach, [0, 0, 0.05], atol=1e-12)
-
-
-def test_a_place_comes_straight_down_and_leaves_along_the_tool() -> None:
-    skill = place_targets("tool", GRIP, 0.08, 0.05)
-    before, attach, after = ways(skill)
-    assert (skill.skill, skill.lead) == ("place-down", 1)
-    np.testing.assert_allclose(before[0] - attach, [0, 0, 0.08], atol=1e-12)
-    np.testing.assert_allclose(attach - after[-1], 0.05 * GRIP[:3, 2], atol=1e-12)
-
-
-def test_subgoals_lie_on_the_straight_way_and_close_together() -> None:
-    for skill in (pick_targets("t", GRIP, 0.1, 0.07), place_targets("t", GRIP, 0.1, 1)):
-        before, _, after = ways(skill)
-        for points in (before, after):
-            steps = np.diff(points, axis=0)
-            assert np.linalg.norm(steps, axis=1).max() <= STRIDE + 1e-9
-            np.testing.assert_allclose(steps, steps[:1].repeat(len(steps), 0))
-        for item in skill.subgoals:
-            np.testing.assert_allclose(item.pose[:3, :3], GRIP[:3, :3])
+    np.testing.assert_allclose(points[at], GRIP[:3, 3])
+    along, up = GRIP[:3, 2], np.array([0.0, 0.0, 1.0])
+    came, left = (along, up) if name == "pick" else (-up, -along)
+    np.testing.assert_allclose(points[at] - points[0], approach * came, atol=1e-12)
+    np.testing.assert_allclose(points[-1] - points[at], leave * left, atol=1e-12)
+    for way in (points[: at + 1], points[at:]):
+        steps = np.diff(way, axis=0)
+        assert np.linalg.norm(steps, axis=1).max() <= STRIDE + 1e-9
+        np.testing.assert_allclose(steps, steps[:1].repeat(len(steps), 0))
+    for item in skill.subgoals:
+        np.testing.assert_allclose(item.pose[:3, :3], GRIP[:3, :3])
 
 
 _METRES = hnp.arrays(np.float64, 3, elements=st.floats(-0.3, 0.3))
@@ -136,11 +131,11 @@ def test_a_turn_is_about_the_axis_of_the_place(
 def test_what_is_in_the_way_where_a_straight_way_begins_says_which_key_is_its_length() -> (
     None
 ):
-    at_ends = [
-        _with_remedy(Obstruction("a and slot touch", "slot", phase), 0.06, 0.05)
+    tried = SkillTry(None, None, None, 0.06, 0.05)  # type: ignore[arg-type]
+    words = [
+        tried._with_remedy(Obstruction("a and slot touch", "slot", phase)).words
         for phase in (None, Phase.BEFORE, Phase.AFTER)
     ]
-    words = [found.words for found in at_ends if isinstance(found, Obstruction)]
     assert words[0] == "a and slot touch"
     assert "begins, 60 mm away" in words[1]
     assert "approach_m makes it longer" in words[1]
@@ -150,17 +145,16 @@ def test_what_is_in_the_way_where_a_straight_way_begins_says_which_key_is_its_le
 
 def test_nobody_else_is_told_with_why() -> None:
     item = PrimaryCandidate(1, "left", "web", 0, 0.0)
-    grip = SimpleNamespace(words="grip 10 mm wide")
     steps = [SimpleNamespace(step=SimpleNamespace(words=w)) for w in ("web", "screw")]
-    paths = SimpleNamespace(steps=steps, grip_of=lambda _: grip)
     found = CandidateCollector(())
+    pairing = Pairing(SimpleNamespace(steps=steps), found)  # type: ignore[arg-type]
     found.reject(2, "left does it", "it is for right only")
     found.reject(2, "right grips, 8 mm wide", "the tool would be 4.0 mm in screw")
-    _, why = _nobody(paths, found, item, 2, None)  # type: ignore[arg-type]
+    why = pairing._nobody(item, 2, None)
     assert why.words == (
         "nobody else can do step 2 (screw) at all: right grips, 8 mm wide: the tool would be 4.0 mm"
         " in screw"
     )
     hit = Obstruction("right/arm and left/arm overlap by 3.0 mm", "left/arm")
-    _, why = _nobody(paths, found, item, 2, hit)  # type: ignore[arg-type]
+    why = pairing._nobody(item, 2, hit)
     assert why.words.endswith("meanwhile: right/arm and left/arm overlap by 3.0 mm")

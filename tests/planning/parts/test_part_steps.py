@@ -11,15 +11,9 @@ import pytest
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
+from planning.grips.grip import DOWN, UP, GripRules
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import (
-    DOWN,
-    UP,
-    GripRules,
-    PartAssembly,
-    PartHandling,
-    PlacePart,
-)
+from planning.parts.assembly import PartAssembly, PartHandling, PlacePart
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
 from planning.robots.registry import robot_model
@@ -70,7 +64,7 @@ def crossing(*steps: str) -> PartAssembly:
             PlacePart(part=name, name=name)
             for name in steps or ("south", "north", "across", "aside")
         ),
-        grips=GripRules(positions=3),
+        usual=PartHandling(GripRules(positions=3)),
     )
 
 
@@ -88,9 +82,9 @@ def test_what_a_part_touches_is_found_from_the_poses(
     found: PartCandidates,
 ) -> None:
     assert set(found.steps[2].at_start) == {"table"}
-    assert set(found.steps[0].at_goal) == {"table"}
-    assert set(found.steps[2].at_goal) == {"south", "north"}
-    assert set(found.steps[3].at_goal) == {"table"}
+    assert set(found.steps[0].touched) == {"table"}
+    assert set(found.steps[2].touched) == {"south", "north"}
+    assert set(found.steps[3].touched) == {"table"}
 
 
 def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
@@ -101,7 +95,7 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
     for item, (pick, place) in found.paths.alone.items():
         robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
         grip = step.grips[item.grasp].pose
-        for path, part in ((pick, step.part.start), (place, step.goal)):
+        for path, part in ((pick, step.part.start), (place, step.place)):
             tool = frame_pose(robot, path.contact, "tool")
             np.testing.assert_allclose(tool, part @ grip, atol=2e-4)
 
@@ -139,7 +133,7 @@ def test_a_step_carries_its_part_over_home(
     np.testing.assert_array_equal(step.tasks[-1].path[-1], robot.home)
     (taken,), (put,) = step.tasks[1].handlings, step.tasks[4].handlings
     assert (taken.holder, put.holder) == (robot.name, None)
-    np.testing.assert_allclose(put.pose, found.steps[2].goal)
+    np.testing.assert_allclose(put.pose, found.steps[2].place)
     allowed = {frozenset((c.first, c.second)): c.tasks for c in step.allowed}
     assert allowed[frozenset(("across", f"{robot.name}/tool"))] == {21, 22, 23, 24}
     assert allowed[frozenset(("across", "table"))] == {21}
@@ -168,7 +162,7 @@ def refused() -> Iterator[tuple[str, str, Workcell, PartAssembly]]:
     far = rod("south", pose((0.0, -0.95, ON_TABLE), 0.0))
     away = replace(cell, objects=(far, *cell.objects[1:]))
     yield "too far", r"(?s)south.*out of reach", away, crossing("south")
-    narrow = replace(crossing("south"), grips=GripRules(opening=0.02))
+    narrow = replace(crossing("south"), usual=PartHandling(GripRules(opening=0.02)))
     yield "too wide", r"the tool opens to 20\.0 mm", cell, narrow
     # The upper rod comes from above: from below the lower ones are in its way.
     below = r"\(across\) leads through north .*into its place"
@@ -181,8 +175,8 @@ def led(
     plain: PartAssembly, part: str, insertion: Direction, extraction: Direction
 ) -> PartAssembly:
     """Return an assembly in which a part goes in and out in other directions."""
-    ways = PartHandling(plain.grips, plain.approach, plain.leave, insertion, extraction)
-    return replace(plain, own_handling={part: ways})
+    ways = replace(plain.usual, insertion=insertion, extraction=extraction)
+    return replace(plain, own={part: ways})
 
 
 @pytest.mark.parametrize(

@@ -21,33 +21,34 @@ def standing(*bodies: PlacedBody, rules: StandingRules | None = None) -> Standin
     return Standing({b.name: b for b in bodies}, table(), rules)
 
 
-def test_a_box_on_a_table_stands_and_one_in_the_air_does_not() -> None:
-    low, high = (
-        box("low", (0.1, 0.1, 0.1), (0, 0, 0.05)),
-        box("high", (0.1, 0.1, 0.1), (0, 0, 0.5)),
-    )
-    world = standing(low, high)
-    assert world.falling(["low"]) is None
-    assert world.falling(["low", "high"]) == "high"
-    assert world.falling(["low", "high"], held=["high"]) is None
+LOW = box("low", (0.1, 0.1, 0.1), (0, 0, 0.05))
+BEAM = box("beam", (0.4, 0.1, 0.02), (0.1, 0, 0.11))
+WEIGHT = box("weight", (0.08, 0.1, 0.1), (-0.05, 0, 0.17), mass=10.0)
 
 
-@pytest.mark.parametrize(("over", "falls"), [(0.045, None), (0.055, "high")])
-def test_a_box_falls_over_an_edge_when_its_middle_is_beyond(
-    over: float, falls: str | None
+def over(x: float) -> PlacedBody:
+    """Return a box whose middle is so far from that of what it lies on."""
+    return box("high", (0.1, 0.1, 0.02), (x, 0, 0.11))
+
+
+@pytest.mark.parametrize(
+    ("bodies", "held", "falls"),
+    [
+        ((LOW,), (), None),
+        ((LOW, box("high", (0.1, 0.1, 0.1), (0, 0, 0.5))), (), "high"),
+        ((LOW, box("high", (0.1, 0.1, 0.1), (0, 0, 0.5))), ("high",), None),
+        ((LOW, over(0.045)), (), None),
+        ((LOW, over(0.055)), (), "high"),
+        ((LOW, BEAM), (), "beam"),
+        ((LOW, BEAM, WEIGHT), (), None),
+    ],
+    ids=["box", "air", "hand", "inside", "beyond", "cantilever", "counterweight"],
+)
+def test_what_is_not_below_its_middle_or_held_falls(
+    bodies: tuple[PlacedBody, ...], held: tuple[str, ...], falls: str | None
 ) -> None:
-    low = box("low", (0.1, 0.1, 0.1), (0, 0, 0.05))
-    high = box("high", (0.1, 0.1, 0.02), (over, 0, 0.11))
-    assert standing(low, high, rules=UPRIGHT).falling(["low", "high"]) == falls
-
-
-def test_a_counterweight_keeps_a_cantilever() -> None:
-    post = box("post", (0.1, 0.1, 0.1), (0, 0, 0.05))
-    beam = box("beam", (0.4, 0.1, 0.02), (0.1, 0, 0.11))
-    weight = box("weight", (0.08, 0.1, 0.1), (-0.05, 0, 0.17), mass=10.0)
-    world = standing(post, beam, weight)
-    assert world.falling(["post", "beam"]) == "beam"
-    assert world.falling(["post", "beam", "weight"]) is None
+    world = standing(*bodies)
+    assert world.falling([body.name for body in bodies], held=held) == falls
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.5, 0.8])
@@ -67,11 +68,9 @@ def test_a_box_slides_when_the_slope_is_steeper_than_friction(
 
 def test_an_upright_rod_is_balanced_but_does_not_stand_a_tilt() -> None:
     rod = bar("rod", 0.002, 1.0, from_rpy((0, 0, 0.5), (0, 0, 0)))
-    assert standing(rod, rules=UPRIGHT).falling(["rod"]) is None
-    assert (
-        standing(rod, rules=StandingRules(tilt=math.radians(2))).falling(["rod"])
-        == "rod"
-    )
+    for tilt, falls in ((0.0, None), (2.0, "rod")):
+        rules = StandingRules(tilt=math.radians(tilt))
+        assert standing(rod, rules=rules).falling(["rod"]) == falls
 
 
 def test_a_joint_bears_a_cantilever_up_to_its_torque() -> None:
@@ -132,37 +131,28 @@ def _drop(*bodies: PlacedBody, seconds: float = 1.5) -> float:
     client = pybullet.connect(pybullet.DIRECT)
     try:
         pybullet.setGravity(0, 0, -9.80665, physicsClientId=client)
-        made = []
+        made = -1
         for body in (*table().values(), *bodies):
-            low, high = (
-                body.pieces[0].vertices.min(axis=0),
-                body.pieces[0].vertices.max(axis=0),
-            )
+            half = 0.5 * np.ptp(body.pieces[0].vertices, axis=0)
             shape = pybullet.createCollisionShape(
-                pybullet.GEOM_BOX,
-                halfExtents=(0.5 * (high - low)).tolist(),
-                physicsClientId=client,
+                pybullet.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=client
             )
             w, i, j, k = quat_wxyz(body.pose)
-            made.append(
-                pybullet.createMultiBody(
-                    0.0 if body.name == "table" else body.mass,
-                    shape,
-                    -1,
-                    body.pose[:3, 3].tolist(),
-                    [i, j, k, w],
-                    physicsClientId=client,
-                )
+            made = pybullet.createMultiBody(
+                0.0 if body.name == "table" else body.mass,
+                shape,
+                -1,
+                body.pose[:3, 3].tolist(),
+                [i, j, k, w],
+                physicsClientId=client,
             )
             pybullet.changeDynamics(
-                made[-1], -1, lateralFriction=0.8, physicsClientId=client
+                made, -1, lateralFriction=0.8, physicsClientId=client
             )
         start = np.array(bodies[-1].pose[:3, 3])
         for _ in range(int(240 * seconds)):
             pybullet.stepSimulation(physicsClientId=client)
-        end, _ = pybullet.getBasePositionAndOrientation(
-            made[-1], physicsClientId=client
-        )
+        end, _ = pybullet.getBasePositionAndOrientation(made, physicsClientId=client)
         return float(np.linalg.norm(np.array(end) - start))
     finally:
         pybullet.disconnect(client)

@@ -12,8 +12,8 @@ import pytest
 import trimesh
 
 from planning.errors import TwinError
-from planning.parts.assembly import GripRules
-from planning.parts.tool_grips import robot_grips, tool_misfit
+from planning.grips.grip import GripRules
+from planning.grips.tool_grips import robot_grips, tool_misfit
 from planning.steps.skill import Obstruction
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan

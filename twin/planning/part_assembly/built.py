@@ -13,20 +13,19 @@ import numpy as np
 
 from planning.contacts.precedence import Overlaps
 from planning.errors import PlanInvariantError
+from planning.grips.grip import GripRules
 from planning.parts.assembly import (
     AnyStep,
-    GripRules,
     MachineWork,
     PartAssembly,
     PartHandling,
     PlacePart,
     Process,
-    StopOnTheWay,
+    Spot,
     Work,
 )
-from planning.statics.standing import BalanceRules, Joined, Joint, StandingRules
-from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task
-from planning.tasks.work import buffers_of, is_done_to_a_product
+from planning.statics.standing import Joint, StandingRules
+from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_done_to_a_product
 from planning.transforms import Transform, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repeat import Pattern, numbered, repeat_graph
@@ -52,7 +51,9 @@ def build_assembly(section: PartsSection) -> PartAssembly:
 def assembly_of(line: Line) -> PartAssembly:
     """Return goals, steps, grips and supplies of what is written out."""
     section = line.section
-    grips = GripRules(**_grip_rules(section.grips))
+    usual = PartHandling(
+        GripRules(**_grip_rules(section.grips)), section.approach_m, section.leave_m
+    )
     return PartAssembly(
         goals={
             part.name: readonly(build_transform(part.goal))
@@ -63,20 +64,9 @@ def assembly_of(line: Line) -> PartAssembly:
             _step(section, step, line.jobs.get(number))
             for number, step in enumerate(section.steps, start=1)
         ),
-        grips=grips,
-        own_handling={
-            part.name: _ways(part, section, grips)
-            for part in section.parts
-            if not _ordinary(part)
-        },
-        **plain_values(
-            section,
-            without=(
-                *("kind", "parts", "sources", "products", "processes"),
-                *("machines", "steps", "order", "grips", "balance", "joined"),
-                "joined_overlap_m",
-            ),
-        ),
+        usual=usual,
+        own={part.name: _ways(part, usual) for part in section.parts},
+        touch=section.touch_m,
         balance=_balance(section),
         overlaps=Overlaps(frozenset(joined_pairs(section)), section.joined_overlap_m),
         supply=line.supply,
@@ -88,27 +78,25 @@ def joined_pairs(section: PartsSection) -> dict[frozenset[str], float]:
     return {frozenset(item.parts): item.gap_m for item in section.joined}
 
 
-def _balance(section: PartsSection) -> BalanceRules | None:
+def _balance(section: PartsSection) -> StandingRules | None:
     """Return what an assembly must stand by; None where that is not looked at."""
     own = section.balance
     if not own.check:
         return None
-    rules = StandingRules(own.friction, np.deg2rad(own.tilt_deg), section.touch_m)
-    joined = (
-        Joined(
-            Joint(
-                first,
-                second,
-                item.force_n or np.inf,
-                item.torque_nm or np.inf,
-                item.gap_m,
-            ),
+    joints = (
+        Joint(
+            first,
+            second,
+            item.force_n or np.inf,
+            item.torque_nm or np.inf,
+            item.gap_m,
             item.by,
         )
         for item in section.joined
         for first, second in [item.parts]
     )
-    return BalanceRules(rules, tuple(joined))
+    tilt = np.deg2rad(own.tilt_deg)
+    return StandingRules(own.friction, tilt, section.touch_m, tuple(joints))
 
 
 def _grip_rules(section: GripSection | PartGripSection) -> dict[str, Any]:
@@ -118,21 +106,13 @@ def _grip_rules(section: GripSection | PartGripSection) -> dict[str, Any]:
     return values
 
 
-def _ordinary(part: PartSection) -> bool:
-    """Tell whether a part is handled as the assembly says."""
-    own = (part.grips, part.approach_m, part.leave_m)
-    down, up = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
-    return own == (None,) * 3 and (part.insert, part.take_out) == (down, up)
-
-
-def _ways(part: PartSection, section: PartsSection, rules: GripRules) -> PartHandling:
+def _ways(part: PartSection, usual: PartHandling) -> PartHandling:
     """Return how one part is handled: as it says, else as the assembly says."""
-    if part.grips is not None:
-        rules = replace(rules, **_grip_rules(part.grips))
+    own = {} if part.grips is None else _grip_rules(part.grips)
     return PartHandling(
-        rules,
-        part.approach_m or section.approach_m,
-        part.leave_m or section.leave_m,
+        replace(usual.grips, **own),
+        part.approach_m or usual.approach,
+        part.leave_m or usual.leave,
         _unit(part.insert),
         _unit(part.take_out),
     )
@@ -152,7 +132,7 @@ def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> A
             hold=step.hold,
             part=step.place,
             until=step.until,
-            stop=None if step.at is None else _stop(step.at),
+            stop=None if step.at is None else _spot(section, step.at),
         )
     assert step.process is not None
     assert step.at is not None
@@ -166,29 +146,26 @@ def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> A
             part=step.at.part,
             door=job.door,
         )
-    owner = step.at.part or step.at.fixture
-    frames = {part.name: part.frames for part in section.parts}
-    pose: Transform = np.eye(4)
-    if step.at.part is not None and step.at.frame is not None:
-        pose = build_transform(frames[step.at.part][step.at.frame])
-    if step.at.pose is not None:
-        pose = pose @ build_transform(step.at.pose)
     return Work(
         name=step.name,
         after=step.after,
         robots=step.robots,
         hold=step.hold,
         process=_process(section, step),
-        at=_words(step.at),
-        owner=owner,
-        frame=step.at.frame if step.at.fixture is not None else None,
-        pose=readonly(pose),
+        spot=_spot(section, step.at),
     )
 
 
-def _stop(at: PlaceOfWork) -> StopOnTheWay:
-    pose = np.eye(4) if at.pose is None else build_transform(at.pose)
-    return StopOnTheWay(_words(at), at.fixture, at.frame, readonly(pose))
+def _spot(section: PartsSection, at: PlaceOfWork) -> Spot:
+    """Return a place of work; frames of parts are poses in the part's own frame."""
+    pose: Transform = np.eye(4)
+    if at.part is not None and at.frame is not None:
+        frames = {part.name: part.frames for part in section.parts}
+        pose = build_transform(frames[at.part][at.frame])
+    if at.pose is not None:
+        pose = pose @ build_transform(at.pose)
+    frame = at.frame if at.fixture is not None else None
+    return Spot(_words(at), at.part or at.fixture, frame, readonly(pose))
 
 
 def _process(section: PartsSection, step: StepSection) -> Process:
@@ -269,7 +246,7 @@ def _lags(line: Line, tasks: Sequence[Task]) -> Iterator[tuple[int, int, int]]:
             first.append(task.index)
     if leave:
         yield from ((leave[-1], task, 1) for task in first)
-    for conveyor, (machine, buffer) in buffers_of(line.supply).items():
+    for conveyor, (machine, buffer) in line.supply.buffers.items():
         before = come.get(machine, [])
         for k, task_index in enumerate(arrive.get(conveyor, [])):
             earlier = k - 1 - buffer

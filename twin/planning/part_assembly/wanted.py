@@ -101,7 +101,7 @@ def _wanted_rests(
             where[step.part] = assembly.goals[step.part]
             if step.stop is None:
                 continue
-            frame = _fixture_frame(cell, step.stop.fixture, step.stop.frame)
+            frame = _fixture_frame(cell, step.stop.owner, step.stop.frame)
             where[step.part] = readonly(frame @ step.stop.pose)
             yield WantedRest(step.words, step.part, where[step.part])
         elif isinstance(step, MachineWork):
@@ -128,13 +128,14 @@ def _fixture_frame(
 
 
 def _wanted_process(cell: CellSection, step: Work, number: int) -> WantedProcess:
-    owner, pose, tool = step.owner, step.pose, step.process.tool
+    spot, tool = step.spot, step.process.tool
+    owner, pose = spot.owner, spot.pose
     robots = step.robots
     if tool is not None:
         having = [r.name for r in cell.robots if tool in (r.tool, *r.tools)]
         robots = tuple(name for name in having if step.done_by(name))
     if any(item.name == owner for item in cell.fixtures):
-        pose = _fixture_frame(cell, owner, step.frame) @ step.pose
+        pose = _fixture_frame(cell, owner, spot.frame) @ pose
         owner = None
     return WantedProcess(
         words=step.words,

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
-from planning.parts.assembly import GripRules, box_grips
-from planning.parts.grips import part_grips
-from planning.parts.tool_grips import (
+from planning.grips.grip import GripRules, box_grips
+from planning.grips.shape_grips import part_grips
+from planning.grips.tool_grips import (
     beyond_part,
     own_grips,
     robot_grips,
@@ -37,40 +37,37 @@ def robot(name: str, grip: ToolGrip | None) -> PlacedRobot:
     return PlacedRobot(name, model, identity(), model.home)
 
 
-def found(size: tuple[float, ...], *grips: ToolGrip | None) -> dict[str, int]:
-    """Return how many grips each robot has on a box."""
-    robots = [robot(str(k), grip) for k, grip in enumerate(grips)]
+@pytest.mark.parametrize(
+    ("size", "held"),
+    [
+        ((0.2, 0.06, 0.1), (False, True, True, False)),
+        ((0.2, 0.1, 0.1), (False, False, True, False)),
+        ((0.009, 0.009, 0.009), (True, False, False, False)),
+    ],
+)
+def test_every_tool_has_its_own_grips(
+    size: tuple[float, ...], held: tuple[bool, ...]
+) -> None:
+    tools = (None, FINGERS, CUP, DRIVER)
+    robots = [robot(str(k), grip) for k, grip in enumerate(tools)]
     every = tool_grips(robots, box_shape("box", size), identity(), identity(), RULES)
-    return {r.name: len(list(own_grips(r, every))) for r in robots}
+    assert tuple(bool(list(own_grips(r, every))) for r in robots) == held
 
 
-def test_every_tool_has_its_own_grips() -> None:
-    wide = found((0.2, 0.06, 0.1), None, FINGERS, CUP, DRIVER)
-    assert wide["0"] == 0
-    assert wide["1"] > 0
-    assert wide["2"] > 0
-    assert wide["3"] == 0
-    huge = found((0.2, 0.1, 0.1), None, FINGERS, CUP)
-    assert (huge["0"], huge["1"]) == (0, 0)
-    assert huge["2"] > 0
-    thin = found((0.009, 0.009, 0.009), None, FINGERS)
-    assert thin["0"] > 0
-    assert thin["1"] == 0
-
-
-def test_grips_of_one_tool_are_those_of_the_rules_it_has() -> None:
+@pytest.mark.parametrize(
+    ("grip", "rules"),
+    [(None, RULES), (FINGERS, replace(RULES, opening=0.085, least_opening=0.01))],
+)
+def test_grips_of_one_tool_are_those_of_the_rules_it_has(
+    grip: ToolGrip | None, rules: GripRules
+) -> None:
     """Without a word of the tool the rules of the assembly hold, as they are."""
     box = box_shape("box", (0.1, 0.03, 0.04))
-    for grip, rules in (
-        (None, RULES),
-        (FINGERS, replace(RULES, opening=0.085, least_opening=0.01)),
-    ):
-        ours = tool_grips([robot("r", grip)], box, identity(), identity(), RULES)
-        plain = part_grips(box, identity(), identity(), rules)
-        assert [g.words for g in ours] == [g.words for g in plain]
-        assert all(
-            np.array_equal(a.pose, b.pose) for a, b in zip(ours, plain, strict=True)
-        )
+    ours = tool_grips([robot("r", grip)], box, identity(), identity(), RULES)
+    plain = part_grips(box, identity(), identity(), rules)
+    assert [g.words for g in ours] == [g.words for g in plain]
+    for a, b in zip(ours, plain, strict=True):
+        np.testing.assert_array_equal(a.pose, b.pose)
 
 
 def test_a_cup_is_on_the_face_and_upright() -> None:

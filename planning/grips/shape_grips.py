@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
+from itertools import chain, islice, product, zip_longest
 
 import numpy as np
 
 from planning.cell.cover import directions
 from planning.cell.shape import Box, Element, InnerStretch, Mesh, Shape, SolidLines
 from planning.files import KeptAnswers
-from planning.parts.assembly import Grip, GripRules, box_grips, points_well
+from planning.grips.grip import Grip, GripRules, box_grips, leaning, tool_turn
 from planning.transforms import Array, Transform, readonly
 
 _MOST_GRIPS = 48
@@ -80,13 +80,17 @@ def _in_turn(
     lines: SolidLines, turn: Array, rules: GripRules
 ) -> list[tuple[float, Grip]]:
     """Return the grips of a tool that is turned in one way, with how far they are from the middle."""
-    tried = _spots if rules.suction else _holds
+    seen = np.vstack([piece.vertices for piece in lines.shape.pieces]) @ turn
+    view = _ToolView(lines, turn, seen.min(axis=0), seen.max(axis=0), rules)
     found = []
-    for at, words in tried(lines, turn, rules):
+    for at, words in view.spots() if rules.suction else view.holds():
         away = float(np.linalg.norm(at - lines.shape.centre_of_mass))
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn, at
-        found.append((round(away, 4), Grip(readonly(pose), words)))
+        millimetres = ", ".join(str(round(value * 1e3)) for value in at.tolist())
+        found.append(
+            (round(away, 4), Grip(readonly(pose), f"{words} at ({millimetres} mm)"))
+        )
     return found
 
 
@@ -97,17 +101,12 @@ def thinnest(shape: Shape) -> float:
 
 def _varied(grips: list[Grip]) -> list[Grip]:
     """Return the first grips, those of every direction of the tool in turns."""
-    by_turn: dict[bytes, list[Grip]] = {}
-    for grip in grips:
-        by_turn.setdefault(grip.pose[:3, :3].tobytes(), []).append(grip)
-    ranks = {
-        id(grip): (k, n)
-        for n, own in enumerate(by_turn.values())
-        for k, grip in enumerate(own)
-    }
-    kept = sorted(grips, key=lambda grip: ranks[id(grip)])[:_MOST_GRIPS]
-    chosen = {id(grip) for grip in kept}
-    return [grip for grip in grips if id(grip) in chosen]
+    by_turn: dict[bytes, list[int]] = {}
+    for place, grip in enumerate(grips):
+        by_turn.setdefault(grip.pose[:3, :3].tobytes(), []).append(place)
+    rounds = chain.from_iterable(zip_longest(*by_turn.values()))
+    kept = islice((place for place in rounds if place is not None), _MOST_GRIPS)
+    return [grips[place] for place in sorted(kept)]
 
 
 def _wanted_turns(
@@ -120,8 +119,8 @@ def _wanted_turns(
             _turns_about(element, rules), dict.fromkeys(rules.tilts)
         ):
             tool = np.eye(4)
-            tool[:3, :3] = element.pose[:3, :3] @ turn @ _about_y(tilt)
-            if all(points_well(tool, pose, rules) for pose in poses):
+            tool[:3, :3] = element.pose[:3, :3] @ turn @ leaning(tilt)
+            if rules.allow(tool, *poses):
                 key = np.round(tool[:3, :3], 4) + 0.0
                 out.setdefault(key.tobytes(), tool[:3, :3])
     return list(out.values())
@@ -130,36 +129,23 @@ def _wanted_turns(
 def _turns_about(element: Element, rules: GripRules) -> Iterator[Array]:
     """Yield rotations of the tool that go with the faces of a form, in its frame."""
     form = element.form
-    axes = _face_directions(form) if isinstance(form, Mesh) else np.eye(3)
     count = 4 if isinstance(form, Box) else max(1, round(2.0 * np.pi / rules.around))
     angles = 2.0 * np.pi / count * np.arange(count, dtype=np.float64)
-    if not isinstance(form, Box | Mesh):
-        # Fingers close across the axis, the tool from any side or from an end; or along it.
-        for angle in angles.tolist():
-            c, s = np.cos(angle), np.sin(angle)
-            aside, around, axis = (
-                np.array([c, s, 0.0]),
-                np.array([-s, c, 0.0]),
-                np.array([0.0, 0.0, 1.0]),
-            )
-            for z, y in (
-                (-aside, around),
-                (-aside, axis),
-                (axis, aside),
-                (-axis, aside),
-            ):
-                yield _axes(z, y)
-                yield _axes(z, -y)
+    turns = [(np.cos(angle), np.sin(angle)) for angle in angles.tolist()]
+    if isinstance(form, Box | Mesh):
+        axes = _face_directions(form) if isinstance(form, Mesh) else np.eye(3)
+        for y in [*axes, *(-axes)]:
+            aside = _across(y, axes)
+            other = np.cross(y, aside)
+            yield from (tool_turn(c * aside + s * other, y) for c, s in turns)
         return
-    for y in [*axes, *(-axes)]:
-        aside = _across(y, axes)
-        other = np.cross(y, aside)
-        for angle in angles.tolist():
-            yield _axes(np.cos(angle) * aside + np.sin(angle) * other, y)
-
-
-def _axes(z: Array, y: Array) -> Array:
-    return np.column_stack([np.cross(y, z), y, z])
+    # Fingers close across the axis, the tool from any side or from an end; or along it.
+    axis = np.array([0.0, 0.0, 1.0])
+    for c, s in turns:
+        aside, around = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
+        for z, y in ((-aside, around), (-aside, axis), (axis, aside), (-axis, aside)):
+            yield tool_turn(z, y)
+            yield tool_turn(z, -y)
 
 
 def _across(y: Array, axes: Array) -> Array:
@@ -201,11 +187,6 @@ def _face_directions(mesh: Mesh) -> Array:
     return np.array(found) if found else np.eye(3)
 
 
-def _about_y(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
 @dataclass(frozen=True, eq=False)
 class _ToolView:
     """A part as a tool sees it: x aside, y along which fingers close, z away from the hand.
@@ -214,65 +195,99 @@ class _ToolView:
         lines: through the part.
         turn: rotation of the tool in the part's frame, shape (3, 3).
         low, high: corners of the part, as seen, shape (3,) [m].
+        rules: for its grips.
     """
 
     lines: SolidLines
     turn: Array
     low: Array
     high: Array
+    rules: GripRules
 
-    def point(self, x: float, y: float, z: float) -> Array:
+    def holds(self) -> Iterator[tuple[Array, str]]:
+        """Yield places of the tool frame, in the part's, at which fingers hold it, with words."""
+        seen: list[Array] = []
+        ys = np.linspace(self.low[1], self.high[1], 15)
+        for x in self._places(0):
+            for top in _levels(self._tops(x, ys)[1]):
+                z = self._depth_below(x, ys, top)
+                through = self._point(x, 0.0, z)
+                walls = self.lines.stretches(through, self.turn[:, 1])
+                for stretch in _spanned(walls):
+                    y = 0.5 * (stretch.begin + stretch.end)
+                    place = np.array([x, y, z])
+                    if any(np.abs(place - other).max() < _SAME for other in seen):
+                        continue
+                    if self._fits(stretch, x, z):
+                        seen.append(place)
+                        width = stretch.end - stretch.begin
+                        yield self._point(x, y, z), f"grip {width * 1e3:.0f} mm wide"
+
+    def spots(self) -> Iterator[tuple[Array, str]]:
+        """Yield places of the tool frame, in the part's, at which a cup finds a flat spot, with words."""
+        middle = self.lines.shape.centre_of_mass @ self.turn
+        xs, ys = ([float(middle[k]), *self._places(k)] for k in (0, 1))
+        angles = (0.25 * np.pi * np.arange(8)).tolist()
+        cup = self.rules.cup
+        seen: set[tuple[int, int]] = set()
+        for x, y in product(xs, ys):
+            if (key := (round(x * 1e4), round(y * 1e4))) in seen:
+                continue
+            seen.add(key)
+            around = ((x + cup * np.cos(a), y + cup * np.sin(a)) for a in angles)
+            starts = [self._point(a, b, 0.0) for a, b in ((x, y), *around)]
+            tops = self.lines.tops(np.array(starts), self.turn[:, 2])
+            if np.all(np.isfinite(tops)) and np.ptp(tops) <= _FLAT:
+                yield self._point(x, y, float(tops.min())), "suction"
+
+    def _places(self, axis: int) -> list[float]:
+        """Return places along the part, the middle among them [m]."""
+        low, high = float(self.low[axis]), float(self.high[axis])
+        # A round peg is met squarely in the middle alone.
+        offsets = sorted({0.0, *self.rules.offsets(high - low)})
+        return [0.5 * (low + high) + at for at in offsets]
+
+    def _point(self, x: float, y: float, z: float) -> Array:
         """Return a point in the part's frame."""
         return np.asarray(self.turn @ np.array([x, y, z]))
 
-    def across(self, x: float, z: float) -> list[InnerStretch]:
-        """Return where the line along which fingers close is inside of the part."""
-        return self.lines.stretches(self.point(x, 0.0, z), self.turn[:, 1])
-
-    def tops(self, xs: Array, ys: Array) -> Array:
-        """Return how high the part comes towards the hand, least z first met, shape (x, y)."""
+    def _tops(self, x: float, ys: Array) -> Array:
+        """Return how high the part comes towards a finger's sides and middle, shape (3, y)."""
+        xs = x + 0.5 * self.rules.finger_width * np.array([-1.0, 0.0, 1.0])
         grid = np.array([(x, y, 0.0) for x in xs.tolist() for y in ys.tolist()])
         found = self.lines.tops(grid @ self.turn.T, self.turn[:, 2])
         return found.reshape(len(xs), len(ys))
 
+    def _depth_below(self, x: float, ys: Array, top: float) -> float:
+        """Return how far the tool goes: its depth below what it meets, at most to the middle."""
+        starts = np.array([self._point(x, y, 0.0) for y in ys.tolist()])
+        enter, leave = self.lines.spans(starts, self.turn[:, 2])
+        here = (leave > enter) & (np.abs(enter - top) < 2e-3)
+        bottom = float(leave[here].max(initial=top))
+        return top + min(self.rules.depth, 0.5 * (bottom - top))
 
-def _tool_view(lines: SolidLines, turn: Array) -> _ToolView:
-    seen = np.vstack([piece.vertices for piece in lines.shape.pieces]) @ turn
-    return _ToolView(lines, turn, seen.min(axis=0), seen.max(axis=0))
-
-
-def _places(low: float, high: float, rules: GripRules) -> list[float]:
-    """Return places along the part, the middle among them [m]."""
-    middle, reach = 0.5 * (low + high), 0.5 * (high - low) - rules.end_margin
-    if rules.positions == 1 or reach <= 0.0:
-        return [middle]
-    spread = np.linspace(-reach, reach, rules.positions).tolist()
-    # A round peg is met squarely in the middle alone.
-    return [middle + at for at in sorted({0.0, *spread})]
-
-
-def _holds(
-    lines: SolidLines, turn: Array, rules: GripRules
-) -> Iterator[tuple[Array, str]]:
-    """Yield places of the tool frame at which fingers hold the part, with words."""
-    view = _tool_view(lines, turn)
-    aside = 0.5 * rules.finger_width * np.array([-1.0, 0.0, 1.0])
-    seen: list[Array] = []
-    ys = np.linspace(view.low[1], view.high[1], 15)
-    for x in _places(float(view.low[0]), float(view.high[0]), rules):
-        tops = view.tops(x + aside, ys)
-        for top in _levels(tops[1]):
-            z = _depth_below(view, x, ys, top, rules)
-            for stretch in _spanned(view.across(x, z)):
-                y = 0.5 * (stretch.begin + stretch.end)
-                place = np.array([x, y, z])
-                if any(np.abs(place - other).max() < _SAME for other in seen):
-                    continue
-                if not _fits(view, stretch, (x, z), rules):
-                    continue
-                seen.append(place)
-                at, width = view.point(x, y, z), stretch.end - stretch.begin
-                yield at, f"grip {width * 1e3:.0f} mm wide at ({_millimetres(at)})"
+    def _fits(self, held: InnerStretch, x: float, z: float) -> bool:
+        """Tell whether fingers span a stretch, meet it squarely, and have room beside it."""
+        width, closing, rules = held.end - held.begin, self.turn[:, 1], self.rules
+        square = min(-held.begin_normal @ closing, held.end_normal @ closing)
+        if not rules.spans(width) or square < _OPPOSITE:
+            return False
+        middle = 0.5 * (held.begin + held.end)
+        room = 0.5 * rules.opening + rules.finger_depth
+        near = 0.5 * width + max(1e-4, (1.0 / _OPPOSITE - 1.0) * rules.finger_width)
+        grid = [
+            self._point(x + side * rules.finger_width, 0.0, z - share * rules.depth)
+            for side in (-0.5, 0.0, 0.5)
+            for share in (0.0, 0.5, 1.0)
+        ]
+        enter, leave = self.lines.spans(np.array(grid), closing)
+        enter, leave = enter - middle, leave - middle
+        there = (leave > enter) & (leave > -room) & (enter < room)
+        # Beside what is held, up to where fingers are when they are open, nothing else is.
+        if np.any(there & ((enter < -near) | (leave > near))):
+            return False
+        tops = self._tops(x, middle + np.linspace(-room, room, 9))
+        return bool(tops.min() >= z - rules.depth - 1e-6)
 
 
 def _spanned(walls: Sequence[InnerStretch]) -> list[InnerStretch]:
@@ -292,77 +307,3 @@ def _levels(tops: Array) -> list[float]:
         if all(abs(top - other) > 2e-3 for other in levels):
             levels.append(top)
     return levels[:_LEVELS]
-
-
-def _depth_below(
-    view: _ToolView, x: float, ys: Array, top: float, rules: GripRules
-) -> float:
-    """Return how far the tool goes: its depth below what it meets, at most to the middle."""
-    starts = np.array([view.point(x, y, 0.0) for y in ys.tolist()])
-    enter, leave = view.lines.spans(starts, view.turn[:, 2])
-    here = (leave > enter) & (np.abs(enter - top) < 2e-3)
-    bottom = float(leave[here].max(initial=top))
-    return top + min(rules.depth, 0.5 * (bottom - top))
-
-
-def _fits(
-    view: _ToolView, held: InnerStretch, at: tuple[float, float], rules: GripRules
-) -> bool:
-    """Tell whether fingers span a stretch, meet it squarely, and have room beside it."""
-    width, (x, z) = held.end - held.begin, at
-    closing = view.turn[:, 1]
-    if not rules.least_opening <= width <= rules.opening:
-        return False
-    if (
-        -held.begin_normal @ closing < _OPPOSITE
-        or held.end_normal @ closing < _OPPOSITE
-    ):
-        return False
-    middle = 0.5 * (held.begin + held.end)
-    room = 0.5 * rules.opening + rules.finger_depth
-    near = 0.5 * width + max(1e-4, (1.0 / _OPPOSITE - 1.0) * rules.finger_width)
-    grid = [
-        view.point(x + side * rules.finger_width, 0.0, z - share * rules.depth)
-        for side in (-0.5, 0.0, 0.5)
-        for share in (0.0, 0.5, 1.0)
-    ]
-    enter, leave = view.lines.spans(np.array(grid), closing)
-    enter, leave = enter - middle, leave - middle
-    there = (leave > enter) & (leave > -room) & (enter < room)
-    # Beside what is held, up to where fingers are when they are open, nothing else is.
-    if np.any(there & ((enter < -near) | (leave > near))):
-        return False
-    ys = middle + np.linspace(-room, room, 9)
-    tops = view.tops(x + 0.5 * rules.finger_width * np.array([-1.0, 0.0, 1.0]), ys)
-    return bool(tops.min() >= z - rules.depth - 1e-6)
-
-
-def _spots(
-    lines: SolidLines, turn: Array, rules: GripRules
-) -> Iterator[tuple[Array, str]]:
-    """Yield places of the tool frame at which a cup finds a flat spot, with words."""
-    view = _tool_view(lines, turn)
-    xs = _places(float(view.low[0]), float(view.high[0]), rules)
-    ys = _places(float(view.low[1]), float(view.high[1]), rules)
-    middle = lines.shape.centre_of_mass @ turn
-    xs, ys = [float(middle[0]), *xs], [float(middle[1]), *ys]
-    angles = 0.25 * np.pi * np.arange(8)
-    seen: set[tuple[int, int]] = set()
-    for x, y in product(xs, ys):
-        key = round(x * 1e4), round(y * 1e4)
-        if key in seen:
-            continue
-        seen.add(key)
-        ring = [
-            view.point(x + rules.cup * np.cos(a), y + rules.cup * np.sin(a), 0.0)
-            for a in angles.tolist()
-        ]
-        starts = np.array([view.point(x, y, 0.0), *ring])
-        tops = lines.tops(starts, turn[:, 2])
-        if np.all(np.isfinite(tops)) and np.ptp(tops) <= _FLAT:
-            at = view.point(x, y, float(tops.min()))
-            yield at, f"suction at ({_millimetres(at)})"
-
-
-def _millimetres(point: Array) -> str:
-    return ", ".join(str(round(value * 1e3)) for value in point.tolist()) + " mm"

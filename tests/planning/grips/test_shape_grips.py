@@ -17,11 +17,11 @@ from planning.cell.shape import (
     box_shape,
     shape_of,
 )
+from planning.grips.grip import GripRules, box_grips
+from planning.grips.shape_grips import part_grips
 from planning.meshes.convex_pieces import cut_convex
 from planning.meshes.mesh_file import MeshTriangles
-from planning.parts.assembly import GripRules, box_grips
-from planning.parts.grips import part_grips
-from planning.transforms import from_rpy, identity
+from planning.transforms import from_rpy, identity, translation
 
 EYE = identity()
 ANY = GripRules(
@@ -38,6 +38,10 @@ def of_mesh(mesh):
     cut = cut_convex(triangles, 0.002)
     form = Mesh(triangles.vertices, triangles.faces, cut.hulls, cut.volume, cut.centre)
     return of(form)
+
+
+def tube(inner, outer, height):
+    return trimesh.creation.annulus(inner, outer, height, sections=24)
 
 
 @given(*[st.floats(0.01, 0.3)] * 3)
@@ -131,7 +135,7 @@ def interval(mesh, at, closing):
 @pytest.mark.parametrize(
     "mesh",
     [
-        trimesh.creation.annulus(r_min=0.02, r_max=0.035, height=0.03, sections=24),
+        tube(0.02, 0.035, 0.03),
         trimesh.creation.cylinder(0.012, 0.08, sections=32),
         trimesh.creation.torus(0.05, 0.012, major_sections=24, minor_sections=16),
     ],
@@ -149,59 +153,33 @@ def test_fingers_meet_a_mesh_on_both_sides(mesh):
 
 
 def test_a_wall_of_a_tube_is_gripped_only_where_a_finger_has_room_inside():
-    wide = of_mesh(
-        trimesh.creation.annulus(r_min=0.04, r_max=0.05, height=0.03, sections=24)
-    )
-    tight = of_mesh(
-        trimesh.creation.annulus(r_min=0.012, r_max=0.03, height=0.03, sections=24)
-    )
     down = GripRules(opening=0.02, finger_width=0.01)
-    assert part_grips(wide, EYE, EYE, down)
+    assert part_grips(of_mesh(tube(0.04, 0.05, 0.03)), EYE, EYE, down)
     # 18 mm of wall would fit, but not a finger beside it: the hole is 24 mm wide.
     roomy = GripRules(opening=0.04, finger_width=0.01, finger_depth=0.015)
-    assert not part_grips(tight, EYE, EYE, roomy)
+    assert not part_grips(of_mesh(tube(0.012, 0.03, 0.03)), EYE, EYE, roomy)
 
 
-@pytest.mark.parametrize(
-    ("width", "opening", "held"), [(20, 0.03, True), (20, 0.018, False)]
-)
-def test_a_ring_is_gripped_from_outside_across_its_hole(width, opening, held):
-    """A nut has a hole in which no finger has room; what it is wide must be open."""
-    nut = of_mesh(
-        trimesh.creation.annulus(
-            r_min=0.006, r_max=width / 2e3, height=0.01, sections=24
-        )
-    )
+@pytest.mark.parametrize(("opening", "held"), [(0.03, True), (0.018, False)])
+def test_a_ring_is_gripped_from_outside_across_its_hole(opening, held):
+    """A nut 20 mm wide has a hole in which no finger has room; its width must be open."""
     rules = GripRules(opening=opening, depth=0.006, finger_width=0.01)
-    found = part_grips(nut, EYE, EYE, rules)
+    found = part_grips(of_mesh(tube(0.006, 0.01, 0.01)), EYE, EYE, rules)
     assert bool(found) == held
     for grip in found:
         assert np.linalg.norm(grip.pose[:2, 3]) < 5e-3
         assert re.match(r"grip (19|20) mm wide", grip.words)
 
 
-def test_nothing_else_of_a_part_is_where_fingers_come_down():
+@pytest.mark.parametrize(("gap", "there"), [(0.012, False), (0.02, True)])
+def test_nothing_else_of_a_part_is_where_fingers_come_down(gap, there):
     """A post between two others: fingers fit around it only where they are far enough away."""
-
-    def posts(gap):
-        return shape_of("p", [
-            Element(Box((0.02, 0.02, 0.06)), from_rpy((0, k * (0.02 + gap), 0), (0, 0, 0)))
-            for k in (-1, 0, 1)
-        ])  # fmt: skip
-
-    rules = GripRules(opening=0.03, finger_depth=0.01, positions=1)
-    close = [
-        g
-        for g in part_grips(posts(0.012), EYE, EYE, rules)
-        if abs(g.pose[1, 1]) > 0.9 and abs(g.pose[1, 3]) < 1e-3
-    ]
-    apart = [
-        g
-        for g in part_grips(posts(0.02), EYE, EYE, rules)
-        if abs(g.pose[1, 1]) > 0.9 and abs(g.pose[1, 3]) < 1e-3
-    ]
-    assert not close
-    assert apart
+    post, rules = Box((0.02, 0.02, 0.06)), GripRules(opening=0.03, positions=1)
+    beside = (translation(0, k * (0.02 + gap), 0) for k in (-1, 0, 1))
+    posts = shape_of("p", [Element(post, at) for at in beside])
+    poses = [grip.pose for grip in part_grips(posts, EYE, EYE, rules)]
+    middle = [at for at in poses if abs(at[1, 1]) > 0.9 and abs(at[1, 3]) < 1e-3]
+    assert bool(middle) == there
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,9 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, distance, place, resting_solid
-from planning.geometry.robot_bodies import GROUPS
+from planning.grips.grip import Grip, GripRules
+from planning.grips.shape_grips import part_grips, thinnest
 from planning.kinematics.kinematics import frame_in_last_joint
-from planning.parts.assembly import Grip, GripRules
-from planning.parts.grips import part_grips, thinnest
 from planning.steps.skill import Obstruction
 from planning.transforms import Array, Transform, inverse, translation
 
@@ -86,13 +85,15 @@ def own_grips(robot: PlacedRobot, grips: Sequence[Grip]) -> Iterator[tuple[int, 
             yield number, grip
 
 
+def _own_tool(model: RobotModel) -> list[ConvexBody]:
+    parts = (part for part in model.parts if part.group == "tool")
+    return [part.body for part in parts if part.joint == model.dof - 1]
+
+
 def tool_bodies(model: RobotModel) -> list[ConvexBody]:
     """Return the bodies of the tool, in the last joint's frame; without a tool, of the last link."""
-    last = model.dof - 1
-    tool = [
-        part.body for part in model.parts if part.group == "tool" and part.joint == last
-    ]
-    return tool or [part.body for part in model.parts if part.joint == last]
+    last = (part.body for part in model.parts if part.joint == model.dof - 1)
+    return _own_tool(model) or list(last)
 
 
 def tool_heights(model: RobotModel, tip: Transform) -> Array:
@@ -145,18 +146,17 @@ def why_no_grip(robot: PlacedRobot, shape: Shape, rules: GripRules) -> str:
     grip = robot.model.grip
     own = tool_rules(rules, grip)
     name = "the tool" if grip is None else f"its tool {grip.tool}"
-    shortest, longest = thinnest(shape), float(max(shape.size))
+    shortest, longest = 1e3 * thinnest(shape), 1e3 * float(max(shape.size))
+    most, least = 1e3 * own.opening, 1e3 * own.least_opening
     if own.opening == 0.0:
         return f"{name} holds nothing (opening_m is 0)"
-    if shortest > own.opening:
+    if shortest > most:
         return (
-            f"{name} opens to {1e3 * own.opening:.1f} mm, and the shortest edge is"
-            f" {1e3 * shortest:.1f} mm"
+            f"{name} opens to {most:.1f} mm, and the shortest edge is {shortest:.1f} mm"
         )
-    if longest < own.least_opening:
+    if longest < least:
         return (
-            f"{name} closes to {1e3 * own.least_opening:.1f} mm, and the longest edge is"
-            f" {1e3 * longest:.1f} mm"
+            f"{name} closes to {least:.1f} mm, and the longest edge is {longest:.1f} mm"
         )
     return "no face can be gripped both at its start and at its goal"
 
@@ -200,7 +200,10 @@ def tool_misfit(
     """
     if part.shape.is_box and robot.model.grip is None:
         return None
-    depth = _depth(robot, frame, part.shape, grip.pose, approach)
+    tip, model = frame_in_last_joint(robot.model, frame), robot.model
+    about = tip, part.shape, grip.pose, approach
+    key = (model, tip.tobytes(), part.shape, grip.pose.tobytes(), approach)
+    depth = _FITS.get(key, lambda: _depth(model, *about))
     if depth <= DEEPEST:
         return None
     return Obstruction(
@@ -211,30 +214,15 @@ def tool_misfit(
 
 
 def _depth(
-    robot: PlacedRobot, frame: str, shape: Shape, grip: Transform, approach: float
+    model: RobotModel, tip: Transform, shape: Shape, grip: Transform, approach: float
 ) -> float:
     """Return how deep a tool gets into a part on the straight way to a grip [m]."""
-    model = robot.model
-    tip = frame_in_last_joint(model, frame)
-    key = (model, tip.tobytes(), shape, grip.tobytes(), approach)
-    return _FITS.get(key, lambda: _measured(robot, tip, shape, grip, approach))
-
-
-def _measured(
-    robot: PlacedRobot, tip: Transform, shape: Shape, grip: Transform, approach: float
-) -> float:
-    last = robot.model.dof - 1
-    tool = [
-        part.body
-        for part in robot.model.parts
-        if part.group == GROUPS[1] and part.joint == last
-    ]
     hull = [resting_solid("part", piece, np.eye(4)) for piece in shape.pieces]
     still = [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in hull]
     deepest = 0.0
     for share in np.linspace(0.0, 1.0, _STEPS).tolist():
         at = grip @ translation(0.0, 0.0, -share * approach) @ inverse(tip)
-        for body in tool:
+        for body in _own_tool(model):
             moved = Solid("tool", body, at)
             pose = place(moved, _NOWHERE, _NOWHERE)[0]
             low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)

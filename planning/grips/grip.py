@@ -1,0 +1,147 @@
+"""Grips on a part and the rules for them; those on boxes, which fingers take at their faces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from planning.cell.robot_model import ToolGrip
+from planning.transforms import Array, Transform, readonly
+
+DOWN = (0.0, 0.0, -1.0)
+"""The direction of a tool that points straight down, in the world."""
+
+UP = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class GripRules:
+    """Rules for the grips that are tried.
+
+    A tool frame's z axis points out of the hand and its fingers close along y.
+
+    Attributes:
+        frame: name of the tool frame, a key of ``RobotModel.frames``.
+        positions: number of places along a part's longest edge.
+        end_margin: distance of the outermost place from the end of the part [m].
+        opening: widest edge that fits between the fingers [m].
+        least_opening: narrowest that they hold [m].
+        depth: how far the tool frame goes below the face it comes from; never beyond the
+            middle of the part [m].
+        directions: unit vectors in the world along which the tool may point, each (3,).
+        steepest: largest angle between the tool and the nearest of them, where a part is
+            picked and where it is placed [rad].
+        tilts: leanings of the tool about the axis along which its fingers close [rad].
+        around: step in which the tool is turned about a bar, and about the direction in which it
+            closes on a mesh [rad].
+        finger_width: of the fingers, along x [m].
+        finger_depth: how much room a finger takes beside a part when it is open, along y [m].
+        suction: whether the tool holds by suction, with its frame at the face.
+        cup: radius of the spot that must be flat then [m].
+    """
+
+    frame: str = "tool"
+    positions: int = 5
+    end_margin: float = 0.02
+    opening: float = 0.04
+    depth: float = 0.03
+    directions: tuple[tuple[float, float, float], ...] = (DOWN,)
+    steepest: float = float(np.radians(60.0))
+    tilts: tuple[float, ...] = (0.0,)
+    around: float = float(np.radians(45.0))
+    finger_width: float = 0.02
+    finger_depth: float = 0.01
+    suction: bool = False
+    cup: float = 0.01
+    least_opening: float = 0.0
+
+    def spans(self, width: float) -> bool:
+        """Tell whether fingers hold what is so wide [m]."""
+        return self.least_opening <= width <= self.opening
+
+    def offsets(self, length: float) -> list[float]:
+        """Return the places along a part that is so long, from its middle [m]."""
+        reach = 0.5 * length - self.end_margin
+        if self.positions == 1 or reach <= 0.0:
+            return [0.0]
+        return [float(at) for at in np.linspace(-reach, reach, self.positions)]
+
+    def allow(self, grip: Transform, *parts: Transform) -> bool:
+        """Tell whether the tool points along a wanted direction wherever a part lies.
+
+        Args:
+            grip: pose of the tool frame in the frame of the part.
+            parts: poses of that in the world.
+        """
+        pointing = [pose[:3, :3] @ grip[:3, 2] for pose in parts]
+        nearest = (max(float(np.dot(p, d)) for d in self.directions) for p in pointing)
+        return all(near >= math.cos(self.steepest) - 1e-9 for near in nearest)
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A grip on a part.
+
+    Attributes:
+        pose: of the tool frame in the frame of the part.
+        words: what it is, for messages.
+        tool: how the tool that it is for holds; None for tools of which nothing is known.
+    """
+
+    pose: Transform
+    words: str
+    tool: ToolGrip | None = None
+
+
+def tool_turn(z: Array, y: Array) -> Array:
+    """Return the rotation of a tool that points along ``z`` and closes along ``y``."""
+    return np.column_stack([np.cross(y, z), y, z])
+
+
+def leaning(angle: float) -> Array:
+    """Return how a tool is turned that leans about the axis along which it closes [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def box_grips(
+    size: Array, start: Transform, goal: Transform, rules: GripRules
+) -> list[Grip]:
+    """Return the grips with which a box can be taken up and put down.
+
+    The tool points into a face, its fingers close on the two faces beside it, and it may lean
+    about the closing axis. What is left are grips whose tool points in a wanted direction both
+    where the box is picked and where it is placed, and whose fingers span the box. Places
+    nearest to the middle come first.
+
+    Args:
+        size: edge lengths, shape (3,) [m].
+        start, goal: poses of the box centre in the world.
+        rules: which grips are tried.
+    """
+    longest = int(np.argmax(size))
+    out: list[tuple[float, Grip]] = []
+    for face, side, closing, way in product(range(3), (1, -1), range(3), (1, -1)):
+        if face == closing or not rules.spans(size[closing]):
+            continue
+        along = 3 - face - closing
+        offsets = rules.offsets(float(size[along])) if along == longest else [0.0]
+        into, across = np.zeros(3), np.zeros(3)
+        into[face], across[closing] = -side, way
+        turn = tool_turn(into, across)
+        for offset, tilt in product(offsets, dict.fromkeys(rules.tilts)):
+            pose = np.eye(4)
+            pose[:3, :3] = turn @ leaning(tilt)
+            if not rules.allow(pose, start, goal):
+                continue
+            pose[along, 3] = offset
+            # From the middle towards the face that the tool comes from.
+            pose[face, 3] = side * max(0.0, 0.5 * size[face] - rules.depth)
+            words = f"grip {offset * 1e3:+.0f} mm from {'+' if side > 0 else '-'}{'xyz'[face]}"
+            words += " turned" if way < 0 else ""
+            words += f" leaning {np.degrees(tilt):+.0f} deg" if tilt else ""
+            out.append((abs(offset), Grip(readonly(pose), words)))
+    return [grip for _, grip in sorted(out, key=lambda entry: round(entry[0], 9))]
