@@ -1,4 +1,4 @@
-"""What comes before what: contacts of parts where they lie, ways in, and the order that keeps it.
+"""What comes before what: the graph of parts in their places, and the order that keeps it.
 
 The part graph says what touches what in place and which part may be placed when (V-A1, eq. 6).
 ``StepPrecedence`` is filled with edges by who knows why one step comes before another, and gives
@@ -7,114 +7,24 @@ the order nearest to a list that keeps all of them, or the steps that wait for e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
-from itertools import pairwise, product
-from typing import Any
+from itertools import pairwise
+from typing import TypeVar
 
-import numpy as np
-
-from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.contacts.touching import (
+    NEAR,
+    TOUCH,
+    Lying,
+    Overlaps,
+    leads_through,
+    lowest,
+    near_to,
+)
 from planning.errors import ConstructionError
-from planning.geometry.exact import Solid, distance, place, resting_solid
-from planning.transforms import Array, Transform, translation
-
-Lying = tuple[CellObject | Fixture, Transform]
-"""A thing and the pose of its frame in the world."""
-
-_NOWHERE = np.zeros(0)
-"""Configuration of what no robot carries."""
-
-
-def near_to(
-    part: Lying, others: Mapping[str, Lying], within: float
-) -> dict[str, float]:
-    """Return the entities near a part, with their distances.
-
-    Args:
-        part: where it lies.
-        others: everything else, by name.
-        within: what is further away than this is left out [m].
-
-    Returns:
-        Signed distances by name, negative for overlap [m].
-    """
-    low, high = bounds(part)
-    out = {}
-    for name, other in others.items():
-        other_low, other_high = bounds(other)
-        if np.any(low > other_high + within) or np.any(other_low > high + within):
-            continue
-        gap = _gap(part, other)
-        if gap <= within:
-            out[name] = gap
-    return out
-
-
-def nearest_to(part: Lying, others: Mapping[str, Lying]) -> tuple[str, float] | None:
-    """Return the entity nearest to a part, and how far it is [m]; None where there is no other."""
-    low, high = bounds(part)
-    least = {
-        name: float(np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0.0)))
-        for name, (a, b) in ((k, bounds(other)) for k, other in others.items())
-    }
-    best: tuple[str, float] | None = None
-    for name in sorted(others, key=least.__getitem__):
-        if best is not None and least[name] > best[1]:
-            break
-        gap = _gap(part, others[name])
-        if best is None or gap < best[1]:
-            best = name, gap
-    return best
-
-
-def nearest_words(name: str, part: Lying, others: Mapping[str, Lying]) -> str:
-    """Return in words what is nearest to a part, and how far it is."""
-    found = nearest_to(part, others)
-    if found is None:
-        return f"nothing else is there by then to be near {name}"
-    return f"nearest to {name} is {found[0]}, {found[1] * 1e3:.1f} mm away"
-
-
-def _gap(one: Lying, other: Lying) -> float:
-    """Return the signed distance of the nearest two pieces, the deepest overlap if any [m]."""
-    pairs = product(_solids(one), _solids(other))
-    return min(distance(a, pose_a, b, pose_b) for (a, pose_a), (b, pose_b) in pairs)
-
-
-def _solids(lying: Lying) -> list[tuple[Solid, Any]]:
-    """Return the pieces of what lies somewhere, each with its pose for coal."""
-    item, pose = lying
-    found = [resting_solid(item.name, body, pose) for body in item.shape.pieces]
-    return [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
-
-
-def standing(cell: Workcell) -> dict[str, Lying]:
-    """Return the fixtures of a cell where they stand, by name."""
-    return {item.name: (item, item.pose) for item in cell.fixtures}
-
-
-def lowest(lying: Lying) -> float:
-    """Return the height of the lowest corner of what lies somewhere [m]."""
-    return float(bounds(lying)[0][2])
-
-
-def bounds(lying: Lying) -> tuple[Array, Array]:
-    """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
-    item, pose = lying
-    return item.shape.bounds(pose)
-
-
-TOUCH = 0.03
-"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
-
-MOST_OVERLAP = 0.002
-"""Deepest that a part may be in what it touches: rounding of poses in files [m]."""
-
-NEAR = 0.002
-"""Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
+from planning.transforms import Array, translation
 
 _SINK = 0.01
 """A part is let sink by so much to find what it rests on [m]."""
@@ -122,30 +32,10 @@ _SINK = 0.01
 _RESTS = 0.5
 """It rests on what then comes closer by more than this share of it."""
 
-_STEP = 0.005
-"""A straight way is looked at so often [m]."""
-
-
-@dataclass(frozen=True)
-class Overlaps:
-    """Depths to which things may be in each other where they belong.
-
-    Attributes:
-        joined: pairs of names that are joined, such as bars that meet in a node.
-        depth: of those; of all others it is ``MOST_OVERLAP`` [m].
-    """
-
-    joined: frozenset[frozenset[str]] = frozenset()
-    depth: float = MOST_OVERLAP
-
-    def most(self, first: str, second: str) -> float:
-        """Return how deep two things may be in each other [m]."""
-        if {first, second} in self.joined:
-            return max(self.depth, MOST_OVERLAP)
-        return MOST_OVERLAP
-
 
 _ROUNDING = Overlaps()
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -193,12 +83,7 @@ class PartGraph:
 
     def floating(self) -> tuple[str, ...]:
         """Return the parts that no chain of contacts connects to the ground."""
-        reached = set(self.ground)
-        front = list(reached)
-        while front:
-            new = self.neighbours[front.pop()] - reached
-            reached |= new
-            front += new
+        reached = _reached(self.ground, self.neighbours.__getitem__)
         return tuple(part for part in self.neighbours if part not in reached)
 
     def never_placeable(self, *, carried: bool = True) -> tuple[str, ...]:
@@ -287,22 +172,6 @@ def with_insertions(
     return replace(graph, carriers=carriers)
 
 
-def leads_through(
-    lying: Lying,
-    other: Lying,
-    insertion: Array,
-    approach: float,
-    most: float = MOST_OVERLAP,
-) -> bool:
-    """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
-    item, pose = lying
-    for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
-        before = (item, translation(*(-away * insertion)) @ pose)
-        if any(gap < -most for gap in near_to(before, {"": other}, 0.0).values()):
-            return True
-    return False
-
-
 def stacked(parts: Mapping[str, Lying]) -> dict[str, frozenset[str]]:
     """Return for parts in the supply what lies on them, those on which nothing does left out.
 
@@ -385,22 +254,17 @@ class StepPrecedence:
             if not waits:
                 others = ", ".join(self.words[k] for k in sorted(self.any_of[way[-1]]))
                 text = f"  {self.words[way[-1]]} needs one of these before it: {others}"
-                return text + ("" if lacks is None else lacks(self._together(way[-1])))
+                # What comes before it, or it needs one of, and so on.
+                together = _reached(
+                    [way[-1]], lambda k: self.any_of[k] | self.before[k].keys()
+                )
+                return text + ("" if lacks is None else lacks(sorted(together)))
             way.append(min(waits))
         circle = way[way.index(way[-1]) :]
         return "\n".join(
             f"  {self.words[then]} comes after {self.words[first]}: {self.before[then][first]}"
             for then, first in pairwise(circle)
         )
-
-    def _together(self, step: int) -> list[int]:
-        """Return a step and those that come before it or that it needs one of, and so on."""
-        found, front = {step}, [step]
-        while front:
-            new = (self.any_of[front[-1]] | self.before[front.pop()].keys()) - found
-            found |= new
-            front += new
-        return sorted(found)
 
     def _doable(self) -> tuple[int, ...]:
         """Return the steps that can be done one after another, as far as that goes."""
@@ -423,15 +287,23 @@ class StepPrecedence:
 
     def _to_let_go(self, done: set[int]) -> list[set[int]]:
         """Return what leads to letting go of each part that is kept hold of, the least first."""
-        chains = []
-        for placed, ends in self.closing.items():
-            if placed not in done or not ends.isdisjoint(done):
-                continue
-            for end in ends:
-                chain, front = {end}, [end]
-                while front:
-                    new = self.before[front.pop()].keys() - chain - done
-                    chain |= new
-                    front += new
-                chains.append(chain)
+        chains = [
+            _reached([end], lambda k: self.before[k].keys() - done)
+            for placed, ends in self.closing.items()
+            if placed in done and ends.isdisjoint(done)
+            for end in ends
+        ]
         return sorted(chains, key=lambda chain: (len(chain), min(chain)))
+
+
+def _reached(
+    start: Iterable[Item], after: Callable[[Item], Collection[Item]]
+) -> set[Item]:
+    """Return what is reached from some things, them included, by what comes after each."""
+    found = set(start)
+    front = list(found)
+    while front:
+        new = set(after(front.pop())) - found
+        found |= new
+        front += new
+    return found

@@ -21,15 +21,17 @@ import numpy as np
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
 from planning.contacts.precedence import (
-    MOST_OVERLAP,
-    Lying,
     PartGraph,
     StepPrecedence,
     build_part_graph,
+    stacked,
+)
+from planning.contacts.touching import (
+    MOST_OVERLAP,
+    Lying,
     leads_through,
     near_to,
     nearest_to,
-    stacked,
 )
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work

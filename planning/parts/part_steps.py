@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
-from planning.contacts.precedence import (
+from planning.contacts.touching import (
     Lying,
     Overlaps,
     leads_through,

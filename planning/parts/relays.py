@@ -15,7 +15,7 @@ from itertools import islice, permutations, product
 import numpy as np
 
 from planning.cell.workcell import Attachment, Fixture, PlacedRobot, Workcell
-from planning.contacts.precedence import near_to, standing
+from planning.contacts.touching import near_to, standing
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import overload, robot_grips
 from planning.kinematics.kinematics import inverse_kinematics

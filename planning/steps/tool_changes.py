@@ -23,7 +23,7 @@ from planning.cell.workcell import (
     RackTool,
     Workcell,
 )
-from planning.contacts.precedence import MOST_OVERLAP, near_to, standing
+from planning.contacts.touching import MOST_OVERLAP, near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity
 from planning.steps.skill import (

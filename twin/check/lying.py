@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from planning.cell.shape import Mesh
-from planning.contacts.precedence import (
+from planning.contacts.touching import (
     MOST_OVERLAP,
     Lying,
     bounds,

@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import Fixture, PlacedRobot
-from planning.contacts.precedence import Lying, near_to, nearest_to, standing
+from planning.contacts.touching import Lying, near_to, nearest_to, standing
 from planning.grips.tool_grips import tool_bodies
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import MachineWork, PlacePart, Process, Work

@@ -16,7 +16,7 @@ from benchmarks.construction.fine_check.walk import Group, Limit, Measurer, Moti
 from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
-from planning.contacts.precedence import MOST_OVERLAP
+from planning.contacts.touching import MOST_OVERLAP
 from planning.progress import Progress
 from planning.transforms import Array
 from scheduling.verification.reference import ReferenceBody, measure, resting_parts

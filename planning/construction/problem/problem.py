@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.contacts.precedence import NEAR, Lying, PartGraph, near_to, standing
+from planning.contacts.precedence import PartGraph
+from planning.contacts.touching import NEAR, Lying, near_to, standing
 from planning.kinematics.kinematics import frame_in_flange
 from planning.steps.skill import Pairs, touching
 from planning.tasks.task import ExceptionKey, strongest_exception

@@ -24,16 +24,14 @@ from planning.construction.problem.reach_bounds import (
     reach_bounds,
     require_reach,
 )
-from planning.contacts.precedence import (
+from planning.contacts.precedence import build_part_graph, stacked, with_insertions
+from planning.contacts.touching import (
     MOST_OVERLAP,
     NEAR,
     TOUCH,
     Lying,
-    build_part_graph,
     near_to,
-    stacked,
     standing,
-    with_insertions,
 )
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker

@@ -5,59 +5,44 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import PartAssembly, PlacePart
+from planning.parts.assembly import PartAssembly
 from planning.parts.balance import PartBalance
 from planning.parts.order import in_found_order
 from planning.parts.part_steps import part_steps
 from planning.statics.standing import Joint, StandingRules
-from planning.transforms import Transform, translation
+from planning.transforms import translation
+from tests.planning.parts.boxes import built, part, table
 
 RULES = StandingRules()
 
 
-def part(name: str, size: tuple[float, float, float], mass: float = 0.0) -> CellObject:
-    edges = np.array(size)
-    return CellObject(name, "box", box_shape(name, edges), at(2.0, 2.0, 5.0), mass)
-
-
-def at(x: float, y: float, z: float) -> Transform:
-    return translation(x, y, z)
-
-
+AWAY = translation(2.0, 2.0, 5.0)
 PARTS = (
-    part("post", (0.1, 0.1, 0.1)),
-    part("beam", (0.5, 0.1, 0.02)),
-    part("prop", (0.02, 0.1, 0.1)),
-    part("load", (0.05, 0.05, 0.05), 3.0),
+    part("post", (0.1, 0.1, 0.1), AWAY),
+    part("beam", (0.5, 0.1, 0.02), AWAY),
+    part("prop", (0.02, 0.1, 0.1), AWAY),
+    part("load", (0.05, 0.05, 0.05), AWAY, 3.0),
 )
 GOALS = {
-    "post": at(0.0, 0.0, 0.05),
-    "beam": at(0.15, 0.0, 0.11),
-    "prop": at(0.35, 0.0, 0.05),
-    "load": at(0.3, 0.0, 0.145),
+    "post": translation(0.0, 0.0, 0.05),
+    "beam": translation(0.15, 0.0, 0.11),
+    "prop": translation(0.35, 0.0, 0.05),
+    "load": translation(0.3, 0.0, 0.145),
 }
-
-
-def cell() -> Workcell:
-    table = np.array([2.0, 2.0, 0.02])
-    top = Fixture("table", box_shape("table", table), at(0, 0, -0.01))
-    return Workcell((), (top,), PARTS)
+CELL = Workcell((), (table(),), PARTS)
 
 
 def assembly(*names: str, rules: StandingRules = RULES) -> PartAssembly:
-    steps = tuple(PlacePart(part=name, name=name) for name in names)
-    return PartAssembly(GOALS, steps, balance=rules)
+    return built(GOALS, *names, balance=rules)
 
 
-def balance(built: PartAssembly) -> PartBalance:
-    assert built.balance is not None
-    return PartBalance(cell(), part_steps(cell(), built), built.balance)
+def balance(found: PartAssembly) -> PartBalance:
+    assert found.balance is not None
+    return PartBalance(CELL, part_steps(CELL, found), found.balance)
 
 
 def test_a_cantilever_is_refused_with_the_step_the_part_and_what_helps() -> None:
@@ -81,20 +66,13 @@ def test_what_is_propped_waits_for_its_prop() -> None:
 
 
 def test_a_joint_does_instead_of_a_prop_as_far_as_it_bears() -> None:
-    def built(torque: float) -> PartAssembly:
-        base = Joint("table", "post")
+    for torque in (5.0, 12.0, math.inf):
         neck = Joint("post", "beam", 1.0, torque)
-        return assembly(
-            "post", "beam", "load", rules=replace(RULES, joints=(base, neck))
-        )
-
-    assert balance(built(math.inf)).fall is None
-    # 3 kg at 0.25 m and 1 kg at 0.1 m from the edge of the post: 8.3 N m.
-    weak = balance(built(5.0)).fall
-    assert weak is not None
-    assert weak.body == "beam"
-    assert weak.step == 2
-    assert balance(built(12.0)).fall is None
+        rules = replace(RULES, joints=(Joint("table", "post"), neck))
+        fall = balance(assembly("post", "beam", "load", rules=rules)).fall
+        # 3 kg at 0.25 m and 1 kg at 0.1 m from the edge of the post: 8.3 N m.
+        assert (fall is None) == (torque > 8.3)
+        assert fall is None or (fall.step, fall.body) == (2, "beam")
 
 
 def test_what_a_later_step_joins_is_kept_hold_of_until_then() -> None:
@@ -109,21 +87,19 @@ def test_what_a_later_step_joins_is_kept_hold_of_until_then() -> None:
 
 def test_an_order_is_found_in_which_everything_stands() -> None:
     listed = assembly("load", "beam", "prop", "post")
-    found = in_found_order(cell(), listed)
+    found = in_found_order(CELL, listed)
     assert balance(found).fall is None
     order = list(found.placed)
     assert order.index("prop") < order.index("beam") < order.index("load")
-    blind = in_found_order(cell(), replace(listed, balance=None))
+    blind = in_found_order(CELL, replace(listed, balance=None))
     assert set(blind.placed) == set(order)
 
 
 def test_what_touches_nothing_may_stand_where_it_is_joined() -> None:
-    goals = {**GOALS, "beam": at(0.15, 0.0, 0.13)}
-    steps = tuple(PlacePart(part=name, name=name) for name in ("post", "beam"))
-    free = PartAssembly(goals, steps, balance=RULES)
+    goals = {**GOALS, "beam": translation(0.15, 0.0, 0.13)}
+    free = built(goals, "post", "beam", balance=RULES)
     with pytest.raises(InfeasibleStepError, match="in the air"):
-        part_steps(cell(), free)
-    across = Joint("post", "beam", gap=0.02)
-    joints = (Joint("table", "post"), across)
-    built = replace(free, balance=replace(RULES, joints=joints))
-    assert balance(built).stand().waits == {(0, 1)}
+        part_steps(CELL, free)
+    joints = (Joint("table", "post"), Joint("post", "beam", gap=0.02))
+    joined = replace(free, balance=replace(RULES, joints=joints))
+    assert balance(joined).stand().waits == {(0, 1)}

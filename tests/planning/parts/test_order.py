@@ -5,26 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import permutations
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, Workcell
 from planning.contacts.precedence import StepPrecedence
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import GripRules
 from planning.parts.assembly import (
-    PartAssembly,
     PartHandling,
-    PlacePart,
     Process,
     Spot,
     Work,
 )
 from planning.parts.order import find_ordered_candidates, in_found_order
-from planning.transforms import Transform, translation
+from planning.transforms import translation
+from tests.planning.parts.boxes import built, part
 from tests.planning.parts.test_part_steps import crossing, two_arms
 
 
@@ -62,11 +58,6 @@ def test_the_order_is_the_first_of_all_that_keep_what_is_known(
 SIDE = 0.04
 
 
-def block(name: str, start: Transform) -> CellObject:
-    size = np.full(3, SIDE)
-    return CellObject(name, "block", box_shape(name, size), start, 0.05)
-
-
 @given(st.permutations(range(6)), st.sets(st.integers(0, 5), max_size=6))
 @settings(max_examples=60, deadline=None)
 def test_blocks_are_stacked_from_below_whatever_the_list(
@@ -84,12 +75,9 @@ def test_blocks_are_stacked_from_below_whatever_the_list(
             if {3 * column, 3 * column + 1, 3 * column + 2} <= reversed_
             else translation(0.2 * column, -0.3 - 0.1 * level - 0.02 * turned, 0.02)
         )
-    cell = replace(two_arms(), objects=tuple(block(n, starts[n]) for n in names))
-    assembly = PartAssembly(
-        goals=goals,
-        steps=tuple(PlacePart(part=names[k], name=names[k]) for k in listed),
-    )
-    order = in_found_order(cell, assembly).placed
+    blocks = (part(n, (SIDE, SIDE, SIDE), starts[n], 0.05) for n in names)
+    cell = replace(two_arms(), objects=tuple(blocks))
+    order = in_found_order(cell, built(goals, *(names[k] for k in listed))).placed
     assert sorted(order) == names
     for column in "ab":
         assert [n for n in order if n[0] == column] == [
@@ -126,27 +114,19 @@ def test_a_process_comes_after_its_part_and_before_what_covers_it() -> None:
 
 def test_a_part_goes_in_before_walls_between_which_no_hand_fits() -> None:
     """Nothing but a hand in the way tells that the low block comes before the walls."""
-    low, wall = np.array([0.1, 0.024, 0.024]), np.array([0.1, 0.024, 0.12])
+    wall = (0.1, 0.024, 0.12)
     goals = {
         "left": translation(0.0, -0.03, 0.0605),
         "right": translation(0.0, 0.03, 0.0605),
         "low": translation(0.0, 0.0, 0.0125),
     }
-    starts = {
-        "left": translation(-0.1, -0.4, 0.0605),
-        "right": translation(0.1, 0.4, 0.0605),
-        "low": translation(-0.1, 0.4, 0.0125),
-    }
-    sizes = {"left": wall, "right": wall, "low": low}
-    objects = tuple(
-        CellObject(k, "part", box_shape(k, sizes[k]), starts[k], 0.05) for k in goals
+    objects = (
+        part("left", wall, translation(-0.1, -0.4, 0.0605), 0.05),
+        part("right", wall, translation(0.1, 0.4, 0.0605), 0.05),
+        part("low", (0.1, 0.024, 0.024), translation(-0.1, 0.4, 0.0125), 0.05),
     )
-    cell: Workcell = replace(two_arms(), objects=objects)
-    assembly = PartAssembly(
-        goals=goals,
-        steps=tuple(PlacePart(part=k, name=k) for k in ("left", "right", "low")),
-        usual=PartHandling(GripRules(positions=1)),
-    )
+    cell = replace(two_arms(), objects=objects)
+    assembly = built(goals, *goals, usual=PartHandling(GripRules(positions=1)))
     assert in_found_order(cell, assembly).placed == ("left", "right", "low")
     found = find_ordered_candidates(cell, assembly)
     assert found.problem.impossible == ()

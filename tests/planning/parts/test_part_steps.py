@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.kinematics.kinematics import frame_pose
-from planning.parts.assembly import PartAssembly, PartHandling, PlacePart
+from planning.parts.assembly import PartAssembly, PartHandling
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
 from planning.robots.registry import robot_model
@@ -22,6 +21,7 @@ from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
+from tests.planning.parts.boxes import built, part, table
 from tests.planning.tasks.plan_oracle import plan_violations, task_order
 
 Direction = tuple[float, float, float]
@@ -40,32 +40,25 @@ def pose(xyz: tuple[float, float, float], yaw: float) -> Transform:
 
 
 def rod(name: str, start: Transform) -> CellObject:
-    size = np.array([0.2, 0.024, 0.024])
-    return CellObject(name, "rod", box_shape(name, size), start, 0.05)
+    return part(name, (0.2, 0.024, 0.024), start, 0.05)
 
 
 def two_arms() -> Workcell:
     model = robot_model("panda")
-    table = np.array([2.0, 2.0, 0.02])
     return Workcell(
         robots=tuple(
             PlacedRobot(name, model, pose((x, 0.0, 0.0), yaw), model.home)
             for name, x, yaw in (("west", -0.5, 0.0), ("east", 0.5, np.pi))
         ),
-        fixtures=(Fixture("table", box_shape("table", table), pose((0, 0, -0.01), 0)),),
+        fixtures=(table(),),
         objects=tuple(rod(k, pose(v[0], v[1])) for k, v in RODS.items()),
     )
 
 
 def crossing(*steps: str) -> PartAssembly:
-    return PartAssembly(
-        goals={k: pose(v[2], v[3]) for k, v in RODS.items()},
-        steps=tuple(
-            PlacePart(part=name, name=name)
-            for name in steps or ("south", "north", "across", "aside")
-        ),
-        usual=PartHandling(GripRules(positions=3)),
-    )
+    goals = {k: pose(v[2], v[3]) for k, v in RODS.items()}
+    usual = PartHandling(GripRules(positions=3))
+    return built(goals, *(steps or ("south", "north", "across", "aside")), usual=usual)
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +88,9 @@ def test_every_candidate_brings_the_part_from_its_start_to_its_goal(
     for item, (pick, place) in found.paths.alone.items():
         robot, step = found.cell.robot(item.robot), found.steps[item.step - 1]
         grip = step.grips[item.grasp].pose
-        for path, part in ((pick, step.part.start), (place, step.place)):
+        for path, lying in ((pick, step.part.start), (place, step.place)):
             tool = frame_pose(robot, path.contact, "tool")
-            np.testing.assert_allclose(tool, part @ grip, atol=2e-4)
+            np.testing.assert_allclose(tool, lying @ grip, atol=2e-4)
 
 
 def test_only_parts_that_touch_wait_for_each_other(

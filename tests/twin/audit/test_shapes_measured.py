@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from planning.cell.shape import Box, Capsule, Cylinder, Element, Mesh, shape_of
 from planning.cell.workcell import CellObject, Workcell
-from planning.contacts.precedence import near_to
+from planning.contacts.touching import near_to
 from planning.transforms import from_rpy
 from scheduling.verification.reference import measure, resting_parts
 from tests.planning.cell.round_forms import stands_out

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.contacts.precedence import Overlaps
+from planning.contacts.touching import Overlaps
 from planning.errors import PlanInvariantError
 from planning.grips.grip import GripRules
 from planning.parts.assembly import (

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject
-from planning.contacts.precedence import near_to
+from planning.contacts.touching import near_to
 from planning.transforms import from_rpy, translation
 
 edges = st.tuples(*[st.floats(0.02, 0.3)] * 3)

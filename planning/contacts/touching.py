@@ -1,0 +1,150 @@
+"""What touches what: distances of things where they lie, how deep they may be in each other, ways in.
+
+Assemblies of parts and constructions use it, and checks before anything is planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.geometry.exact import Solid, distance, place, resting_solid
+from planning.transforms import Array, Transform, translation
+
+Lying = tuple[CellObject | Fixture, Transform]
+"""A thing and the pose of its frame in the world."""
+
+_NOWHERE = np.zeros(0)
+"""Configuration of what no robot carries."""
+
+
+def near_to(
+    part: Lying, others: Mapping[str, Lying], within: float
+) -> dict[str, float]:
+    """Return the entities near a part, with their distances.
+
+    Args:
+        part: where it lies.
+        others: everything else, by name.
+        within: what is further away than this is left out [m].
+
+    Returns:
+        Signed distances by name, negative for overlap [m].
+    """
+    low, high = bounds(part)
+    out = {}
+    for name, other in others.items():
+        other_low, other_high = bounds(other)
+        if np.any(low > other_high + within) or np.any(other_low > high + within):
+            continue
+        gap = _gap(part, other)
+        if gap <= within:
+            out[name] = gap
+    return out
+
+
+def nearest_to(part: Lying, others: Mapping[str, Lying]) -> tuple[str, float] | None:
+    """Return the entity nearest to a part, and how far it is [m]; None where there is no other."""
+    low, high = bounds(part)
+    least = {
+        name: float(np.linalg.norm(np.maximum(np.maximum(low - b, a - high), 0.0)))
+        for name, (a, b) in ((k, bounds(other)) for k, other in others.items())
+    }
+    best: tuple[str, float] | None = None
+    for name in sorted(others, key=least.__getitem__):
+        if best is not None and least[name] > best[1]:
+            break
+        gap = _gap(part, others[name])
+        if best is None or gap < best[1]:
+            best = name, gap
+    return best
+
+
+def nearest_words(name: str, part: Lying, others: Mapping[str, Lying]) -> str:
+    """Return in words what is nearest to a part, and how far it is."""
+    found = nearest_to(part, others)
+    if found is None:
+        return f"nothing else is there by then to be near {name}"
+    return f"nearest to {name} is {found[0]}, {found[1] * 1e3:.1f} mm away"
+
+
+def _gap(one: Lying, other: Lying) -> float:
+    """Return the signed distance of the nearest two pieces, the deepest overlap if any [m]."""
+    pairs = product(_solids(one), _solids(other))
+    return min(distance(a, pose_a, b, pose_b) for (a, pose_a), (b, pose_b) in pairs)
+
+
+def _solids(lying: Lying) -> list[tuple[Solid, Any]]:
+    """Return the pieces of what lies somewhere, each with its pose for coal."""
+    item, pose = lying
+    found = [resting_solid(item.name, body, pose) for body in item.shape.pieces]
+    return [(solid, place(solid, _NOWHERE, _NOWHERE)[0]) for solid in found]
+
+
+def standing(cell: Workcell) -> dict[str, Lying]:
+    """Return the fixtures of a cell where they stand, by name."""
+    return {item.name: (item, item.pose) for item in cell.fixtures}
+
+
+def lowest(lying: Lying) -> float:
+    """Return the height of the lowest corner of what lies somewhere [m]."""
+    return float(bounds(lying)[0][2])
+
+
+def bounds(lying: Lying) -> tuple[Array, Array]:
+    """Return the least and greatest corners of the upright box around what lies somewhere [m]."""
+    item, pose = lying
+    return item.shape.bounds(pose)
+
+
+TOUCH = 0.03
+"""Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
+
+MOST_OVERLAP = 0.002
+"""Deepest that a part may be in what it touches: rounding of poses in files [m]."""
+
+NEAR = 0.002
+"""Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
+
+_STEP = 0.005
+"""A straight way is looked at so often [m]."""
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Depths to which things may be in each other where they belong.
+
+    Attributes:
+        joined: pairs of names that are joined, such as bars that meet in a node.
+        depth: of those; of all others it is ``MOST_OVERLAP`` [m].
+    """
+
+    joined: frozenset[frozenset[str]] = frozenset()
+    depth: float = MOST_OVERLAP
+
+    def most(self, first: str, second: str) -> float:
+        """Return how deep two things may be in each other [m]."""
+        if {first, second} in self.joined:
+            return max(self.depth, MOST_OVERLAP)
+        return MOST_OVERLAP
+
+
+def leads_through(
+    lying: Lying,
+    other: Lying,
+    insertion: Array,
+    approach: float,
+    most: float = MOST_OVERLAP,
+) -> bool:
+    """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
+    item, pose = lying
+    for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
+        before = (item, translation(*(-away * insertion)) @ pose)
+        if any(gap < -most for gap in near_to(before, {"": other}, 0.0).values()):
+            return True
+    return False
