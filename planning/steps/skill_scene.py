@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -359,31 +359,30 @@ def resolve_skill(
         that came furthest failed.
     """
     trials: list[SkillTrial | Obstruction] = []
+
+    def tried() -> Iterator[SkillTrial | Obstruction]:
+        for path in skill_postures(robot, targets):
+            trial = path if isinstance(path, Obstruction) else SkillTrial(path, scene)
+            trials.append(trial)
+            yield trial
+
+    found = _first_free(tried(), ())
+    if isinstance(found, Obstruction) and found.by in loose:
+        return _first_free(trials, loose)
+    return found
+
+
+def _first_free(
+    trials: Iterable[SkillTrial | Obstruction], loose: Collection[str]
+) -> ResolvedSkill | Obstruction:
+    """Return the first skill that is free, or the most telling reason: a collision, in the earlier posture."""
     reason: Obstruction | None = None
-    for path in skill_postures(robot, targets):
-        trial = path if isinstance(path, Obstruction) else SkillTrial(path, scene)
-        found = trial if isinstance(trial, Obstruction) else trial.found
+    for trial in trials:
+        found = trial if isinstance(trial, Obstruction) else trial.take_away(loose)
         if found is None:
             assert isinstance(trial, SkillTrial)
             return trial.resolved()
-        trials.append(trial)
-        reason = _nearer_reason(reason, found)
-    assert reason is not None
-    if reason.by not in loose:
-        return reason
-    reason = None
-    for item in trials:
-        found = item if isinstance(item, Obstruction) else item.take_away(loose)
-        if found is None:
-            assert isinstance(item, SkillTrial)
-            return item.resolved()
-        reason = _nearer_reason(reason, found)
+        if reason is None or (reason.by is None and found.by is not None):
+            reason = found
     assert reason is not None
     return reason
-
-
-def _nearer_reason(known: Obstruction | None, found: Obstruction) -> Obstruction:
-    """Return the more telling of two reasons: a collision, in the earlier posture."""
-    if known is None or (known.by is None and found.by is not None):
-        return found
-    return known
