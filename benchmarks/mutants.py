@@ -75,7 +75,7 @@ MUTANTS = (
     Mutant("timing: braking ends too late", "way = 0.5 * entry * entry * ramp", "way = 0.6 * entry * entry * ramp", f"{TIMING} {ENGINE}"),
     Mutant("assignment: balance counts the least twice", "self.model += least <= load", "self.model += least >= load", TASKS),
     Mutant("assignment: the last window is left out", "last = len(self.steps) - size + 1", "last = len(self.steps) - size", TASKS),
-    Mutant("assignment: who places may support", "self.model += pulp.lpSum(terms) + pulp.lpSum(supported[robot]) <= 1", "self.model += pulp.lpSum(terms) <= 1", TASKS),
+    Mutant("assignment: who places may support", "self.model += own + supporting(robot) <= 1", "self.model += own <= 1", TASKS),
     Mutant("assignment: what covers may stay", "for at, var in uses[other] if at < step)", "for at, var in uses[other] if at <= step)", TASKS),
     Mutant("statics: touching ends too early", "ours = _outline(a[first >= first.max() - SLACK] @ across.T)", "ours = _outline(a[first >= first.max() + SLACK] @ across.T)", STATICS),
     Mutant("statics: whatever scores stands", "return self.score <= LIMIT", "return self.score <= 2.0 + LIMIT", f"{STATICS} planning/parts planning/steps"),
