@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning.statics.build_order import (
@@ -170,6 +170,7 @@ def test_every_reachable_state_stands(seed: int) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@example(5836)  # whose program the primal simplex leaves in doubt
 def test_every_reachable_state_stands_with_what_hands_hold(seed: int) -> None:
     """Beams on posts, on each other and in the air, some welded later: all states, one by one."""
     rng = np.random.default_rng(seed)
