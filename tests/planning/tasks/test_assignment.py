@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import pairwise, permutations, product
+from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
@@ -133,27 +134,28 @@ def every_plan(problem: AssignmentProblem) -> Iterator[TaskPlan]:
             yield TaskPlan(choices)
 
 
+def plain(*primaries: PrimaryCandidate, **rest: Any) -> AssignmentProblem:
+    """Return a problem of two robots in which no step needs a support."""
+    count = max(item.step for item in primaries)
+    names = tuple(f"step number {k}" for k in range(1, count + 1))
+    problem = AssignmentProblem(ROBOTS[:2], names, (False,) * count, primaries)
+    return replace(problem, **rest)
+
+
 _AWL = frozenset({("bob", "awl")})
-GIVEN_UP = AssignmentProblem(
-    ROBOTS[:2],
-    ("one", "two", "three", "four"),
-    (True, False, False, False),
-    tuple(
-        PrimaryCandidate(step, robot, f"o{k}", 0, cost, partner, frozenset(), tools)
-        for step, robot, k, cost, partner, tools in (
-            (1, "ada", 2, 0.0, None, frozenset()),
-            (2, "ada", 0, 0.0, None, _AWL),
-            (2, "ada", 0, 0.0, None, frozenset()),
-            (2, "ada", 3, 0.0, None, frozenset()),
-            (3, "ada", 0, 0.0, None, frozenset()),
-            (3, "bob", 3, 0.0, None, _AWL),
-            (3, "ada", 3, 0.0, "bob", _AWL),
-            (4, "ada", 1, 2.0, None, frozenset()),
-            (4, "ada", 0, 1.0, None, frozenset()),
-            (4, "ada", 0, 0.0, "bob", frozenset()),
-        )
-    ),
-    (SupportCandidate(1, "bob", 0, 0.0, _AWL),),
+GIVEN_UP = plain(
+    PrimaryCandidate(1, "ada", "o2", 0, 0.0),
+    PrimaryCandidate(2, "ada", "o0", 0, 0.0, tools=_AWL),
+    PrimaryCandidate(2, "ada", "o0", 0, 0.0),
+    PrimaryCandidate(2, "ada", "o3", 0, 0.0),
+    PrimaryCandidate(3, "ada", "o0", 0, 0.0),
+    PrimaryCandidate(3, "bob", "o3", 0, 0.0, tools=_AWL),
+    PrimaryCandidate(3, "ada", "o3", 0, 0.0, "bob", tools=_AWL),
+    PrimaryCandidate(4, "ada", "o1", 0, 2.0),
+    PrimaryCandidate(4, "ada", "o0", 0, 1.0),
+    PrimaryCandidate(4, "ada", "o0", 0, 0.0, "bob"),
+    needs_support=(True, False, False, False),
+    supports=(SupportCandidate(1, "bob", 0, 0.0, _AWL),),
     balance=0.0,
     mounted={"bob": "awl"},
     changes={("bob", "awl", "bit"): 1.0, ("bob", "bit", "awl"): 1.0},
@@ -203,22 +205,11 @@ def _pairs(a: TaskPlan, b: TaskPlan) -> Iterator[tuple[StepChoice, StepChoice]]:
     return zip(a.choices, b.choices, strict=True)
 
 
-def two_steps(*primaries: PrimaryCandidate, **rest: object) -> AssignmentProblem:
-    problem = AssignmentProblem(
-        ROBOTS[:2],
-        ("the first", "the second"),
-        (False, False),
-        primaries,
-        (),
-        balance=0.0,
-    )
-    return replace(problem, **rest)  # type: ignore[arg-type]
-
-
 def test_two_steps_that_compete_for_one_brick_are_named() -> None:
-    problem = two_steps(
+    problem = plain(
         PrimaryCandidate(1, "ada", "only", 0, 1.0),
         PrimaryCandidate(2, "bob", "only", 0, 1.0),
+        balance=0.0,
     )
     with pytest.raises(InfeasibleStepError) as caught:
         assign_steps(problem)
@@ -231,8 +222,10 @@ def test_two_steps_that_compete_for_one_brick_are_named() -> None:
 
 
 def test_a_step_without_candidates_lists_the_reasons() -> None:
-    problem = two_steps(
+    problem = plain(
         PrimaryCandidate(1, "ada", "a", 0, 1.0),
+        steps=("the first", "the second"),
+        needs_support=(False, False),
         rejections=(
             Rejection(2, "ada picks b", "attach is out of reach"),
             Rejection(2, "bob picks b", "attach is out of reach"),
@@ -248,48 +241,29 @@ def test_a_step_without_candidates_lists_the_reasons() -> None:
 
 
 def test_a_brick_below_another_is_used_later() -> None:
-    problem = two_steps(
+    problem = plain(
         PrimaryCandidate(1, "ada", "lower", 0, 1.0, after=frozenset({"upper"})),
         PrimaryCandidate(1, "ada", "upper", 0, 9.0),
         PrimaryCandidate(2, "ada", "lower", 0, 1.0, after=frozenset({"upper"})),
         PrimaryCandidate(2, "ada", "upper", 0, 1.0),
+        balance=0.0,
     )
     plan = assign_steps(problem)
     assert [c.object for c in plan.choices] == ["upper", "lower"]
 
 
 def test_balance_makes_robots_take_turns() -> None:
-    costs = {"ada": 1.0, "bob": 1.5}
-    problem = AssignmentProblem(
-        ROBOTS[:2],
-        ("1", "2", "3", "4"),
-        (False,) * 4,
-        tuple(
-            PrimaryCandidate(step, robot, f"o{step}", 0, cost)
-            for step in range(1, 5)
-            for robot, cost in costs.items()
-        ),
-        (),
-        balance=1.0,
+    ways = product(range(1, 5), {"ada": 1.0, "bob": 1.5}.items())
+    problem = plain(
+        *(PrimaryCandidate(k, name, f"o{k}", 0, cost) for k, (name, cost) in ways)
     )
     turns = [c.robot for c in assign_steps(problem).choices]
-    assert all(a != b for a, b in zip(turns, turns[1:], strict=False))
+    assert all(a != b for a, b in pairwise(turns))
     alone = assign_steps(replace(problem, balance=0.0))
     assert {c.robot for c in alone.choices} == {"ada"}
 
 
 def test_same_problem_same_plan() -> None:
-    problem = AssignmentProblem(
-        ROBOTS[:2],
-        ("1", "2", "3"),
-        (False,) * 3,
-        tuple(
-            PrimaryCandidate(step, robot, f"o{k}", 0, 1.0)
-            for step in (1, 2, 3)
-            for robot in ROBOTS[:2]
-            for k in range(4)
-        ),
-        (),
-    )
-    plans = {assign_steps(problem) for _ in range(3)}
-    assert len(plans) == 1
+    ways = product((1, 2, 3), ROBOTS[:2], range(4))
+    problem = plain(*(PrimaryCandidate(k, r, f"o{n}", 0, 1.0) for k, r, n in ways))
+    assert len({assign_steps(problem) for _ in range(3)}) == 1
