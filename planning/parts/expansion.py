@@ -88,7 +88,9 @@ class _Expansion:
         """Return the tasks of the step; tools are changed before anything else."""
         changes, build, step = self._candidates.changes, self._build, self._known.step
         number, supply = self._choice.step, self._candidates.assembly.supply
-        before = changes.mounted_before(self._plan.choices[: number - 1])
+        before = changes.mounted
+        for choice in self._plan.choices[: number - 1]:
+            before |= dict(choice.tools)
         if build.first == 0:
             changes.begin(build)
         for robot, tool in sorted(self._choice.tools):

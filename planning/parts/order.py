@@ -40,7 +40,7 @@ from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.part_steps import in_place, part_steps, room, spot_pose
 from planning.progress import Progress, no_progress
 from planning.steps.tool_changes import in_racks
-from planning.transforms import Array, readonly, translation
+from planning.transforms import translation
 
 _BORE = 0.002
 """Width of the straight way of a tool to a place of work that no part may bar [m]."""
@@ -322,26 +322,22 @@ class _AnyOrder:
                     yield at[other], at[name], words
 
     def _barred_works(self) -> Iterator[tuple[int, int, str]]:
-        """Yield parts that would bar the straight way of a tool to where it works."""
+        """Yield parts that would bar the straight way of a tool to where it works, as a rod on it."""
         lying = {item.name: item.start for item in self._cell.objects}
         lying |= self._assembly.goals
         for k, step in enumerate(self._steps):
             if not isinstance(step, Work):
                 continue
             place = spot_pose(self._cell, step.spot, lying)
+            long = step.process.approach - 2.0 * MOST_OVERLAP
+            rod = box_shape("way", (_BORE, _BORE, long))
             for pose in step.process.path or (np.eye(4),):
-                way = _bore(place @ pose, step.process.approach)
+                at = place @ pose @ translation(0.0, 0.0, 0.5 * step.process.approach)
+                way = Fixture("way", rod, at), at
                 for name, goal in self._goals.items():
                     if name != step.spot.owner and _overlap(way, goal):
                         words = f"{name} would bar the tool's way to {step.spot.words}"
                         yield k, self._placing[name], words
-
-
-def _bore(place: Array, length: float) -> Lying:
-    """Return the straight way of a tool to a place of work, as a rod that stands on it."""
-    size = readonly([_BORE, _BORE, length - 2.0 * MOST_OVERLAP])
-    pose = readonly(place @ translation(0.0, 0.0, 0.5 * length))
-    return Fixture("way", box_shape("way", size), pose), pose
 
 
 def _overlap(one: Lying, other: Lying) -> bool:

@@ -25,7 +25,6 @@ from planning.parts.assembly import (
     AnyStep,
     PartAssembly,
     PlacePart,
-    Process,
     Spot,
     Work,
 )
@@ -272,8 +271,10 @@ def _work_step(cell: Workcell, step: Work, known: KnownStep, touch: float) -> Kn
     owner, others = step.spot.owner, known.others
     place = spot_pose(cell, step.spot, {name: at for name, (_, at) in others.items()})
     touched = {} if owner is None else {owner: 0.0}
-    for tip in _tips(step.process, place):
-        touched |= near_to(tip, standing(cell) | others, touch + TIP)
+    grain = box_shape("tip", np.full(3, 1e-4))
+    for at in step.process.path or (np.eye(4),):
+        tip = Fixture("tip", grain, place @ at)
+        touched |= near_to((tip, tip.pose), standing(cell) | others, touch + TIP)
     return replace(known, place=place, touched=touched)
 
 
@@ -306,13 +307,6 @@ def _require_alone(number: int, step: PartStep, before: Iterable[KnownStep]) -> 
             f"step {number} ({step.step.words}): {min(leant)} was put to it where it lies; what is"
             " put to a part must wait until that is in its place"
         )
-
-
-def _tips(process: Process, place: Transform) -> Iterator[tuple[Fixture, Transform]]:
-    """Yield grains at the places that the tip of the tool comes to."""
-    for at in process.path or (np.eye(4),):
-        pose = readonly(place @ at)
-        yield Fixture("tip", box_shape("tip", np.full(3, 1e-4)), pose), pose
 
 
 def in_place(cell: Workcell, assembly: PartAssembly) -> dict[str, Lying]:

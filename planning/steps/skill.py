@@ -98,12 +98,6 @@ class SkillContacts:
     during: Pairs
     after: Pairs
 
-    def in_phase(self, phase: Phase) -> Pairs:
-        """Return the allowed contacts of a phase."""
-        if phase is Phase.BEFORE:
-            return self.before
-        return self.after if phase is Phase.AFTER else self.during
-
 
 @dataclass(frozen=True)
 class ToolContact:

@@ -297,9 +297,12 @@ class SkillTrial:
     def _whole(self, phase: Phase) -> SceneChecker:
         """Build one checker while things stay where they are, whatever may touch."""
         scene, robot = self._scene, self.path.robot
-        allowed = scene.contacts.in_phase(phase)
-        if phase in (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE):
-            allowed |= touching(entity(robot, "tool"), self.touched)
+        allowed = scene.contacts.before
+        if phase is Phase.AFTER:
+            allowed = scene.contacts.after
+        elif phase is not Phase.BEFORE:
+            grazed = touching(entity(robot, "tool"), self.touched)
+            allowed = scene.contacts.during | grazed
         if phase is Phase.AFTER and scene.refill is not None:
             return scene.checker(robot, self._near, phase, allowed)
         changed = scene.handed is not None

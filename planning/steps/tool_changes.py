@@ -41,7 +41,7 @@ from planning.steps.skill import (
 )
 from planning.steps.skill_scene import Placed, SkillScene, find_obstruction
 from planning.steps.step_writer import StepWriter
-from planning.tasks.assignment import NO_TOOLS, StepChoice, Tools
+from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling
 from planning.transforms import Transform, inverse, translation
 
@@ -163,13 +163,6 @@ class ToolChanges:
                 stops = pairwise([robot.home, *ends, robot.home])
                 way = sum(joint_distance(a, b) for a, b in stops)
                 found[robot.name, old.name, new.name] = way + old.seconds + new.seconds
-        return found
-
-    def mounted_before(self, choices: Iterable[StepChoice]) -> dict[str, str]:
-        """Return which tools are on the robots after some steps."""
-        found = self.mounted
-        for choice in choices:
-            found |= dict(choice.tools)
         return found
 
     def begin(self, build: StepWriter) -> None:
