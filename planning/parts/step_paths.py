@@ -23,7 +23,6 @@ from planning.steps.skill import (
 )
 from planning.steps.skill_scene import SkillScene, find_obstruction
 from planning.tasks.assignment import (
-    NO_TOOLS,
     PrimaryCandidate,
     SupportCandidate,
     TaskPlan,
@@ -39,24 +38,10 @@ beside another robot that holds something."""
 Candidate = PrimaryCandidate | SupportCandidate
 
 
-@dataclass(frozen=True)
-class Holders:
-    """Robots that hold something.
+Holders = Mapping[str, tuple[Array, Tools]]
+"""Robots that hold something: where they stand, shape (n,), and what they have on them, by name."""
 
-    Attributes:
-        at: where they stand, by name, shape (n,) each.
-        tools: that they have on them, if they change theirs.
-    """
-
-    at: Mapping[str, Array] = field(default_factory=dict)
-    tools: Tools = NO_TOOLS
-
-    def and_also(self, other: Holders) -> Holders:
-        """Return these and others."""
-        return Holders({**self.at, **other.at}, self.tools | other.tools)
-
-
-NOBODY = Holders()
+NOBODY: Holders = {}
 
 
 @dataclass(frozen=True)
@@ -93,22 +78,23 @@ class StepPaths:
             supporting: who holds something while the last of its skills is done.
         """
         tries, found = self.tries.get(item, ()), list(self.alone.get(item, ()))
-        late = holding.and_also(supporting)
         for k, tried in enumerate(tries, len(found) - len(tries)):
-            holders = late if k == len(found) - 1 else holding
-            if holders.at:
+            last = k == len(found) - 1
+            if holders := {**holding, **(supporting if last else NOBODY)}:
                 path = self._beside(tried, item, holders).found(found[k])
                 if isinstance(path, Obstruction):
                     return path
                 found[k] = path
-        if len(tries) > 1 and holding.at:
+        if len(tries) > 1 and holding:
             blocked = self._beside(tries[0], item, holding).carried_home()
             if blocked is not None:
                 return blocked
         return tuple(found)
 
     def _beside(self, tried: SkillTry, item: Candidate, holders: Holders) -> SkillTry:
-        return self.skills(item.tools | holders.tools).beside(tried, holders.at)
+        tools = item.tools.union(*(own for _, own in holders.values()))
+        at = {name: q for name, (q, _) in holders.items()}
+        return self.skills(tools).beside(tried, at)
 
     def grip_of(self, item: PrimaryCandidate) -> Grip:
         """Return the grip with which a part is placed."""
@@ -124,7 +110,7 @@ class StepPaths:
         """
         choice, supporting = plan[step], NOBODY
         if (hold := self.planned_hold(plan, step)) is not None:
-            supporting = Holders({hold.robot: hold.path[-1]}, choice.tools)
+            supporting = {hold.robot: (hold.path[-1], choice.tools)}
         found = self.among(choice.primary, self._kept(plan, step), supporting)
         return self.alone[choice.primary] if isinstance(found, Obstruction) else found
 
@@ -138,12 +124,11 @@ class StepPaths:
 
     def _kept(self, plan: TaskPlan, step: int) -> Holders:
         """Return who keeps hold of what was placed before a step."""
-        out = NOBODY
-        for k, last in self.keeps.items():
-            if k < step <= last:
-                at = {plan[k].robot: self.planned(plan, k)[-1].contact}
-                out = out.and_also(Holders(at, plan[k].tools))
-        return out
+        return {
+            plan[k].robot: (self.planned(plan, k)[-1].contact, plan[k].tools)
+            for k, last in self.keeps.items()
+            if k < step <= last
+        }
 
     def release(self, place: SkillPath) -> SkillPath:
         """Return the way back of who kept hold of what it placed."""
@@ -182,11 +167,11 @@ class Pairing:
         """Find ways to do a step beside ways to hold; what is not found cannot go together."""
         good: dict[str, Counter[str]] = defaultdict(Counter)
         for s, support in _of_step(self.found.supports, step).items():
-            at = {support.robot: self.paths.alone[support][0].path[-1]}
+            at = self.paths.alone[support][0].path[-1]
             bad, _ = self._beside(
                 self._cheapest(step, support.robot),
                 f"beside {support.robot} that holds",
-                (NOBODY, Holders(at, support.tools)),
+                (NOBODY, {support.robot: (at, support.tools)}),
                 good[support.robot],
             )
             self.found.incompatible |= {(p, s) for p in bad}
@@ -214,8 +199,8 @@ class Pairing:
         if (wrong := paths.blocks_release(item)) is not None:
             found.reject(item.step, f"{words}, lets go", wrong)
             return False
-        at = {item.robot: paths.alone[item][-1].contact}
-        holding = Holders(at, item.tools), NOBODY
+        at = paths.alone[item][-1].contact
+        holding: tuple[Holders, Holders] = {item.robot: (at, item.tools)}, NOBODY
         clashing: set[tuple[int, int]] = set()
         incompatible: set[tuple[int, int]] = set()
         for later in range(item.step + 1, paths.keeps[item.step] + 1):
