@@ -1,4 +1,4 @@
-"""Boxes as parts and fixtures, and assemblies in which they are put in their places one by one."""
+"""Boxes as parts and fixtures, two arms, and assemblies in which parts are placed one by one."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject, Fixture
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.parts.assembly import PartAssembly, PlacePart
-from planning.transforms import Transform, translation
+from planning.robots.registry import robot_model
+from planning.transforms import Transform, from_rpy, translation
 
 Three = tuple[float, float, float]
 
@@ -28,6 +29,17 @@ def fixture(name: str, size: Three, at: Three) -> Fixture:
 def table() -> Fixture:
     """Return a table with its top at height 0."""
     return fixture("table", (2.0, 2.0, 0.02), (0.0, 0.0, -0.01))
+
+
+def two_arms() -> Workcell:
+    """Return two arms, west and east, that face each other over a table, 1 m apart."""
+    model = robot_model("panda")
+    places = ("west", -0.5, 0.0), ("east", 0.5, np.pi)
+    robots = (
+        PlacedRobot(name, model, from_rpy((x, 0, 0), (0, 0, yaw)), model.home)
+        for name, x, yaw in places
+    )
+    return Workcell(tuple(robots), (table(),), ())
 
 
 def built(goals: Mapping[str, Transform], *names: str, **more: Any) -> PartAssembly:

@@ -20,8 +20,8 @@ from planning.parts.assembly import (
 )
 from planning.parts.order import find_ordered_candidates, in_found_order
 from planning.transforms import translation
-from tests.planning.parts.boxes import built, part
-from tests.planning.parts.test_part_steps import crossing, two_arms
+from tests.planning.parts.boxes import built, part, two_arms
+from tests.planning.parts.test_part_steps import crossing, two_arms_and_rods
 
 
 @st.composite
@@ -86,7 +86,7 @@ def test_blocks_are_stacked_from_below_whatever_the_list(
 
 
 def test_what_cannot_follow_is_explained() -> None:
-    cell, assembly = two_arms(), crossing("south", "north", "across")
+    cell, assembly = two_arms_and_rods(), crossing("south", "north", "across")
     south, north, across = assembly.steps
     circle = replace(assembly, steps=(replace(south, after=("across",)), north, across))
     with pytest.raises(InfeasibleStepError, match="across rests on south"):
@@ -97,7 +97,7 @@ def test_what_cannot_follow_is_explained() -> None:
 
 
 def test_a_process_comes_after_its_part_and_before_what_covers_it() -> None:
-    cell, assembly = two_arms(), crossing("across", "north", "south")
+    cell, assembly = two_arms_and_rods(), crossing("across", "north", "south")
     hole = Work(
         process=Process("screw"),
         spot=Spot("south/hole", "south", None, translation(0.0, 0.0, 0.012)),

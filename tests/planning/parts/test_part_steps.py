@@ -8,20 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.cell.workcell import CellObject, Workcell
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import PartAssembly, PartHandling
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import part_work
-from planning.robots.registry import robot_model
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TRANSIT
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform, from_rpy
-from tests.planning.parts.boxes import built, part, table
+from tests.planning.parts.boxes import built, part, two_arms
 from tests.planning.tasks.plan_oracle import plan_violations, task_order
 
 Direction = tuple[float, float, float]
@@ -43,16 +42,10 @@ def rod(name: str, start: Transform) -> CellObject:
     return part(name, (0.2, 0.024, 0.024), start, 0.05)
 
 
-def two_arms() -> Workcell:
-    model = robot_model("panda")
-    return Workcell(
-        robots=tuple(
-            PlacedRobot(name, model, pose((x, 0.0, 0.0), yaw), model.home)
-            for name, x, yaw in (("west", -0.5, 0.0), ("east", 0.5, np.pi))
-        ),
-        fixtures=(table(),),
-        objects=tuple(rod(k, pose(v[0], v[1])) for k, v in RODS.items()),
-    )
+def two_arms_and_rods() -> Workcell:
+    """Return two arms with the rods where they lie at the start."""
+    rods = tuple(rod(k, pose(v[0], v[1])) for k, v in RODS.items())
+    return replace(two_arms(), objects=rods)
 
 
 def crossing(*steps: str) -> PartAssembly:
@@ -63,7 +56,7 @@ def crossing(*steps: str) -> PartAssembly:
 
 @pytest.fixture(scope="module")
 def found() -> PartCandidates:
-    return find_candidates(two_arms(), crossing())
+    return find_candidates(two_arms_and_rods(), crossing())
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +140,7 @@ def test_a_step_can_be_done_in_other_ways(
 
 def refused() -> Iterator[tuple[str, str, Workcell, PartAssembly]]:
     """Yield what cannot be done, in words, with what is said of it."""
-    cell, plain, two = two_arms(), crossing(), crossing("south", "north")
+    cell, plain, two = two_arms_and_rods(), crossing(), crossing("south", "north")
     yield "nothing below", r"step 1 \(across\).*in the air", cell, crossing("across")
     there = {**two.goals, "north": pose((0.01, -0.05, ON_TABLE), 0.0)}
     taken = replace(two, goals=there)
@@ -184,4 +177,4 @@ def test_what_cannot_be_done_is_refused_with_the_reason(
 
 
 def test_a_part_may_be_led_in_from_above() -> None:
-    assert find_candidates(two_arms(), led(crossing(), "across", DOWN, UP))
+    assert find_candidates(two_arms_and_rods(), led(crossing(), "across", DOWN, UP))
