@@ -1,8 +1,7 @@
-"""What a description holds, in rows: joints with their limits, links with where they are, frames."""
+"""What a description holds: joints that are held, links with where they are, and what is doubtful."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,32 +14,6 @@ from planning.robots.descriptions.fitting import written_options
 from planning.robots.descriptions.urdf_file import tip_link
 from planning.robots.descriptions.xml_files import joint_link, pose_in_root, read_xml
 from planning.transforms import Transform
-
-
-@dataclass(frozen=True)
-class JointRow:
-    """A joint that moves, or that is held.
-
-    Attributes:
-        name: of the joint.
-        kind: as its description has it; ``held`` where it is held.
-        unit: ``rad`` or ``m``.
-        lower, upper: limits [unit]; equal where it is held.
-        velocity: [unit/s].
-        acceleration: [unit/s^2].
-        jerk: [unit/s^3].
-        effort: [N m or N]; like the others infinite where nothing is known.
-    """
-
-    name: str
-    kind: str
-    unit: str
-    lower: float
-    upper: float
-    velocity: float = math.inf
-    acceleration: float = math.inf
-    jerk: float = math.inf
-    effort: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -70,13 +43,13 @@ class Overview:
 
     Attributes:
         model: the robot.
-        joints: those that move, base to tip, then those that are held.
+        held: joints that are held, and at what [rad or m].
         links: in the order of the file.
         words: what was chosen for it, and why.
     """
 
     model: RobotModel
-    joints: tuple[JointRow, ...]
+    held: Mapping[str, float]
     links: tuple[LinkRow, ...]
     words: tuple[str, ...]
 
@@ -85,42 +58,14 @@ def overview(model: RobotModel) -> Overview:
     """Return what the description of a robot holds."""
     root = read_xml(model.urdf)
     values = dict(zip(model.joint_names, model.home.tolist(), strict=True))
-    moving = tuple(_moving(model, k) for k in range(model.dof))
-    held = tuple(
-        row for joint in root.findall("joint") if (row := _held(joint)) is not None
-    )
+    held = {
+        str(joint.get("name")): float(value)
+        for joint in root.findall("joint")
+        if (value := joint.get("held")) is not None
+    }
     tool = _tool_links(root, model)
     links = _links(root, values, model.urdf, tool, model.flange_link)
-    return Overview(model, moving + held, links, tuple(_words(model, links)))
-
-
-def _moving(model: RobotModel, k: int) -> JointRow:
-    slides, drives = bool(model.chain.prismatic[k]), model.drives
-    rest = (
-        ()
-        if drives is None
-        else tuple(
-            float(limit[k])
-            for limit in (drives.acceleration, drives.jerk, drives.effort)
-        )
-    )
-    return JointRow(
-        model.joint_names[k],
-        "slides" if slides else "turns",
-        "m" if slides else "rad",
-        float(model.lower[k]),
-        float(model.upper[k]),
-        float(model.velocity[k]),
-        *rest,
-    )
-
-
-def _held(joint: Element) -> JointRow | None:
-    held = joint.get("held")
-    if held is None:
-        return None
-    value = float(held)
-    return JointRow(str(joint.get("name")), "held", "rad or m", value, value)
+    return Overview(model, held, links, tuple(_words(model, links)))
 
 
 def _links(

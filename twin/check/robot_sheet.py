@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from planning.cell.robot_model import RobotModel, limits_of
+from planning.cell.robot_model import DriveLimits, RobotModel, limits_of
 from planning.cell.workcell import PlacedRobot
 from planning.errors import RobotModelError
 from planning.files import file_named
 from planning.kinematics.kinematics import joint_poses_of
 from planning.robots.descriptions.fitting import Fitting, Tool
-from planning.robots.overview import JointRow, LinkRow, Overview, overview
+from planning.robots.overview import LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import why_unchecked
 from planning.transforms import Array, Transform, identity, inverse
@@ -304,14 +304,17 @@ def _of_tool(
             f"it is no robot: {reason}; and no tool: {error}"
         ) from None
     found, prefix = overview(model), f"{_TOOL}."
-    joints = [row for row in found.joints if row.name.startswith(prefix)]
+    joints = {
+        name.removeprefix(prefix): f"{value:.6g}"
+        for name, value in found.held.items()
+        if name.startswith(prefix)
+    }
     links = [row for row in found.links if row.name.startswith(prefix)]
     root = next(row.pose for row in links if not row.parent.startswith(prefix))
     words = (
         f"a tool, as it is no robot: {reason}",
         "its joints are held as below: 'joints' of a tool, or --hold, holds them elsewhere",
     )
-    rows = [(row.name.removeprefix(prefix), f"{row.lower:.6g}") for row in joints]
     links = [
         row if row.parent.startswith(prefix) else replace(row, parent="", joint="")
         for row in links
@@ -328,7 +331,7 @@ def _of_tool(
         title,
         words,
         (
-            ("joints (held at, rad or m)", ("joint", "held at"), rows),
+            ("joints (held at, rad or m)", ("joint", "held at"), [*joints.items()]),
             (
                 "links (places in the frame of its root)",
                 columns,
@@ -375,26 +378,24 @@ def _joints(found: Overview) -> tuple[tuple[str, ...], Rows]:
         "jerk",
         "effort",
     )
-    limits = limits_of(found.model)
-    usual = dict(
-        zip(
-            found.model.joint_names,
-            zip(limits.acceleration, limits.jerk, strict=True),
-            strict=True,
-        )
-    )
-    return columns, [_joint(row, usual.get(row.name)) for row in found.joints]
-
-
-def _joint(row: JointRow, usual: tuple[float, float] | None) -> tuple[str, ...]:
-    if usual is None:
-        return (row.name, f"held at {row.lower:.6g}", *[""] * 6)
-    known = [f"{value:.6g}" for value in (row.lower, row.upper, row.velocity)]
-    for value, other in zip((row.acceleration, row.jerk), usual, strict=True):
-        told = math.isfinite(value)
-        known.append(f"{value:.6g}" if told else f"{other:.6g} (usual)")
-    known.append(f"{row.effort:.6g}" if math.isfinite(row.effort) else "not told")
-    return (row.name, f"{row.kind} [{row.unit}]", *known)
+    model, usual = found.model, limits_of(found.model)
+    told = model.drives or DriveLimits(*np.full((3, model.dof), np.inf))
+    rows = []
+    for k, name in enumerate(model.joint_names):
+        kind = "slides [m]" if model.chain.prismatic[k] else "turns [rad]"
+        known = [model.lower[k], model.upper[k], model.velocity[k]]
+        row = [name, kind, *(f"{value:.6g}" for value in known)]
+        for own, other in (
+            (told.acceleration, usual.acceleration),
+            (told.jerk, usual.jerk),
+        ):
+            row.append(
+                f"{own[k]:.6g}" if np.isfinite(own[k]) else f"{other[k]:.6g} (usual)"
+            )
+        effort = told.effort[k]
+        rows.append((*row, f"{effort:.6g}" if np.isfinite(effort) else "not told"))
+    held = ((n, f"held at {at:.6g}", *[""] * 6) for n, at in found.held.items())
+    return columns, [*rows, *held]
 
 
 def _links(rows: Sequence[LinkRow], root: Transform) -> tuple[tuple[str, ...], Rows]:
