@@ -20,7 +20,7 @@ from planning.motion.known_motions import (
     TaskMotion,
     Way,
 )
-from planning.motion.speed import RobotSpeed, cut_path
+from planning.motion.speed import SpeedModel, cut_path
 from planning.motion.transit import TransitPlanner, take_near_turns
 from planning.progress import Progress, no_progress
 from planning.tasks.task import (
@@ -59,7 +59,7 @@ class MotionSettings:
     """
 
     planners: Mapping[str, TransitPlanner]
-    speeds: Mapping[str, RobotSpeed]
+    speeds: Mapping[str, SpeedModel]
     step: float
     skill_seconds: Mapping[str, float]
     attempts: int = 5

@@ -32,17 +32,13 @@ class SpeedModel(Protocol):
         """Return the time of the straight motion from ``q_a`` to ``q_b``, shape (n,) [s]."""
         return float(self.durations(q_b - q_a))
 
-
-class RobotSpeed(SpeedModel, Protocol):
-    """The same for one robot, and for its skills."""
-
     def times_along(self, path: Array) -> Array:
         """Return when each waypoint of a skill's path, shape (w, n), is passed, shape (w,) [s]."""
         return path_times(path, self)
 
 
 @dataclass(frozen=True)
-class L1Speed(RobotSpeed):
+class L1Speed(SpeedModel):
     """The paper's model: the sum of all joint travels passes at a fixed rate (APEX-MR V).
 
     Attributes:
@@ -64,7 +60,7 @@ class L1Speed(RobotSpeed):
 
 
 @dataclass(frozen=True)
-class JointSpeed(RobotSpeed):
+class JointSpeed(SpeedModel):
     """Every joint at most at its own limit; the slowest one decides.
 
     Attributes:
@@ -79,7 +75,7 @@ class JointSpeed(RobotSpeed):
 
 
 @dataclass(frozen=True)
-class LimitedSpeed(RobotSpeed):
+class LimitedSpeed(SpeedModel):
     """From rest to rest within limits of speed, acceleration and jerk.
 
     Attributes:

@@ -12,7 +12,7 @@ from planning.cell.workcell import Workcell
 from planning.errors import ScenarioError
 from planning.motion.known_motions import MotionPlan
 from planning.motion.sequential import MotionSettings
-from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, RobotSpeed
+from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
@@ -181,7 +181,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
     )
 
 
-def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, RobotSpeed]:
+def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
     section = scenario.planning
     at_once = assembly_kind(scenario.assembly).at_once
     if scenario.speed_model == "limits" and not at_once:
