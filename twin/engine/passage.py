@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +20,8 @@ _ROUNDING_NS = 1.0
 """Drawn durations are whole nanoseconds; this near to full speed is full speed."""
 
 
-@dataclass(frozen=True)
-class DriveTimes:
-    """The drive of a chain in nanoseconds, with the speeds of one replication.
+class DriveTimes(NamedTuple):
+    """The drive of a chain, or of several, in nanoseconds, with the speeds of one replication.
 
     Attributes:
         length: time of each node at full speed; 0 for what is no part of a stretch [ns].
@@ -43,21 +43,19 @@ def drive_times(chain: NodeChain, motion: Nanoseconds) -> DriveTimes:
 
     Args:
         chain: its nodes.
-        motion: durations that were drawn of them, at full speed, shape (nodes,) or (nodes,
-            replications) [ns]; ``top`` has the same shape.
+        motion: durations that were drawn of them, at full speed, shape (nodes,) [ns].
     """
     drive = chain.drive
     count = len(chain)
     if drive is None:
         none = np.zeros(count)
         whole = np.zeros(count, dtype=np.int64)
-        return DriveTimes(none, np.ones(motion.shape), none, whole, np.arange(count))
+        return DriveTimes(none, np.ones(count), none, whole, np.arange(count))
     ramp = drive.ramp * NANOSECONDS
     length = np.where(ramp > 0.0, drive.cruise * NANOSECONDS, 0.0)
     lag = np.ceil(drive.lag * NANOSECONDS).astype(np.int64)
-    column = length.reshape(-1, *[1] * (motion.ndim - 1))
-    slower = motion > column + _ROUNDING_NS
-    top = np.where(slower, column / np.maximum(motion, 1), 1.0)
+    slower = motion > length + _ROUNDING_NS
+    top = np.where(slower, length / np.maximum(motion, 1), 1.0)
     ends = np.flatnonzero(drive.rests)
     last = ends[np.searchsorted(ends, np.arange(count))] if count else ends
     return DriveTimes(length, top, ramp, lag, last)

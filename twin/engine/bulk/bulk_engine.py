@@ -18,7 +18,7 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations.model import Nanoseconds, to_nanoseconds
-from twin.engine.bulk.driven_times import drive_arrays, driven_times
+from twin.engine.bulk.driven_times import driven_times, joined_drives
 from twin.engine.bulk.max_plus import (
     Completions,
     PrecedenceArrays,
@@ -71,7 +71,7 @@ class BulkEngine:
         self._sampler = NodeTimeSampler(free, model.durations, model.disturbances)
         self.contraction: Contraction = bulk_contraction(tpg, model)
         self.graph: PrecedenceArrays = policy_graph(self.contraction.tpg, model.policy)
-        self._drive = drive_arrays(tpg, self.graph) if is_driven(tpg) else None
+        self._drive = joined_drives(tpg, self.graph) if is_driven(tpg) else None
         # By the planned clock nobody asks for anything.
         asking = Messages() if model.policy == "open-loop" else model.messages
         self._ahead = asking.ahead(driven=True)

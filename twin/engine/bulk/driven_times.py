@@ -8,8 +8,6 @@ in the event engine. A robot that is cleared to the end of its stretch has nothi
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from planning.kernels import inner_kernel, kernel
@@ -18,47 +16,33 @@ from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import Nanoseconds
 from twin.engine.bulk.max_plus import PrecedenceArrays
-from twin.engine.passage import drive_times
+from twin.engine.passage import DriveTimes, drive_times
 
 _NEVER = 2**62
 
 
-class DriveArrays(NamedTuple):
-    """The drives of all chains; nodes are numbered through, chain by chain, see DriveTimes.
-
-    Attributes:
-        length, ramp, lag: of each node, shape (nodes,) [ns].
-        last: last node of each node's stretch, shape (nodes,).
-    """
-
-    length: Array
-    ramp: Array
-    lag: Nanoseconds
-    last: Indices
-
-
-def drive_arrays(tpg: TemporalPlanGraph, graph: PrecedenceArrays) -> DriveArrays:
-    """Return the drives of a graph whose edges a policy may have added to."""
-    none = np.zeros(0, dtype=np.int64)
+def joined_drives(tpg: TemporalPlanGraph, graph: PrecedenceArrays) -> DriveTimes:
+    """Return the drives of a graph whose edges a policy may have added to, nodes numbered through."""
     drives = [drive_times(c, np.zeros(len(c), dtype=np.int64)) for c in tpg.chains]
-    firsts = graph.first[:-1].tolist()
-    last = [own.last + first for own, first in zip(drives, firsts, strict=True)]
-
-    def joined(name: str) -> Array:
-        return np.concatenate([np.zeros(0), *(getattr(own, name) for own in drives)])
-
-    return DriveArrays(
-        joined("length"),
-        joined("ramp"),
-        joined("lag").astype(np.int64),
-        np.concatenate([none, *last]).astype(np.int64),
+    nodes = len(graph.order)
+    out = DriveTimes(
+        np.zeros(nodes),
+        np.ones(nodes),
+        np.zeros(nodes),
+        np.zeros(nodes, dtype=np.int64),
+        np.zeros(nodes, dtype=np.int64),
     )
+    for first, drive in zip(graph.first.tolist(), drives, strict=False):
+        for whole, own in zip(out, drive, strict=True):
+            whole[first : first + len(own)] = own
+        out.last[first : first + len(drive.last)] += first
+    return out
 
 
 @kernel
 def driven_times(
     graph: PrecedenceArrays,
-    drive: DriveArrays,
+    drive: DriveTimes,
     motion_ns: Nanoseconds,
     stand_ns: Nanoseconds,
     ahead: int,
@@ -76,8 +60,8 @@ def driven_times(
         Two arrays of the same shape [ns].
     """
     start, end = np.empty_like(motion_ns), np.empty_like(motion_ns)
-    top, length = np.ones(len(drive.length)), drive.length.copy()
-    own = DriveArrays(length, drive.ramp, drive.lag, drive.last)
+    top, length = drive.top.copy(), drive.length.copy()
+    own = DriveTimes(length, top, drive.ramp, drive.lag, drive.last)
     chains = len(graph.first) - 1
     node = np.empty(chains, np.int64)
     base, due = np.empty(chains, np.int64), np.empty(chains, np.int64)
@@ -118,7 +102,6 @@ def driven_times(
                     start[r, n] = base[k] + np.int64(np.rint(passed[k])) + late
                     _pass(
                         own,
-                        top,
                         stand_ns[r],
                         k,
                         n,
@@ -140,7 +123,7 @@ def driven_times(
 @inner_kernel
 def _next(
     graph: PrecedenceArrays,
-    drive: DriveArrays,
+    drive: DriveTimes,
     end: Nanoseconds,
     node: Indices,
     base: Nanoseconds,
@@ -187,7 +170,7 @@ def _clear(
 @inner_kernel
 def _cleared(
     graph: PrecedenceArrays,
-    drive: DriveArrays,
+    drive: DriveTimes,
     end: Nanoseconds,
     n: int,
     now: int,
@@ -201,7 +184,7 @@ def _cleared(
 
 
 @inner_kernel
-def _settled(drive: DriveArrays, n: int, last: int) -> int:
+def _settled(drive: DriveTimes, n: int, last: int) -> int:
     """Return the last node of which the speed at its end is settled now: often many are."""
     if last == drive.last[n]:
         return last
@@ -215,8 +198,7 @@ def _settled(drive: DriveArrays, n: int, last: int) -> int:
 
 @inner_kernel
 def _pass(
-    drive: DriveArrays,
-    top: Array,
+    drive: DriveTimes,
     stand: Nanoseconds,
     k: int,
     n: int,
@@ -228,7 +210,7 @@ def _pass(
 ) -> None:
     """Take a node, as ``Passage.go`` does without stops by the clock."""
     length, ramp = drive.length[n], drive.ramp[n]
-    bound = exit_bound(drive.length, top, n, last, drive.ramp)
+    bound = exit_bound(drive.length, drive.top, n, last, drive.ramp)
     pending[k] += stand[n]
     gone = 0.0
     if pending[k] > 0:
@@ -239,6 +221,6 @@ def _pass(
             return
         base[k] += np.int64(np.rint(passed[k])) + pending[k]
         passed[k], pending[k] = 0.0, 0
-    took, leave, _ = pass_through(length - gone, top[n], speed[k], bound, ramp)
+    took, leave, _ = pass_through(length - gone, drive.top[n], speed[k], bound, ramp)
     passed[k] += took
     speed[k] = leave
