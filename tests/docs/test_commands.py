@@ -10,6 +10,7 @@ import json
 import re
 import shlex
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -99,8 +100,8 @@ def _plans_once(monkeypatch: pytest.MonkeyPatch) -> None:
         watch.seconds.update(seconds)
         return motions
 
-    for module in ("twin.trial.planning", "twin.study.plans"):
-        monkeypatch.setattr(f"{module}.plan_motions", planned)
+    for name in ("twin.trial.planning", "twin.study.plans"):
+        monkeypatch.setattr(import_module(name), "plan_motions", planned)
 
 
 def arguments(line: str, logs: Path | None) -> list[str]:
