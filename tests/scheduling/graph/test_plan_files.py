@@ -1,9 +1,10 @@
-"""A saved plan comes back as it was; a damaged one is refused with a clear word."""
+"""A saved plan comes back as it was, also elsewhere; a damaged one is refused with a clear word."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, PlacedRobot, Workcell
-from planning.errors import OutputError
+from planning.errors import OutputError, RobotModelError
 from planning.robots.registry import robot_model
 from planning.transforms import identity, translation
 from scheduling.build_tpg import build_tpg
@@ -25,6 +26,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
+from tests.planning.robots.test_robot_models import cone_obj, joint, write
 from tests.scheduling.mini_world import random_plan
 
 
@@ -81,6 +83,11 @@ def _same(a: Any, b: Any, path: str = "tpg") -> None:
         assert a == b, path
 
 
+def _without_motions(robot: PlacedRobot) -> TemporalPlanGraph:
+    none = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+    return TemporalPlanGraph(Workcell((robot,), (), ()), (), (), *none, (), ())
+
+
 def _models(tpg: TemporalPlanGraph) -> dict[str, RobotModel]:
     return {r.model.name: r.model for r in tpg.cell.robots}
 
@@ -125,9 +132,7 @@ def test_a_registered_robot_is_found_again(tmp_path: Path) -> None:
     robot = PlacedRobot(
         "left", dataclasses.replace(model, frames=frames), identity(), model.home
     )
-    none = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
-    empty = TemporalPlanGraph(Workcell((robot,), (), ()), (), (), *none, (), ())
-    save_plan(empty, tmp_path)
+    save_plan(_without_motions(robot), tmp_path)
     found = load_plan(tmp_path).cell.robot("left").model
     assert found.parts is model.parts
     assert list(found.frames) == list(frames)
@@ -348,3 +353,42 @@ def test_damaged_corners_are_refused(
 ) -> None:
     spoil = _replaced(f"chain_0_rounded_{field}", change)
     refused(rounded, tmp_path, message, arrays=spoil)
+
+
+def _plan(folder: Path) -> TemporalPlanGraph:
+    """Return a plan without motions of an arm whose first link is a mesh."""
+    meshes = folder / "arm" / "meshes"
+    meshes.mkdir(parents=True)
+    (meshes / "cone.obj").write_text(cone_obj())
+    path = write(folder, joint("spin", "a", "b"), links="ab")
+    mesh = '<mesh filename="package://arm/meshes/cone.obj"/>'
+    path.write_text(path.read_text().replace('<box size="0.1 0.1 0.4"/>', mesh, 1))
+    model = robot_model("arm.urdf", folder)
+    robot = PlacedRobot("one", model, identity(), model.home)
+    return _without_motions(robot)
+
+
+def test_a_plan_can_be_moved_without_the_robots_own_folder(tmp_path: Path) -> None:
+    own, run, moved = tmp_path / "own", tmp_path / "run", tmp_path / "elsewhere"
+    own.mkdir()
+    tpg = _plan(own)
+    save_plan(tpg, run)
+    shutil.rmtree(own)
+    shutil.move(run, moved)
+    model = load_plan(moved).cell.robots[0].model
+    assert model.urdf.is_relative_to(moved)
+    assert model.joint_names == ("spin",)
+    ours = tpg.cell.robots[0].model
+    assert [len(p.body.vertices) for p in model.parts] == [
+        len(p.body.vertices) for p in ours.parts
+    ]
+
+
+def test_a_mesh_that_has_changed_is_noticed(tmp_path: Path) -> None:
+    own, run = tmp_path / "own", tmp_path / "run"
+    own.mkdir()
+    save_plan(_plan(own), run)
+    (mesh,) = run.glob("robots/*/arm/meshes/cone.obj")
+    mesh.write_text(mesh.read_text().replace("v ", "v  ", 1) + "# moved\n")
+    with pytest.raises(RobotModelError, match="a mesh of it is not as it was"):
+        load_plan(run)

@@ -20,12 +20,14 @@ from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_ce
 from twin.audit.audit import AuditReport, audit_run
 from twin.audit.motion.pairs import SLACK
 from twin.audit.motion.sampling import STEP
+from twin.audit.worlds.coal_world import CoalWorld
 from twin.audit.worlds.engines import (
     Engine,
     engine_and_version,
     engine_named,
     open_world,
 )
+from twin.audit.worlds.link_chain import JointAxes, measured_chain
 from twin.audit.worlds.world import AuditWorld, WatchedShape
 
 NEAR = 0.05
@@ -272,3 +274,32 @@ def test_without_pybullet_coal_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_unknown_engines_are_refused() -> None:
     with pytest.raises(RequestError, match=r"fcl.*valid: pybullet, coal"):
         engine_named("fcl")
+
+
+@pytest.mark.parametrize("name", ["gp4", "iiwa14", "mobile-manipulator"])
+def test_a_chain_is_what_was_measured(name: str) -> None:
+    model = robot_model(name)
+    base = translation(0.1, 0.2, 0.3) @ rotation("z", 0.7)
+    world = CoalWorld(Workcell((PlacedRobot("arm", model, base, model.home),), (), ()))
+    assert world._chains[0] is not None
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (20, model.dof))
+    for own, told in zip(world.link_frames(0, q), world._measured(0, q), strict=True):
+        assert np.allclose(own, told, rtol=0.0, atol=1e-12)
+
+
+def test_joints_that_do_not_follow_one_another_are_left_to_the_engine() -> None:
+    """Both joints turn about the base: the first does not carry the second."""
+
+    def measure(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turns = np.array(
+            [[np.eye(3), *(_about_z(angle) for angle in row)] for row in q]
+        )
+        places = np.tile([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]], (len(q), 1, 1))
+        return turns, places
+
+    axes = JointAxes(np.array([[0.0, 0, 1]] * 2), np.array([False, False]))
+    assert measured_chain(axes, (np.eye(3), np.zeros(3)), measure) is None
+
+
+def _about_z(angle: float) -> np.ndarray:
+    return rotation("z", angle)[:3, :3]
