@@ -102,7 +102,12 @@ def waits_for_balance(
         Pairs like ``waits`` with which the structure stands in every state that is reachable;
         or a state that does not stand, of those that come up in the given order.
     """
-    return _Build(standing, steps, waits, keepable).looked_at()
+    build = _Build(standing, steps, waits, keepable)
+    for k in range(len(steps)):
+        while (fall := build.fall(k)) is not None:
+            if not build.keep(fall):
+                return fall
+    return build.stand()
 
 
 class _Build:
@@ -125,17 +130,11 @@ class _Build:
         self._whole: set[int] = set()
         self._new: set[tuple[int, int]] = set(self._until.items())
 
-    def looked_at(self) -> Stand | Fall:
-        """Return what must wait for what, or the first fall."""
-        for k in range(len(self._steps)):
-            fall = self._fall(k)
-            while fall is not None:
-                if not self._keep(fall):
-                    return fall
-                fall = self._fall(k)
+    def stand(self) -> Stand:
+        """Return what must wait for what, and what is kept hold of, as far as is known."""
         return Stand(frozenset(self._new), dict(self._until))
 
-    def _fall(self, k: int) -> Fall | None:
+    def fall(self, k: int) -> Fall | None:
         """Return what falls after a step; let it wait for what it needs where nothing does."""
         mates = [n for n in range(k) if self._together[n] == self._together[k]]
         before = {*nx.ancestors(self._order, k), k}
@@ -219,11 +218,11 @@ class _Build:
         own = (self._steps[n].adds for n, last in self._until.items() if last == k)
         return list(chain.from_iterable(own))
 
-    def _keep(self, fall: Fall) -> bool:
+    def keep(self, fall: Fall) -> bool:
         """Keep hold of what falls, or would if let go, until a later step joins it; tell whether."""
         k = fall.step
         own = [k] if k not in self._until else []
-        let_go = [n for n, last in self._until.items() if last == k]
+        let_go = (n for n, last in self._until.items() if last == k)
         own += [n for n in let_go if self._steps[n].until is None]
         for n in own:
             names = self._steps[n].adds
@@ -231,47 +230,33 @@ class _Build:
                 continue
             if self._keepable is not None and names[0] not in self._keepable:
                 continue
-            last = next(self._joining(names[0], k), None)
-            if last is None:
-                continue
-            self._until[n] = last
-            self._order.add_edges_from({(n, last), (k, last)})
-            self._new |= {(n, last), (k, last)}
-            if k in self._whole:
-                self._whole.add(last)
-            return True
+            joins = ((m, j) for m, step in enumerate(self._steps) for j in step.joins)
+            last = next((m for m, j in joins if m > k and names[0] in j.ends), None)
+            if last is not None:
+                self._until[n] = last
+                self._order.add_edges_from({(n, last), (k, last)})
+                self._new |= {(n, last), (k, last)}
+                if k in self._whole:
+                    self._whole.add(last)
+                return True
         return False
-
-    def _joining(self, body: str, k: int) -> Iterator[int]:
-        """Yield the steps after one that join a body."""
-        for n in range(k + 1, len(self._steps)):
-            if any(body in (j.first, j.second) for j in self._steps[n].joins):
-                yield n
 
 
 def _hanging_together(standing: Standing, steps: Sequence[BuildStep]) -> list[int]:
     """Return, for each step, a number that it shares with the steps whose bodies its own touch."""
     graph = standing.touching()
-    for step in steps:
-        graph.add_edges_from(
-            (j.first, j.second)
-            for j in step.joins
-            if j.first in standing.bodies and j.second in standing.bodies
-        )
-    number = {
-        name: k
-        for k, names in enumerate(nx.connected_components(graph))
-        for name in names
-    }
-    out = []
     let_go: dict[int, list[str]] = defaultdict(list)
     for step in steps:
+        ends = (joint.ends for joint in step.joins)
+        graph.add_edges_from(pair for pair in ends if standing.bodies.keys() >= {*pair})
         if step.until is not None:
             let_go[step.until] += step.adds
+    groups = enumerate(nx.connected_components(graph))
+    number = {name: k for k, names in groups for name in names}
+    out = []
     for k, step in enumerate(steps):
-        named = [*step.adds, *(n for j in step.joins for n in (j.first, j.second))]
-        named += let_go[k]
-        found = [number[name] for name in named if name in number]
+        named = [*step.adds, *(name for joint in step.joins for name in joint.ends)]
+        found = [number[name] for name in (*named, *let_go[k]) if name in number]
         out.append(found[0] if found else -1 - k)
     return out
 
