@@ -73,7 +73,7 @@ def _bricks(section: LegoSection) -> Iterator[tuple[str, Array]]:
     assembly = build_lego(section)
     bricks = build_structure(section) or assembly.structure
     for placed in bricks:
-        pose = box_pose(assembly.plate, placed.cell, placed.brick)
+        pose = box_pose(assembly.plate, placed)
         yield placed.name, _box_corners(box_size(placed.brick), pose)
 
 

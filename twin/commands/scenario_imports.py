@@ -169,7 +169,6 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
     """Return the content of a scenario with the model in the cell of another scenario."""
     from planning.files import read_file
     from planning.importers.brick_models.cell import free_corner, structure_content
-    from planning.lego.bricks.grid import covered_studs
     from twin.planning.lego import build_lego
     from twin.scenario.document.yaml_text import read_yaml
     from twin.scenario.manifest import load_scenario
@@ -183,7 +182,7 @@ def _in_cell(model: BrickModel, path: Path, output: Path) -> dict[str, Any]:
         place: item.name
         for item in assembly.stock
         if assembly.plate_of(item) is assembly.plate
-        for place in covered_studs(item.cell, item.brick)
+        for place in item.studs
     }
     corner = free_corner(model, assembly.plate.studs, taken)
     data = read_yaml(path, read_file(path).decode("utf-8-sig")).data

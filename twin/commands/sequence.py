@@ -121,14 +121,7 @@ def _row(number: int, item: SequencedStep) -> dict[str, Any]:
 def step_section(item: SequencedStep) -> dict[str, Any]:
     """Return a step as a scenario file writes it."""
     step = item.step
-    out: dict[str, Any] = {
-        "brick": step.brick.name,
-        "at": [step.cell.x, step.cell.y, step.cell.z],
-    }
-    if step.cell.raised:
-        out["raised"] = step.cell.raised
-    if step.cell.turned:
-        out["turned"] = True
+    out: dict[str, Any] = {"brick": step.brick.name, **step.cell.entry}
     if step.temporary:
         out["temporary"] = True
     if step.up:
@@ -146,10 +139,8 @@ def step_section(item: SequencedStep) -> dict[str, Any]:
 
 
 def _support(support: Support, *, up: bool) -> dict[str, Any]:
-    at = [support.x, support.y, support.z]
-    raised = {"raised": support.raised} if support.raised else {}
     top = {"from_above": True} if support.from_above and not up else {}
-    return {"at": at, **raised, "orientation": support.orientation, **top}
+    return {**support.cell.entry, "orientation": support.orientation, **top}
 
 
 def _kind(item: SequencedStep) -> str:
@@ -176,9 +167,9 @@ def _print_table(found: SequencedStructure) -> None:
             press += f" (of {len(item.step.presses)})"
         support = ""
         if step.support is not None:
-            s = step.support
-            support = f"{s.x}, {s.y}, {s.z} way {s.orientation}"
-            support += f" raised {s.raised}" if s.raised else ""
+            at = step.support.cell
+            support = f"{at.x}, {at.y}, {at.z} way {step.support.orientation}"
+            support += f" raised {at.raised}" if at.raised else ""
             if len(item.step.supports) > 1:
                 support += f" (of {len(item.step.supports)})"
         table.add_row(

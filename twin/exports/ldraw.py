@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
     PlacedBrick,
 )
 from planning.lego.bricks.brick_world import brick_colour, stock_objects
-from planning.lego.bricks.grid import box_pose, box_size, occupied_span
+from planning.lego.bricks.grid import box_pose, box_size
 from planning.transforms import Transform, inverse
 from twin.scenario.sections.lego import LegoSection, brick_types
 from twin.trial.run_result import RunResult
@@ -103,7 +103,7 @@ def ldraw_of_scenario(section: LegoSection, name: str) -> bytes:
     bricks = _scaffold(assembly, brick_types(section))
     colours = brick_colours(section)
     for step, item in numbered:
-        pose = away @ box_pose(assembly.plate, item.cell, item.brick)
+        pose = away @ box_pose(assembly.plate, item)
         height = float(box_size(item.brick)[2])
         colour = colours.get(item.cell, brick_colour(item.brick))
         bricks.append(ShownBrick(item.brick, pose, height, colour, step))
@@ -162,13 +162,10 @@ def _scaffold(
 ) -> list[ShownBrick]:
     """Return the scaffolding, without what feeding stations stand on."""
     away = inverse(assembly.plate.pose)
-    stations = [
-        occupied_span(item.cell, item.brick) for item in assembly.stock if item.station
-    ]
+    stations = [item.span for item in assembly.stock if item.station]
     out = []
     for brick, item in zip(assembly.stock, stock_objects(assembly), strict=True):
-        span = occupied_span(brick.cell, brick.brick)
-        if brick.fixed and not any(map(span.carries, stations)):
+        if brick.fixed and not any(map(brick.span.carries, stations)):
             kind, height = types[item.kind], float(item.size[2])
             out.append(ShownBrick(kind, away @ item.start, height, item.colour, 0))
     return out

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType
+from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.drawing import Spot
-from planning.lego.bricks.grid import GridPlace, joined_to_plate, occupied_places
+from planning.lego.bricks.grid import joined_to_plate
 from planning.lego.skills.targets import supported_span
 from twin.scenario.document.validation import (
     FileProblem,
@@ -269,7 +269,7 @@ def _check_drawn(
         if item.fixed or assembly.storage_plate is None:
             words = f"{item.name} of the stock"
             taken.update(dict.fromkeys(places_of(item, types), words))
-    studs = {k: occupied_places(b.cell, b.brick) for k, b in enumerate(read.bricks)}
+    studs = {k: brick.places for k, brick in enumerate(read.bricks)}
     fixed = [places_of(item, types) for item in assembly.stock if item.fixed]
     held = joined_to_plate(studs, frozenset().union(*fixed))
     _, stations, supply = _free_stock(assembly)

@@ -118,20 +118,19 @@ class LegoKind(AssemblyKind):
         from planning.lego.bricks.grid import box_pose
         from planning.lego.sequencing.remedies import on_plinth
 
-        rules = self.section.rules
-        plate, types = _plate(self.section.plate), brick_types(self.section)
+        rules, assembly = self.section.rules, build_lego(self.section)
         places = [
             Place(
-                f"step {k}: {step.brick} at {cell_of(step).words}",
-                box_pose(plate, cell_of(step), types[step.brick]),
-                step.brick,
+                f"step {k}: {step.brick.name} at {step.cell.words}",
+                box_pose(assembly.plate, step),
+                step.brick.name,
                 held=step.support is not None,
             )
-            for k, step in enumerate(self.section.steps, start=1)
+            for k, step in enumerate(assembly.steps, start=1)
         ]
         raised, plinth = on_plinth(build_structure(self.section) or (), rules.plinth)
         for item in (*raised, *plinth):
-            pose = box_pose(plate, item.cell, item.brick)
+            pose = box_pose(assembly.plate, item)
             places.append(
                 Place(f"{item.name} at {item.cell.words}", pose, item.brick.name)
             )

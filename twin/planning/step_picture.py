@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING
 
-from planning.lego.bricks.grid import level_height, occupied_span
+from planning.lego.bricks.grid import level_height
 from planning.lego.sequencing.stable_steps import MOST, strain_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def step_figure(step: ExplainedStep) -> Figure:
 
     figure = Figure(figsize=(10, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
-    spans = [occupied_span(item.cell, item.brick) for item in step.bricks]
+    spans = [item.span for item in step.bricks]
     wide = [
         max(s.x1 for s in spans) - min(s.x0 for s in spans),
         max(s.y1 for s in spans) - min(s.y0 for s in spans),
@@ -111,7 +111,7 @@ def _draw_side(axes: Axes, step: ExplainedStep, axis: int) -> None:
         span = spans[name]
         return -span.y0 if axis == 0 else span.x0
 
-    spans = {i.name: occupied_span(i.cell, i.brick) for i in step.bricks}
+    spans = {item.name: item.span for item in step.bricks}
     for name in sorted(spans, key=depth):
         span = spans[name]
         low, high = (span.x0, span.x1) if axis == 0 else (span.y0, span.y1)

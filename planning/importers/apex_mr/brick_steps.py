@@ -21,7 +21,7 @@ from planning.importers.apex_mr.task_files import (
     number,
     read_json,
 )
-from planning.lego.bricks.assembly import BrickType, Cell, Press
+from planning.lego.bricks.assembly import BrickType, Cell, PlacedBrick, Press
 from planning.lego.bricks.grid import SIDES, offsets, press_cell
 
 PressFrom = Literal["side", "cell"]
@@ -87,14 +87,13 @@ class PressReader:
 def _presses_at(step: Record, brick: BrickType, *, up: bool) -> list[Press]:
     """Return the grips whose contact is the published cell, that of the given side first."""
     cell, contact = (cell_entry(step, prefix) for prefix in ("", "press_"))
-    at = _cell(cell)
-    wanted = _cell(contact)
+    item, wanted = PlacedBrick("", brick, _cell(cell)), _cell(contact)
     found = []
     for side in sorted(SIDES, key=lambda k: k != step.content.get("press_side")):
         for offset in offsets(brick, side):
             press = Press(side, offset)
             try:
-                same = press_cell(at, brick, press, up=up) == wanted
+                same = press_cell(item, press, up=up) == wanted
             except ScenarioError:
                 continue
             if same:

@@ -11,15 +11,15 @@ import numpy as np
 from planning.cell.workcell import PlacedRobot
 from planning.errors import ScenarioError
 from planning.importers.brick_models.model import BrickModel, ModelBrick
-from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, Plate
-from planning.lego.bricks.brick_world import brick_colour
-from planning.lego.bricks.grid import (
+from planning.lego.bricks.assembly import (
+    BrickType,
+    Cell,
     GridSpan,
-    footprint,
-    occupied_span,
-    presses,
-    top_pose,
+    OnGrid,
+    Plate,
 )
+from planning.lego.bricks.brick_world import brick_colour
+from planning.lego.bricks.grid import presses, top_pose
 from planning.lego.skills.targets import lever_reaches_below, pick_targets
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath, skill_postures
@@ -33,7 +33,7 @@ AWAY = 3
 
 
 @dataclass(frozen=True)
-class Station:
+class Station(OnGrid):
     """A feeding station.
 
     Attributes:
@@ -44,7 +44,7 @@ class Station:
 
     brick: BrickType
     cell: Cell
-    stand: BrickType | None
+    stand: str | None
 
 
 def stations(
@@ -71,23 +71,19 @@ def stations(
         ScenarioError: there is no room within reach for one of them.
     """
     out: list[Station] = []
-    taken: list[GridSpan] = []
     for kind in sorted(kinds, key=lambda k: (-k.height, -k.studs[0] * k.studs[1])):
-        for cell in _places(plate, structure, kind, far=far):
-            span = occupied_span(cell, kind)
-            if any(_near(span, other, APART) for other in taken):
+        for station in _places(plate, structure, kind, far=far):
+            room = station.span.widened(APART)
+            if any(room.shares_studs(other.span) for other in out):
                 continue
-            station = _station(kind, cell)
             if _reaches(robot, plate, station):
-                taken.append(span)
                 out.append(station)
                 break
         else:
-            side = "right" if far else "left"
+            side, (wide, deep) = "right" if far else "left", structure.size
             raise ScenarioError(
                 f"no room for a feeding station of {kind.name} within reach of the {side} robot: "
-                f"the structure of {structure.x1 - structure.x0} x "
-                f"{structure.y1 - structure.y0} studs and {len(out)} stations take it;"
+                f"the structure of {wide} x {deep} studs and {len(out)} stations take it;"
                 " give a cell of your own (--cell)"
             )
     return out
@@ -95,40 +91,24 @@ def stations(
 
 def _places(
     plate: Plate, structure: GridSpan, kind: BrickType, *, far: bool
-) -> Iterator[Cell]:
-    """Yield the cells of a station in the order in which they are tried."""
+) -> Iterator[Station]:
+    """Yield the places of a station in the order in which they are tried."""
     wide, deep = plate.studs
     nx, ny = kind.studs
     middle = (deep - ny) // 2
     room = (wide - structure.x1 if far else structure.x0) - AWAY - nx
     rows = sorted(range(APART, deep - ny - APART + 1), key=lambda y: abs(y - middle))
+    raised = lever_reaches_below(kind)
+    z, stand = (2, f"{nx}x{ny}") if raised else (1, None)
     for x in range(APART, room + 1):
         for y in rows:
-            yield Cell(wide - x - nx, deep - y - ny, 1) if far else Cell(x, y, 1)
-
-
-def _station(kind: BrickType, cell: Cell) -> Station:
-    if not lever_reaches_below(kind):
-        return Station(kind, cell, None)
-    stand = BrickType(f"{kind.studs[0]}x{kind.studs[1]}", kind.studs, 0.0)
-    at = Cell.at_level(cell.x, cell.y, BRICK_LEVELS, turned=cell.turned)
-    return Station(kind, at, stand)
-
-
-def _near(a: GridSpan, b: GridSpan, studs: int) -> bool:
-    """Tell whether there are fewer studs than these between two rooms, along x and along y."""
-    return (
-        a.x0 < b.x1 + studs
-        and b.x0 < a.x1 + studs
-        and a.y0 < b.y1 + studs
-        and b.y0 < a.y1 + studs
-    )
+            at = (wide - x - nx, deep - y - ny) if far else (x, y)
+            yield Station(kind, Cell(*at, z), stand)
 
 
 def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
     """Tell whether a robot reaches a station with every grip."""
-    top = top_pose(plate, station.cell, station.brick)
-    frames = robot.model.frames
+    top, frames = top_pose(plate, station), robot.model.frames
     return all(
         any(
             isinstance(found, SkillPath)
@@ -221,18 +201,16 @@ def _fits(model: BrickModel) -> bool:
 
 def structure_content(model: BrickModel, corner: tuple[int, int]) -> dict[str, Any]:
     """Return a model as the structure of a scenario, its least corner at a stud of the plate."""
-    return {
-        "bricks": [
-            _entry(
-                item.brick.name,
-                replace(
-                    item.cell, x=item.cell.x + corner[0], y=item.cell.y + corner[1]
-                ),
-            )
-            | _colour(item)
-            for item in model.bricks
-        ]
-    }
+    x, y = corner
+    bricks = [
+        {
+            "brick": item.brick.name,
+            **replace(item.cell, x=item.cell.x + x, y=item.cell.y + y).entry,
+            **_colour(item),
+        }
+        for item in model.bricks
+    ]
+    return {"bricks": bricks}
 
 
 def _colour(item: ModelBrick) -> dict[str, Any]:
@@ -256,13 +234,7 @@ def free_corner(
         ScenarioError: it fits nowhere; says what stands in its way in the middle.
     """
     wide, deep, _ = model.size
-    covered = {
-        (item.cell.x + i, item.cell.y + j)
-        for item in model.bricks
-        for nx, ny in [footprint(item.cell, item.brick)]
-        for i in range(nx)
-        for j in range(ny)
-    }
+    covered = frozenset().union(*(item.studs for item in model.bricks))
     middle = (studs[0] - wide) // 2, (studs[1] - deep) // 2
     corners = [
         (x, y) for x in range(studs[0] - wide + 1) for y in range(studs[1] - deep + 1)
@@ -287,33 +259,10 @@ def free_corner(
 
 def _stock(robot: str, station: Station) -> list[dict[str, Any]]:
     """Return a station as entries of the stock, the brick that it stands on first."""
-    name = f"{robot}_{station.brick.name}"
-    out = []
-    if station.stand is not None:
-        below = Cell.at_level(
-            station.cell.x,
-            station.cell.y,
-            station.cell.level - BRICK_LEVELS,
-            turned=station.cell.turned,
-        )
-        out.append(
-            {
-                "name": f"{name}_stand",
-                **_entry(station.stand.name, below),
-                "fixed": True,
-            }
-        )
-    out.append(
-        {"name": name, **_entry(station.brick.name, station.cell), "station": True}
-    )
-    return out
-
-
-def _entry(kind: str, cell: Cell) -> dict[str, Any]:
-    """Return a brick as scenarios write it."""
-    out: dict[str, Any] = {"brick": kind, "at": [cell.x, cell.y, cell.z]}
-    if cell.raised:
-        out["raised"] = cell.raised
-    if cell.turned:
-        out["turned"] = True
-    return out
+    kind, at = station.brick.name, station.cell
+    name = f"{robot}_{kind}"
+    own = {"name": name, "brick": kind, **at.entry, "station": True}
+    if station.stand is None:
+        return [own]
+    below = {"brick": station.stand, **replace(at, z=at.z - 1).entry}
+    return [{"name": f"{name}_stand", **below, "fixed": True}, own]

@@ -103,20 +103,26 @@ def read_ldraw(path: Path) -> BrickModel:
     if not parts:
         raise ScenarioError(f"{path}: there are no bricks in it (lines of type 1)")
     kinds = _kinds(path, parts)
-    quarters = _quarters(path, parts)
-    corners = _corners(parts, kinds, quarters)
+    # Parts are drawn along x, the types of bricks are given along y.
+    turns = [
+        quarter % 2 == 0 and kind.studs[0] != kind.studs[1]
+        for quarter, kind in zip(_quarters(path, parts), kinds, strict=True)
+    ]
+    corners = np.array(
+        [_corner(*item) for item in zip(parts, kinds, turns, strict=True)]
+    )
     cells = _cells(path, parts, corners)
     bricks = [
         ModelBrick(
             kind,
-            Cell.at_level(x, y, level, turned=along_x and not _is_square(kind)),
+            Cell.at_level(x, y, level, turned=turned),
             part.source,
             None
             if part.colour in INHERITED
             else colour_of(part.colour, document.colours),
         )
-        for part, kind, along_x, (x, y, level) in zip(
-            parts, kinds, _lie_along_x(kinds, quarters), cells, strict=True
+        for part, kind, turned, (x, y, level) in zip(
+            parts, kinds, turns, cells, strict=True
         )
     ]
     notes = list(_notes(document, parts))
@@ -125,18 +131,6 @@ def read_ldraw(path: Path) -> BrickModel:
             "base plates are left out: the model stands on the plate of its cell"
         )
     return finished_model(path, bricks, notes)
-
-
-def _is_square(kind: BrickType) -> bool:
-    return kind.studs[0] == kind.studs[1]
-
-
-def _lie_along_x(kinds: Sequence[BrickType], quarters: Sequence[int]) -> list[bool]:
-    """Tell of each part whether its longer side lies along x; True for square ones."""
-    return [
-        quarter % 2 == 0 or _is_square(kind)
-        for kind, quarter in zip(kinds, quarters, strict=True)
-    ]
 
 
 def _parts(path: Path, document: Document) -> list[_LdrawPart]:
@@ -232,22 +226,13 @@ def _quarter(turn: Array) -> int | str:
     return quarter % 4
 
 
-def _corners(
-    parts: Sequence[_LdrawPart], kinds: Sequence[BrickType], quarters: Sequence[int]
-) -> Array:
-    """Return the least x and y of each part, and the height of its bottom, (n, 3) [LDraw units]."""
-    out = np.empty((len(parts), 3))
-    along = _lie_along_x(kinds, quarters)
-    for k, (part, kind) in enumerate(zip(parts, kinds, strict=True)):
-        short, long = sorted(kind.studs)
-        nx, ny = (long, short) if along[k] else (short, long)
-        x, down, z = part.pose[:3, 3]
-        out[k] = (
-            x - nx * STUD / 2,
-            z - ny * STUD / 2,
-            -down - kind.height * LEVEL,
-        )
-    return out
+def _corner(
+    part: _LdrawPart, kind: BrickType, turned: bool
+) -> tuple[float, float, float]:
+    """Return the least x and y of a part, and the height of its bottom [LDraw units]."""
+    nx, ny = kind.studs[::-1] if turned else kind.studs
+    x, down, z = part.pose[:3, 3]
+    return x - nx * STUD / 2, z - ny * STUD / 2, -down - kind.height * LEVEL
 
 
 def _cells(path: Path, parts: Sequence[_LdrawPart], corners: Array) -> list[list[int]]:

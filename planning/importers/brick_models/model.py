@@ -15,15 +15,16 @@ from pathlib import Path
 
 from planning.errors import ScenarioError, listed
 from planning.files import read_file
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell
-from planning.lego.bricks.drawing import type_of_size
-from planning.lego.bricks.grid import (
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    BrickType,
+    Cell,
     GridPlace,
     GridSpan,
-    joined_to_plate,
-    occupied_places,
-    occupied_span,
+    OnGrid,
 )
+from planning.lego.bricks.drawing import type_of_size
+from planning.lego.bricks.grid import joined_to_plate
 
 MOST_BRICKS = 20_000
 """Bricks that a model may have; far more than can be planned."""
@@ -36,7 +37,7 @@ _REASONABLE = 100_000
 
 
 @dataclass(frozen=True)
-class ModelBrick:
+class ModelBrick(OnGrid):
     """A brick of a model.
 
     Attributes:
@@ -72,7 +73,7 @@ class BrickModel:
     @property
     def size(self) -> tuple[int, int, int]:
         """Studs along x and y, and levels."""
-        spans = [occupied_span(item.cell, item.brick) for item in self.bricks]
+        spans = [item.span for item in self.bricks]
         return (
             max(s.x1 for s in spans),
             max(s.y1 for s in spans),
@@ -84,7 +85,7 @@ class BrickModel:
         deep = self.size[1]
         bricks = []
         for item in self.bricks:
-            span = occupied_span(item.cell, item.brick)
+            span = item.span
             turned = not item.cell.turned and item.brick.studs[0] != item.brick.studs[1]
             cell = replace(item.cell, x=deep - span.y1, y=span.x0, turned=turned)
             bricks.append(replace(item, cell=cell))
@@ -179,7 +180,7 @@ def finished_model(
         raise ScenarioError(f"{path}: there are no bricks in it")
     if len(bricks) > MOST_BRICKS:
         raise ScenarioError(f"{path}: more than {MOST_BRICKS} bricks")
-    spans = [occupied_span(item.cell, item.brick) for item in bricks]
+    spans = [item.span for item in bricks]
     low = [min(getattr(s, key) for s in spans) for key in ("x0", "y0", "bottom")]
     high = [max(getattr(s, key) for s in spans) for key in ("x1", "y1", "top")]
     if max(b - a for a, b in zip(low, high, strict=True)) > _REASONABLE:
@@ -200,7 +201,7 @@ def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:
     """Check that no two bricks are in one place, and that all are joined to the plate."""
     taken: dict[GridPlace, ModelBrick] = {}
     overlaps: dict[tuple[str, str], None] = {}
-    places = [occupied_places(item.cell, item.brick) for item in bricks]
+    places = [item.places for item in bricks]
     for item, own in zip(bricks, places, strict=True):
         for place in sorted(own):
             other = taken.setdefault(place, item)

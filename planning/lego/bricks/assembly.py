@@ -1,14 +1,19 @@
 """LEGO assemblies as data: plate, brick types (with the built-in ones), stock and steps, on the stud grid.
 
 The grid of a plate counts studs from its corner: x and y from 0, layer z from 1 (on the plate).
-A plate is also a type of brick, a third as high; heights and levels count such thirds.
+A plate is also a type of brick, a third as high; heights and levels count such thirds: a brick of
+layer z stands on level 3 (z - 1) and its top face is at level 3 z, one level higher for each that it
+is raised.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from planning.transforms import Transform
 
@@ -81,14 +86,110 @@ class Cell:
         return BRICK_LEVELS * (self.z - 1) + self.raised
 
     @property
+    def entry(self) -> dict[str, Any]:
+        """The cell as a scenario file writes it."""
+        raised = {"raised": self.raised} if self.raised else {}
+        turned = {"turned": True} if self.turned else {}
+        return {"at": [self.x, self.y, self.z], **raised, **turned}
+
+    @property
     def words(self) -> str:
         """Place in words, such as ``"[3, 4, 1]"`` or ``"[3, 4, 1] raised 2"``."""
         raised = f" raised {self.raised}" if self.raised else ""
         return f"[{self.x}, {self.y}, {self.z}]{raised}"
 
 
+GridPlace = tuple[int, int, int]
+"""A place on the grid: stud in x and y from 0, level from 0 on the plate."""
+
+
+class GridSpan(NamedTuple):
+    """The room of a brick on the grid: from where to before where, in studs and levels."""
+
+    x0: int
+    x1: int
+    y0: int
+    y1: int
+    bottom: int
+    top: int
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Studs along the grid's x and y."""
+        return self.x1 - self.x0, self.y1 - self.y0
+
+    @property
+    def studs(self) -> frozenset[tuple[int, int]]:
+        """The (x, y) of every stud that it covers."""
+        return frozenset(product(range(self.x0, self.x1), range(self.y0, self.y1)))
+
+    @property
+    def places(self) -> frozenset[GridPlace]:
+        """The (x, y, level) of every place on the grid in it."""
+        xs, ys = range(self.x0, self.x1), range(self.y0, self.y1)
+        return frozenset(product(xs, ys, range(self.bottom, self.top)))
+
+    def widened(self, studs: int) -> GridSpan:
+        """Return the room that reaches some studs further along x and y."""
+        x0, x1, y0, y1, *heights = self
+        return GridSpan(x0 - studs, x1 + studs, y0 - studs, y1 + studs, *heights)
+
+    def near(self, other: GridSpan, *, levels: int) -> bool:
+        """Tell whether another room begins within a stud beside, and so many levels above or below."""
+        return (
+            self.x0 <= other.x1
+            and other.x0 <= self.x1
+            and self.y0 <= other.y1
+            and other.y0 <= self.y1
+            and self.bottom < other.top + levels
+            and other.bottom < self.top + levels
+        )
+
+    def carries(self, other: GridSpan) -> bool:
+        """Tell whether another brick stands on this one."""
+        return other.bottom == self.top and self.shares_studs(other)
+
+    def shares_studs(self, other: GridSpan) -> bool:
+        """Tell whether another room is over or under this one, or in it."""
+        return (
+            self.x0 < other.x1
+            and other.x0 < self.x1
+            and self.y0 < other.y1
+            and other.y0 < self.y1
+        )
+
+
+class OnGrid:
+    """A brick of a type in a cell, whatever else is known of it.
+
+    Attributes:
+        brick: its type.
+        cell: where it is.
+    """
+
+    brick: BrickType
+    cell: Cell
+
+    @cached_property
+    def span(self) -> GridSpan:
+        """Its room on the grid."""
+        x, y, level = self.cell.x, self.cell.y, self.cell.level
+        nx, ny = self.brick.studs[::-1] if self.cell.turned else self.brick.studs
+        return GridSpan(x, x + nx, y, y + ny, level, level + self.brick.height)
+
+    @cached_property
+    def studs(self) -> frozenset[tuple[int, int]]:
+        """The (x, y) of every stud that it covers."""
+        return self.span.studs
+
+    @cached_property
+    def places(self) -> frozenset[GridPlace]:
+        """The (x, y, level) of every place on the grid that it fills."""
+        return self.span.places
+
+
 @dataclass(frozen=True)
-class PlacedBrick:
+class PlacedBrick(OnGrid):
     """A brick of a structure.
 
     Attributes:
@@ -121,49 +222,34 @@ class Support:
     """Support of a structure: the 1 x 2 cell of the supporting tool.
 
     Attributes:
-        x, y, z: stud and layer of the cell.
+        cell: its least stud and its layer z.
         orientation: 0 = the tool comes from -x, 1 = from +y with J1 at -90 deg,
             2 = with J1 at +90 deg, 3 = from +x.
-        raised: levels between the bottom of the layer and the cell's, 0 to 2.
         from_above: True where the tool stands on the bricks of layer z - 1 instead of holding
             those of layer z + 1 from below.
     """
 
-    x: int
-    y: int
-    z: int
+    cell: Cell
     orientation: int
-    raised: int = 0
     from_above: bool = False
-
-    @property
-    def cell(self) -> Cell:
-        """The stud and layer of the cell, as that of a brick one stud wide."""
-        return Cell(self.x, self.y, self.z, raised=self.raised)
 
 
 @dataclass(frozen=True)
-class StockBrick:
-    """A brick that stands on a plate at the start.
+class StockBrick(PlacedBrick):
+    """A brick that stands on a plate at the start; its name is unique in the scenario.
 
     Attributes:
-        name: unique in the scenario.
-        brick: its type.
-        cell: where it stands.
         fixed: scaffolding that no step may use.
         station: a feeding station: once a brick has been picked there, the next one of this
             type stands at this cell.
     """
 
-    name: str
-    brick: BrickType
-    cell: Cell
     fixed: bool = False
     station: bool = False
 
 
 @dataclass(frozen=True)
-class LegoStep:
+class LegoStep(OnGrid):
     """One step of the assembly sequence.
 
     Attributes:
@@ -236,11 +322,7 @@ class LegoAssembly:
     @property
     def scaffold(self) -> tuple[PlacedBrick, ...]:
         """The stock bricks that stay where they are."""
-        return tuple(
-            PlacedBrick(item.name, item.brick, item.cell)
-            for item in self.stock
-            if item.fixed
-        )
+        return tuple(item for item in self.stock if item.fixed)
 
     def plate_of(self, item: StockBrick) -> Plate:
         """Return the plate that a stock brick stands on."""

@@ -21,9 +21,10 @@ from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.lego.bricks.assembly import (
     STUD_PITCH,
     BrickType,
-    Cell,
+    GridSpan,
     LegoAssembly,
     LegoStep,
+    PlacedBrick,
     Plate,
     Press,
     StockBrick,
@@ -31,11 +32,9 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import (
     MOST_OFFSETS,
     BrickTiles,
-    GridSpan,
     box_pose,
     box_size,
     bricks_above,
-    occupied_span,
     presses,
     top_pose,
 )
@@ -105,19 +104,17 @@ def stock_objects(assembly: LegoAssembly) -> tuple[CellObject, ...]:
 
     Of a feeding station it is the first brick.
     """
-    return tuple(_stock_object(assembly, item) for item in assembly.stock)
-
-
-def _stock_object(assembly: LegoAssembly, item: StockBrick) -> CellObject:
-    brick, size = item.brick, box_size(item.brick)
-    return CellObject(
-        name=copy_name(item.name, 1) if item.station else item.name,
-        kind=brick.name,
-        shape=box_shape(item.name, size),
-        start=readonly(box_pose(assembly.plate_of(item), item.cell, brick)),
-        mass=brick.mass,
-        fixed=item.fixed,
-        colour=_FIXED if item.fixed else brick_colour(brick),
+    return tuple(
+        CellObject(
+            name=copy_name(item.name, 1) if item.station else item.name,
+            kind=item.brick.name,
+            shape=box_shape(item.name, box_size(item.brick)),
+            start=readonly(box_pose(assembly.plate_of(item), item)),
+            mass=item.brick.mass,
+            fixed=item.fixed,
+            colour=_FIXED if item.fixed else brick_colour(item.brick),
+        )
+        for item in assembly.stock
     )
 
 
@@ -184,53 +181,44 @@ class BrickWorld:
             k for k, item in self.stock.items() if not item.fixed and not item.station
         )
 
-    def stock_on(self, plate: Plate) -> dict[str, tuple[Cell, BrickType]]:
-        """Return cell and type of each stock brick on a plate."""
-        return {
-            k: (s.cell, s.brick)
-            for k, s in self.stock.items()
-            if self.assembly.plate_of(s) is plate
-        }
-
-    def stock_neighbours(self, stock: str) -> dict[str, tuple[Cell, BrickType]]:
-        """Return cell and type of the other stock bricks within two studs of one on its plate."""
+    def stock_neighbours(self, stock: str) -> dict[str, PlacedBrick]:
+        """Return the other stock bricks within two studs of one on its plate."""
         near = self.cells_near_stock(stock, number=1)
         near.pop(stock)
         return near
 
     @cached_property
-    def _stock_tiles(self) -> Mapping[str, BrickTiles]:
-        """For each stock brick the tiles of its plate, on which goals stand as well."""
-        stored = BrickTiles(
-            (0, k, s.cell, s.brick)
-            for k, s in self.stock.items()
-            if self.assembly.plate_of(s) is not self.assembly.plate
-        )
-        return {
-            k: self._tiles
-            if self.assembly.plate_of(s) is self.assembly.plate
-            else stored
-            for k, s in self.stock.items()
-        }
-
-    @cached_property
     def _tiles(self) -> BrickTiles:
         """The structure's plate: the stock, then the goals by their steps."""
-        stock = [
-            (0, k, *brick) for k, brick in self.stock_on(self.assembly.plate).items()
-        ]
-        steps = enumerate(self.assembly.steps, start=1)
-        goals = [(k, goal_name(k), step.cell, step.brick) for k, step in steps]
-        return BrickTiles([*stock, *goals])
+        stock = [(0, item) for item in self.assembly.stock if self._is_here(item)]
+        return BrickTiles([*stock, *enumerate(self.goal_bricks, start=1)])
+
+    @cached_property
+    def _storage_tiles(self) -> BrickTiles:
+        """The plate of the stock, where it is another one."""
+        stock = self.assembly.stock
+        return BrickTiles((0, item) for item in stock if not self._is_here(item))
+
+    def _is_here(self, item: StockBrick) -> bool:
+        """Tell whether a stock brick stands on the structure's plate."""
+        return self.assembly.plate_of(item) is self.assembly.plate
+
+    @cached_property
+    def goal_bricks(self) -> tuple[PlacedBrick, ...]:
+        """The bricks of the steps in their places, by the names of goals."""
+        return tuple(
+            PlacedBrick(goal_name(k), step.brick, step.cell)
+            for k, step in enumerate(self.assembly.steps, start=1)
+        )
 
     @cached_property
     def _goals(self) -> tuple[Placed, ...]:
         goals = []
-        for number, step in enumerate(self.assembly.steps, start=1):
-            name, size = goal_name(number), box_size(step.brick)
-            pose = readonly(box_pose(self.assembly.plate, step.cell, step.brick))
-            item = CellObject(name, step.brick.name, box_shape(name, size), pose)
-            goals.append((item, Attachment(None, pose)))
+        for item in self.goal_bricks:
+            pose = readonly(box_pose(self.assembly.plate, item))
+            shape = box_shape(item.name, box_size(item.brick))
+            thing = CellObject(item.name, item.brick.name, shape, pose)
+            goals.append((thing, Attachment(None, pose)))
         return tuple(goals)
 
     def step(self, number: int) -> LegoStep:
@@ -254,26 +242,18 @@ class BrickWorld:
         """The step of each goal by its name."""
         return {goal_name(k + 1): k + 1 for k in range(len(self.assembly.steps))}
 
-    def goal_cells(self, numbers: Iterable[int]) -> dict[str, tuple[Cell, BrickType]]:
-        """Return cell and type of the bricks of some steps in their places."""
-        return {goal_name(k): (self.step(k).cell, self.step(k).brick) for k in numbers}
-
-    def cells_near(
-        self, span: GridSpan, number: int
-    ) -> dict[str, tuple[Cell, BrickType]]:
+    def cells_near(self, span: GridSpan, number: int) -> dict[str, PlacedBrick]:
         """Return the bricks near some room that may stand on the structure's plate in a step."""
         return self._tiles.near(span, before=number)
 
-    def cells_near_stock(
-        self, stock: str, number: int
-    ) -> dict[str, tuple[Cell, BrickType]]:
+    def cells_near_stock(self, stock: str, number: int) -> dict[str, PlacedBrick]:
         """Return the bricks within two studs of a stock brick that may stand on its plate in a step.
 
         It is among them.
         """
         item = self.stock[stock]
-        span = occupied_span(item.cell, item.brick).widened(1)
-        return self._stock_tiles[stock].near(span, before=number)
+        tiles = self._tiles if self._is_here(item) else self._storage_tiles
+        return tiles.near(item.span.widened(1), before=number)
 
     def standing(self, number: int) -> StandingBoxes:
         """Return the fixtures, the stock at rest and the goals of the steps before one."""
@@ -296,27 +276,20 @@ class BrickWorld:
     def start_top(self, stock: str) -> Transform:
         """Return the pose of the top face of a stock brick at the start."""
         item = self.stock[stock]
-        plate = self.assembly.plate_of(item)
-        return top_pose(plate, item.cell, item.brick)
+        return top_pose(self.assembly.plate_of(item), item)
 
     def goal_top(self, number: int) -> Transform:
         """Return the pose of the top face of a step's brick in its place."""
-        step = self.step(number)
-        return top_pose(self.assembly.plate, step.cell, step.brick)
-
-    def above(self, stock: str) -> frozenset[str]:
-        """Return the stock bricks that stand on a stock brick, however high."""
-        known = self._above.get(stock)
-        if known is None:
-            item, others = self.stock[stock], self.stock_neighbours(stock)
-            upper = bricks_above(item.cell, item.brick, others)
-            known = frozenset(upper).union(*map(self.above, upper))
-            self._above[stock] = known
-        return known
+        return top_pose(self.assembly.plate, self.step(number))
 
     @cached_property
-    def _above(self) -> dict[str, frozenset[str]]:
-        return {}
+    def above(self) -> Mapping[str, frozenset[str]]:
+        """For each stock brick, those that stand on it, however high."""
+        above: dict[str, frozenset[str]] = {}
+        for item in sorted(self.assembly.stock, key=lambda item: -item.cell.level):
+            upper = bricks_above(item, self.stock_neighbours(item.name))
+            above[item.name] = frozenset(upper).union(*(above[k] for k in upper))
+        return above
 
     def usable_stock(self, number: int) -> list[str]:
         """Return the stock bricks and stations of the right type for a step (delta^t, App. B)."""

@@ -1,8 +1,7 @@
 """The stud grid: from cells to poses, and which bricks touch.
 
-Heights count in levels, thirds of a brick: a brick of layer z stands on level 3 (z - 1) and its top
-face is at level 3 z, one level higher for each that it is raised. Studs are not modelled: bricks
-are boxes a tenth of a millimetre smaller on each side than their share of the grid.
+Studs are not modelled: bricks are boxes a tenth of a millimetre smaller on each side than their
+share of the grid.
 
 Poses in which the tool grips and presses a brick, from above and from the side.
 
@@ -15,9 +14,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache
-from itertools import product
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -28,70 +25,19 @@ from planning.lego.bricks.assembly import (
     STUD_PITCH,
     BrickType,
     Cell,
+    GridPlace,
+    GridSpan,
+    OnGrid,
+    PlacedBrick,
     Plate,
     Press,
 )
 from planning.transforms import Array, Transform, rotation, translation
 
-GridPlace = tuple[int, int, int]
-"""A place on the grid: stud in x and y from 0, level from 0 on the plate."""
-
 Key = TypeVar("Key", bound=Hashable)
 
 BRICK_GAP = 0.0002
 """A brick is this much shorter than its studs times the pitch [m]."""
-
-
-class GridSpan(NamedTuple):
-    """The room of a brick on the grid: from where to before where, in studs and levels."""
-
-    x0: int
-    x1: int
-    y0: int
-    y1: int
-    bottom: int
-    top: int
-
-    @property
-    def places(self) -> frozenset[GridPlace]:
-        """The (x, y, level) of every place on the grid in it."""
-        xs, ys = range(self.x0, self.x1), range(self.y0, self.y1)
-        return frozenset(product(xs, ys, range(self.bottom, self.top)))
-
-    def widened(self, studs: int) -> GridSpan:
-        """Return the room that reaches some studs further along x and y."""
-        return GridSpan(
-            self.x0 - studs,
-            self.x1 + studs,
-            self.y0 - studs,
-            self.y1 + studs,
-            self.bottom,
-            self.top,
-        )
-
-    def near(self, other: GridSpan, *, levels: int) -> bool:
-        """Tell whether another room begins within a stud beside, and so many levels above or below."""
-        return (
-            self.x0 <= other.x1
-            and other.x0 <= self.x1
-            and self.y0 <= other.y1
-            and other.y0 <= self.y1
-            and self.bottom < other.top + levels
-            and other.bottom < self.top + levels
-        )
-
-    def carries(self, other: GridSpan) -> bool:
-        """Tell whether another brick stands on this one."""
-        return other.bottom == self.top and self.shares_studs(other)
-
-    def shares_studs(self, other: GridSpan) -> bool:
-        """Tell whether another room is over or under this one, or in it."""
-        return (
-            self.x0 < other.x1
-            and other.x0 < self.x1
-            and self.y0 < other.y1
-            and other.y0 < self.y1
-        )
 
 
 def level_height(level: float) -> float:
@@ -102,12 +48,6 @@ def level_height(level: float) -> float:
 def brick_height(brick: BrickType) -> float:
     """Return the height of a brick without its studs [m]."""
     return level_height(brick.height)
-
-
-def footprint(cell: Cell, brick: BrickType) -> tuple[int, int]:
-    """Return the studs a brick covers along the grid's x and y."""
-    h, w = brick.studs
-    return (w, h) if cell.turned else (h, w)
 
 
 def box_size(brick: BrickType) -> Array:
@@ -124,25 +64,21 @@ def plate_corner(plate: Plate) -> Transform:
     return plate.pose @ translation(-nx * STUD_PITCH / 2, -ny * STUD_PITCH / 2, 0.0)
 
 
-def top_pose(plate: Plate, cell: Cell, brick: BrickType) -> Transform:
+def top_pose(plate: Plate, item: OnGrid) -> Transform:
     """Return the pose of the centre of a brick's top face (studs excluded) in the world.
 
     The axes are the brick's own: x along ``studs[0]``, y along ``studs[1]``, z up. A turned
     brick is turned by +90 degrees about z; its cell still names the least stud it covers.
     """
-    nx, ny = footprint(cell, brick)
-    centre = translation(
-        (cell.x + nx / 2) * STUD_PITCH,
-        (cell.y + ny / 2) * STUD_PITCH,
-        level_height(cell.level + brick.height),
-    )
-    pose = plate_corner(plate) @ centre
+    cell, (nx, ny) = item.cell, item.span.size
+    x, y = (cell.x + nx / 2) * STUD_PITCH, (cell.y + ny / 2) * STUD_PITCH
+    pose = plate_corner(plate) @ translation(x, y, level_height(item.span.top))
     return pose @ rotation("z", np.pi / 2) if cell.turned else pose
 
 
-def box_pose(plate: Plate, cell: Cell, brick: BrickType) -> Transform:
+def box_pose(plate: Plate, item: OnGrid) -> Transform:
     """Return the pose of the centre of a brick's box in the world."""
-    return box_from_top(top_pose(plate, cell, brick), brick)
+    return box_from_top(top_pose(plate, item), item.brick)
 
 
 def box_from_top(top: Transform, brick: BrickType) -> Transform:
@@ -150,34 +86,9 @@ def box_from_top(top: Transform, brick: BrickType) -> Transform:
     return top @ translation(0.0, 0.0, -brick_height(brick) / 2)
 
 
-@lru_cache(maxsize=20_000)
-def occupied_span(cell: Cell, brick: BrickType) -> GridSpan:
-    """Return the room of a brick on the grid."""
-    nx, ny = footprint(cell, brick)
-    x, y, level = cell.x, cell.y, cell.level
-    return GridSpan(x, x + nx, y, y + ny, level, level + brick.height)
-
-
-@lru_cache(maxsize=20_000)
-def covered_studs(cell: Cell, brick: BrickType) -> frozenset[tuple[int, int]]:
-    """Return the (x, y) of every stud that a brick covers."""
-    x0, x1, y0, y1, *_ = occupied_span(cell, brick)
-    return frozenset((x, y) for x in range(x0, x1) for y in range(y0, y1))
-
-
-@lru_cache(maxsize=20_000)
-def occupied_places(cell: Cell, brick: BrickType) -> frozenset[GridPlace]:
-    """Return the (x, y, level) of every place on the grid that a brick fills."""
-    return occupied_span(cell, brick).places
-
-
-def bricks_above(
-    cell: Cell, brick: BrickType, others: Mapping[str, tuple[Cell, BrickType]]
-) -> tuple[str, ...]:
-    """Return the names of the other bricks that stand on a brick at a cell, sorted."""
-    span = occupied_span(cell, brick)
-    found = (k for k, other in others.items() if span.carries(occupied_span(*other)))
-    return tuple(sorted(found))
+def bricks_above(item: OnGrid, others: Mapping[str, OnGrid]) -> tuple[str, ...]:
+    """Return the names of the other bricks that stand on a brick, sorted."""
+    return tuple(sorted(k for k, one in others.items() if item.span.carries(one.span)))
 
 
 def joined_to_plate(
@@ -208,8 +119,8 @@ def joined_to_plate(
 _TILE = 8
 """Studs along the edge of a tile."""
 
-Numbered = tuple[int, str, Cell, BrickType]
-"""A brick with its place in some order, its name, and where it is."""
+Numbered = tuple[int, PlacedBrick]
+"""A brick with its place in some order."""
 
 
 class BrickTiles:
@@ -220,15 +131,12 @@ class BrickTiles:
     """
 
     def __init__(self, bricks: Iterable[Numbered]) -> None:
-        self._tiles: dict[tuple[int, int], list[tuple[GridSpan, Numbered]]] = (
-            defaultdict(list)
-        )
+        self._tiles: dict[tuple[int, int], list[Numbered]] = defaultdict(list)
         for item in bricks:
-            span = occupied_span(item[2], item[3])
-            for tile in _tiles(span):
-                self._tiles[tile].append((span, item))
+            for tile in _tiles(item[1].span):
+                self._tiles[tile].append(item)
 
-    def near(self, span: GridSpan, before: int) -> dict[str, tuple[Cell, BrickType]]:
+    def near(self, span: GridSpan, before: int) -> dict[str, PlacedBrick]:
         """Return the bricks on, under and within a stud beside some room, in their order.
 
         Args:
@@ -236,16 +144,12 @@ class BrickTiles:
             before: only bricks that are before this in the order.
         """
         found = {
-            item
+            (number, item.name): item
             for tile in _tiles(span)
-            for other, item in self._tiles.get(tile, ())
-            if item[0] < before and span.near(other, levels=1)
+            for number, item in self._tiles.get(tile, ())
+            if number < before and span.near(item.span, levels=1)
         }
-        return {name: (cell, kind) for _, name, cell, kind in sorted(found, key=_order)}
-
-
-def _order(item: Numbered) -> tuple[int, str]:
-    return item[0], item[1]
+        return {name: found[number, name] for number, name in sorted(found)}
 
 
 def _tiles(span: GridSpan) -> Iterator[tuple[int, int]]:
@@ -353,43 +257,31 @@ def side_contact_pose(top: Transform, brick: BrickType, press: Press) -> Transfo
     return grip_pose(top @ higher, brick, press) @ _TO_SIDE_STUDS
 
 
-def press_cell(cell: Cell, brick: BrickType, press: Press, *, up: bool) -> Cell:
+def press_cell(item: OnGrid, press: Press, *, up: bool) -> Cell:
     """Return the contact of a press as the cell of a 1 x 2 brick.
 
     It lies along the pressed edge in the layer above the brick, or below it for a place-up,
     as published task files give it. It is as high as a brick.
-
-    Args:
-        cell: where the brick goes.
-        brick: its type.
-        press: side and offset.
-        up: True for a place-up.
     """
-    check_press(brick, press)
-    nx, ny = footprint(cell, brick)
+    check_press(item.brick, press)
+    cell, (nx, ny) = item.cell, item.span.size
     along_y, greatest = _edge(cell, press)
     from_end = cell.turned and press.side in (1, 4)
     length = ny if along_y else nx
     start = length - press.offset - 2 if from_end else press.offset
     across = (nx if along_y else ny) - 1 if greatest else 0
     dx, dy = (across, start) if along_y else (start, across)
-    level = cell.level - BRICK_LEVELS if up else cell.level + brick.height
+    level = cell.level - BRICK_LEVELS if up else item.span.top
     return Cell.at_level(cell.x + dx, cell.y + dy, level, turned=not along_y)
 
 
-def lever_cell(cell: Cell, brick: BrickType, press: Press) -> Cell:
-    """Return the cell beside a gripped edge, of a 1 x 2 brick, over which the tool's wall stands.
-
-    Args:
-        cell: where the brick is.
-        brick: its type.
-        press: side and offset.
-    """
-    along_y, greatest = _edge(cell, press)
+def lever_cell(item: OnGrid, press: Press) -> Cell:
+    """Return the cell beside a gripped edge, of a 1 x 2 brick, over which the tool's wall stands."""
+    along_y, greatest = _edge(item.cell, press)
     out = 1 if greatest else -1
-    edge = press_cell(cell, brick, press, up=False)
+    edge = press_cell(item, press, up=False)
     x, y = (edge.x + out, edge.y) if along_y else (edge.x, edge.y + out)
-    return replace(cell, x=x, y=y, turned=edge.turned)
+    return replace(item.cell, x=x, y=y, turned=edge.turned)
 
 
 def _edge(cell: Cell, press: Press) -> tuple[bool, bool]:

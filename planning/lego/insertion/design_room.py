@@ -17,16 +17,12 @@ from planning.lego.bricks.assembly import (
     BRICK_LEVELS,
     STUD_PITCH,
     Cell,
+    GridPlace,
     PlacedBrick,
     Press,
     Support,
 )
-from planning.lego.bricks.grid import (
-    GridPlace,
-    covered_studs,
-    level_height,
-    occupied_span,
-)
+from planning.lego.bricks.grid import level_height
 from planning.lego.insertion.rules import TOOLS_APART
 from planning.lego.insertion.tool_room import (
     PLATE,
@@ -55,12 +51,6 @@ _APPROACHES = tuple(product((1, -1), (APPROACH_HEIGHT, HIGH_APPROACH)))
 
 TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
 """Shifts of a supporting tool's cell by which its tip still covers a stud."""
-
-
-def support_at(x: int, y: int, level: int, turn: int, *, from_above: bool) -> Support:
-    """Return a supporting tool's place by the level of its cell."""
-    cell = Cell.at_level(x, y, level)
-    return Support(x, y, cell.z, turn, cell.raised, from_above)
 
 
 @dataclass(frozen=True)
@@ -224,16 +214,16 @@ class DesignRoom:
         """Yield the tool's places at the tops or bottoms of all bricks."""
         found = set()
         for item in self._bricks.values():
-            span = occupied_span(item.cell, item.brick)
+            span = item.span
             level = span.top if from_above else span.bottom - BRICK_LEVELS
             if level >= 0:
                 found |= {
                     (x + dx, y + dy, level)
-                    for x, y in covered_studs(item.cell, item.brick)
+                    for x, y in item.studs
                     for dx, dy in TIP_SHIFTS
                 }
         for (x, y, level), turn in product(sorted(found), ORIENTATIONS):
-            yield support_at(x, y, level, turn, from_above=from_above)
+            yield Support(Cell.at_level(x, y, level), turn, from_above)
 
     def attack(self, brick: str, press: Press, names: Names, *, up: bool) -> int:
         """Return +1 or -1: the side to come from with a brick, past no neighbour if possible."""
@@ -262,7 +252,7 @@ class DesignRoom:
         out = {}
         for name in sorted(str(n) for n in names):
             item = self._bricks[name]
-            span = occupied_span(item.cell, item.brick)
+            span = item.span
             if face != (span.top if top else span.bottom):
                 continue
             box = self._corners[name]
@@ -365,12 +355,10 @@ class SupportSpots:
     ) -> Iterator[SupportSpot]:
         turns = ORIENTATIONS
         nearby = [
-            support_at(
-                contact.x + dx,
-                contact.y + dy,
-                contact.level + k,
+            Support(
+                Cell.at_level(contact.x + dx, contact.y + dy, contact.level + k),
                 turn,
-                from_above=from_above,
+                from_above,
             )
             for k, dx, dy, turn in product(levels, _SHIFTS, _SHIFTS, turns)
         ]
@@ -397,8 +385,9 @@ class SupportSpots:
         }
 
         def order(s: Support) -> tuple[float, int, int, int, int]:
-            away = abs((s.x + 0.5) * STUD_PITCH - at[0])
-            away += abs((s.y + 0.5) * STUD_PITCH - at[1])
-            return round(away, 9), s.cell.level, s.x, s.y, s.orientation
+            x, y = s.cell.x, s.cell.y
+            away = abs((x + 0.5) * STUD_PITCH - at[0])
+            away += abs((y + 0.5) * STUD_PITCH - at[1])
+            return round(away, 9), s.cell.level, x, y, s.orientation
 
         return sorted(found, key=order)

@@ -19,13 +19,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import (
-    covered_studs,
-    footprint,
-    level_height,
-    press_cell,
-    presses,
-)
+from planning.lego.bricks.grid import level_height, press_cell, presses
 from planning.lego.insertion.design_room import (
     DesignRoom,
     Point,
@@ -229,7 +223,7 @@ class InsertionSite:
 
     def spots(self, press: Press, way: InsertionWay) -> Iterator[SupportSpot]:
         """Yield where the other arm may hold the structure, a bounded number of them."""
-        contact = press_cell(self.item.cell, self.item.brick, press, up=self.up)
+        contact = press_cell(self.item, press, up=self.up)
         found, at = self._spots, self._press_point(press)
         if way is InsertionWay.UP:
             spots = found.above(contact, at)
@@ -291,12 +285,10 @@ class InsertionSite:
     def _ordered_presses(self) -> list[Press]:
         """Return all presses, those near the middle of what they press onto first."""
         onto: tuple[str | None, ...] = self._above if self.up else self._below
-        studs = set(covered_studs(self.item.cell, self.item.brick))
+        studs = self.item.studs
         if onto and None not in onto:
             bricks = [self.design.structures.bricks[name] for name in onto if name]
-            studs &= frozenset().union(
-                *(covered_studs(other.cell, other.brick) for other in bricks)
-            )
+            studs &= frozenset().union(*(other.studs for other in bricks))
         mx = sum(x + 0.5 for x, _ in studs) / len(studs) * STUD_PITCH
         my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
 
@@ -338,11 +330,10 @@ def _pressed_points(
     item: PlacedBrick, press: Press, *, up: bool
 ) -> Iterator[tuple[float, float, float]]:
     """Yield points on the edges of the studs that a press holds."""
-    contact = press_cell(item.cell, item.brick, press, up=up)
+    contact = press_cell(item, press, up=up)
     dx, dy = (1, 0) if contact.turned else (0, 1)
-    nx, ny = footprint(item.cell, item.brick)
-    height = level_height(item.cell.level + (0 if up else item.brick.height))
+    height = level_height(item.span.bottom if up else item.span.top)
     for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy)):
-        if 0 <= x - item.cell.x < nx and 0 <= y - item.cell.y < ny:
+        if (x, y) in item.studs:
             for i, j in _STUD_EDGE:
                 yield (x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height

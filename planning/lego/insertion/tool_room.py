@@ -157,7 +157,7 @@ class BrickBoxes:
 
 def brick_box(item: PlacedBrick) -> Array:
     """Return the least and greatest corner of a brick in the plate's frame, (2, 3) [m]."""
-    pose = top_pose(GRID, item.cell, item.brick)
+    pose = top_pose(GRID, item)
     size = np.abs(pose[:3, :3]) @ box_size(item.brick)
     top = pose[:3, 3]
     half = np.array([size[0] / 2, size[1] / 2, 0.0])
@@ -338,7 +338,7 @@ def _side_neighbours(item: PlacedBrick, others: BrickBoxes) -> set[str]:
 
 
 def _top(item: PlacedBrick) -> Transform:
-    return top_pose(GRID, item.cell, item.brick)
+    return top_pose(GRID, item)
 
 
 def _above(item: PlacedBrick) -> Array:

@@ -6,8 +6,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
-from planning.lego.bricks.grid import GridPlace, footprint, occupied_places
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    BrickType,
+    Cell,
+    GridPlace,
+    PlacedBrick,
+)
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.blocking import (
@@ -31,18 +36,12 @@ def columns_below(
     Yields:
         The bricks of a column from the top down, named after the brick and their layer.
     """
-    x0, y0, top = item.cell.x, item.cell.y, item.cell.level
-    nx, ny = footprint(item.cell, item.brick)
-    free = {
-        (x, y)
-        for x in range(x0, x0 + nx)
-        for y in range(y0, y0 + ny)
-        if top > 0 and (x, y, top - 1) not in filled
-    }
+    top = item.cell.level
+    free = {(x, y) for x, y in item.studs if top > 0 and (x, y, top - 1) not in filled}
     heights: dict[tuple[tuple[int, int], bool], dict[int, BrickType]] = {}
     for brick in types:
         for turned in (False, True) if brick.studs[0] != brick.studs[1] else (False,):
-            size = footprint(Cell(0, 0, 1, turned), brick)
+            size = brick.studs[::-1] if turned else brick.studs
             heights.setdefault((size, turned), {})[brick.height] = brick
 
     def order(size: tuple[tuple[int, int], bool]) -> tuple[int, int, bool]:
@@ -76,15 +75,15 @@ def _column(
         fitting = [h for h in heights if h <= top]
         for height in sorted(fitting, reverse=True):
             cell = Cell.at_level(x, y, top - height, turned=turned)
-            brick = heights[height]
-            if not any(p in filled for p in occupied_places(cell, brick)):
-                column.append(PlacedBrick("", brick, cell))
+            part = PlacedBrick("", heights[height], cell)
+            if not any(p in filled for p in part.places):
+                column.append(part)
                 top -= height
                 break
         else:
-            w, d = footprint(Cell(0, 0, 1, turned), next(iter(heights.values())))
-            under = ((x + i, y + j, top - 1) for i in range(w) for j in range(d))
-            return column if any(place in filled for place in under) else []
+            some = PlacedBrick("", next(iter(heights.values())), Cell(x, y, 1, turned))
+            under = any((i, j, top - 1) in filled for i, j in some.studs)
+            return column if under else []
     return column
 
 
@@ -170,9 +169,7 @@ class Design:
         for name in names:
             column = self._column(name, filled, carriers)
             for part in column:
-                filled |= dict.fromkeys(
-                    occupied_places(part.cell, part.brick), part.name
-                )
+                filled |= dict.fromkeys(part.places, part.name)
             out += column
             most -= bool(column)
             if most == 0:

@@ -23,6 +23,7 @@ from itertools import islice, product
 from planning.errors import InfeasibleStepError, ScenarioError
 from planning.files import KeptAnswers
 from planning.lego.bricks.assembly import (
+    Cell,
     LegoAssembly,
     LegoStep,
     PlacedBrick,
@@ -172,7 +173,8 @@ class StepChoices:
             return []
         way = InsertionWay.UP if self.step.up else InsertionWay.DOWN_HELD_BELOW
         found = (
-            f"{{at: [{s.x}, {s.y}, {s.z}], {_raised(s)}orientation: {s.orientation}}}"
+            f"{{at: [{s.cell.x}, {s.cell.y}, {s.cell.z}], {_raised(s.cell)}"
+            f"orientation: {s.orientation}}}"
             for press in self.grips
             for insertion in self.site.insertions(press, way)
             if (s := insertion.support) is not None
@@ -180,8 +182,8 @@ class StepChoices:
         return list(islice(dict.fromkeys(found), _HINTS))
 
 
-def _raised(support: Support) -> str:
-    return f"raised: {support.raised}, " if support.raised else ""
+def _raised(cell: Cell) -> str:
+    return f"raised: {cell.raised}, " if cell.raised else ""
 
 
 def _weakness(report: StabilityReport, structures: PartialStructures) -> str:

@@ -10,8 +10,16 @@ from collections.abc import Iterable, Mapping
 
 from planning.cell.workcell import Fixture
 from planning.geometry.robot_bodies import entity
-from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, Press, Support
-from planning.lego.bricks.grid import GridSpan, brick_height, lever_cell, occupied_span
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    BrickType,
+    GridSpan,
+    OnGrid,
+    PlacedBrick,
+    Press,
+    Support,
+)
+from planning.lego.bricks.grid import brick_height, lever_cell
 from planning.lego.skills.targets import lever_reaches_below, supported_span
 from planning.steps.skill import Pairs, gripped, touching
 from planning.transforms import Transform, inverse
@@ -22,16 +30,13 @@ _TOUCH = 0.001
 PRESSED = 0.003
 """How deep a tool may go into bricks that it is allowed to touch: the audit lets pass as much [m]."""
 
-Bricks = Mapping[str, tuple[Cell, BrickType]]
-
-Seat = tuple[Cell, BrickType, Transform]
-"""Where a brick sits: cell, type, and pose of the centre of its box in the world."""
+Bricks = Mapping[str, OnGrid]
 
 
 def contacts_at_rest(
     robot: str,
-    brick: str,
-    seat: Seat,
+    item: PlacedBrick,
+    pose: Transform,
     press: Press,
     others: Bricks,
     fixtures: Iterable[Fixture],
@@ -45,32 +50,31 @@ def contacts_at_rest(
 
     Args:
         robot: who picks or places.
-        brick: its name.
-        seat: where it is then.
+        item: the brick where it is then.
+        pose: of the centre of its box in the world.
         press: the grip.
         others: all other bricks at rest near ``room_at_rest``, or more.
         fixtures: of the cell.
     """
-    cell, kind, pose = seat
-    span = occupied_span(cell, kind)
-    around = [name for name in _bordering(span, others, levels=1) if name != brick]
-    under = [item.name for item in fixtures if _carries(item, kind, pose)]
+    name, span = item.name, item.span
+    around = [other for other in _bordering(span, others, levels=1) if other != name]
+    under = [one.name for one in fixtures if _carries(one, item.brick, pose)]
     beside = _bordering(span, others, levels=0)
-    if lever_reaches_below(kind):
-        lever = occupied_span(lever_cell(cell, kind, press), BRICKS["1x2"])
+    if lever_reaches_below(item.brick):
+        lever = PlacedBrick("", BRICKS["1x2"], lever_cell(item, press)).span
         beside += [
-            name
-            for name in _bordering(lever, others, levels=1)
-            if not lever.shares_studs(occupied_span(*others[name]))
+            other
+            for other in _bordering(lever, others, levels=1)
+            if not lever.shares_studs(others[other].span)
         ]
     return (
-        gripped(robot, brick)
-        | touching(brick, [*around, *under])
+        gripped(robot, name)
+        | touching(name, [*around, *under])
         | touching(entity(robot, "tool"), beside)
     )
 
 
-def leaned_on(cell: Cell, kind: BrickType, others: Bricks) -> frozenset[str]:
+def leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
     """Return the bricks beside a brick that is picked, one stud away from it.
 
     The tool reaches one stud over the edge that it grips: it stands a tenth of a millimetre beside
@@ -78,22 +82,20 @@ def leaned_on(cell: Cell, kind: BrickType, others: Bricks) -> frozenset[str]:
     degrees, and by some tenths more on the way where joints turn evenly. Published tasks pick bricks that stand so.
 
     Args:
-        cell: where the brick is.
-        kind: its type.
+        item: the brick that is picked.
         others: all other bricks at rest.
     """
-    span = occupied_span(cell, kind)
-    near = _bordering(span, others, levels=0)
-    return frozenset(_bordering(span.widened(1), others, levels=0)) - frozenset(near)
+    near = _bordering(item.span, others, levels=0)
+    around = _bordering(item.span.widened(1), others, levels=0)
+    return frozenset(around) - frozenset(near)
 
 
-def room_at_rest(cell: Cell, brick: BrickType) -> GridSpan:
+def room_at_rest(item: OnGrid) -> GridSpan:
     """Return the room of a brick at its pick or place, the tool's wall beside a plate included.
 
     Whatever contacts_at_rest names is near to it.
     """
-    span = occupied_span(cell, brick)
-    return span.widened(1) if lever_reaches_below(brick) else span
+    return item.span.widened(1) if lever_reaches_below(item.brick) else item.span
 
 
 def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
@@ -115,9 +117,7 @@ def _bordering(span: GridSpan, bricks: Bricks, *, levels: int) -> list[str]:
     margin that planning keeps. Those above and below count where ``levels`` is 1.
     """
     return [
-        name
-        for name, (cell, kind) in bricks.items()
-        if span.near(occupied_span(cell, kind), levels=levels)
+        name for name, item in bricks.items() if span.near(item.span, levels=levels)
     ]
 
 

@@ -19,7 +19,6 @@ from planning.lego.bricks.brick_world import (
     BrickWorld,
     Placed,
     goal_name,
-    grasp_number,
     press_of,
 )
 from planning.lego.bricks.grid import grip_pose, side_contact_pose
@@ -150,18 +149,13 @@ class BrickSkills:
     def _pick(self, robot: str, stock: str, grasp: int) -> Found:
         world = self.world
         item, top = world.stock[stock], world.start_top(stock)
-        seat = (item.cell, item.brick, world.stock_at_rest[stock][1].pose)
-        touching = contacts_at_rest(
-            robot,
-            stock,
-            seat,
-            press_of(grasp),
-            world.stock_neighbours(stock),
-            world.cell.fixtures,
-        )
-        tool = grip_pose(top, item.brick, press_of(grasp))
+        near = world.stock_neighbours(stock)
+        pose, fixtures = world.stock_at_rest[stock][1].pose, world.cell.fixtures
+        press = press_of(grasp)
+        touching = contacts_at_rest(robot, item, pose, press, near, fixtures)
+        tool = grip_pose(top, item.brick, press)
         held = held_box(world.frames(robot), "tool", tool, top, item.brick)
-        above = world.above(stock)
+        above = world.above[stock]
         scene = SkillScene(
             world.cell,
             {stock: world.stock_at_rest[stock]},
@@ -173,7 +167,7 @@ class BrickSkills:
             ToolContact(
                 world.cell.clearances.contact_tolerance,
                 PRESSED,
-                leaned_on(item.cell, item.brick, world.stock_neighbours(stock)),
+                leaned_on(item, near),
             ),
         )
         loose = self._loose_in_picks - above - {stock}
@@ -282,15 +276,12 @@ class BrickSkills:
     ) -> Found:
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
-        seat = (work.cell, work.brick, at_goal.pose)
-        touching = contacts_at_rest(
-            robot,
-            name,
-            seat,
-            press_of(grasp),
-            world.cells_near(room_at_rest(work.cell, work.brick), step),
-            world.cell.fixtures,
+        item, near = (
+            world.goal_bricks[step - 1],
+            world.cells_near(room_at_rest(work), step),
         )
+        press, fixtures = press_of(grasp), world.cell.fixtures
+        touching = contacts_at_rest(robot, item, at_goal.pose, press, near, fixtures)
         standing = dict(self.home)
         if beside is not None:
             held = self.support(beside.robot, step, beside.pose)
@@ -308,7 +299,7 @@ class BrickSkills:
             tool=self._tool,
         )
         attacks = [work.attack]
-        if grasp_number(work.press or press_of(grasp)) != grasp or not work.press:
+        if work.press != press:
             attacks.append(-work.attack)  # that of the step belongs to its own press
         heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
         return _first_free(
@@ -326,7 +317,8 @@ class BrickSkills:
         world = self.world
         support = world.step(step).supports[choice]
         bricks = world.cells_near(supported_span(support), step)
-        return supporting(robot, support, {**bricks, **world.goal_cells([step])})
+        own = {goal_name(step): world.step(step)}
+        return supporting(robot, support, {**bricks, **own})
 
     def support_targets(self, step: int, choice: int) -> tuple[SkillTargets, ...]:
         """Return the support of a step as subgoals, from each of its pre-poses."""

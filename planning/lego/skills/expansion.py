@@ -9,7 +9,7 @@ from functools import partial
 from planning.cell.workcell import CellObject
 from planning.geometry.robot_bodies import entity
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import BrickType, Cell
+from planning.lego.bricks.assembly import GridSpan, OnGrid, PlacedBrick
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     copy_name,
@@ -18,7 +18,6 @@ from planning.lego.bricks.brick_world import (
     press_of,
     source_of,
 )
-from planning.lego.bricks.grid import GridSpan
 from planning.lego.skills.allowed_contacts import (
     Bricks,
     contacts_at_rest,
@@ -91,7 +90,7 @@ def _waits(
             history.put("placed", "the brick before", task)
         if task.kind == "pick" and task.object is not None:
             source = source_of(task.object, world.stations)
-            yield from history.before(task, "picked", source, *world.above(source))
+            yield from history.before(task, "picked", source, *world.above[source])
             history.put("picked", source, task)
 
 
@@ -137,7 +136,7 @@ class _ChosenBrickStep:
         option = _option(self.skills.pick(robot, source, self.choice.grasp))
         start = self.world.stock_at_rest[source][1].pose
         held = inverse(self._flange(robot, option.path.contact)) @ start
-        cell = self.world.stock[source].cell
+        item = self.world.stock[source]
         near = self.world.cells_near_stock(source, self.choice.step)
         beside = self._standing(near)
         if self.refill is not None:
@@ -148,15 +147,15 @@ class _ChosenBrickStep:
             f"to {brick}",
             f"pick {brick}",
             held,
-            self._at_rest(robot, cell, start, beside) | touched,
+            self._at_rest(robot, item, start, beside) | touched,
             grazed,
             self.refill,
         )
 
     def _place(self, option: ResolvedSkill) -> PlannedSkill:
-        path, cell = option.path, self.work.cell
+        path = option.path
         goal = self.world.goal(self.choice.step)[1].pose
-        others = self._standing_near(room_at_rest(cell, self.work.brick))
+        others = self._standing_near(room_at_rest(self.work))
         touched, grazed = self._touched(option)
         below = " from below" if self.work.up else ""
         return PlannedSkill(
@@ -164,14 +163,14 @@ class _ChosenBrickStep:
             f"{self.brick} to its place",
             f"place {self.brick}{below}",
             goal,
-            self._at_rest(path.robot, cell, goal, others) | touched,
+            self._at_rest(path.robot, self.work, goal, others) | touched,
             grazed,
         )
 
     def _support(self, option: ResolvedSkill, choice: int) -> PlannedSupport:
         path, support = option.path, self.work.supports[choice]
         bricks = self._standing_near(supported_span(support))
-        bricks[self.brick] = self.work.cell, self.work.brick
+        bricks[self.brick] = self.work
         pressed = supporting(path.robot, support, bricks)
         touched, grazed = self._touched(option)
         words = f"support step {self.choice.step}"
@@ -187,31 +186,31 @@ class _ChosenBrickStep:
         )
 
     def _at_rest(
-        self, robot: str, cell: Cell, pose: Transform, others: Bricks
+        self, robot: str, at: OnGrid, pose: Transform, others: Bricks
     ) -> Pairs:
         """Return the contacts of the brick where it is picked or placed."""
-        seat, fixtures = (cell, self.work.brick, pose), self.world.cell.fixtures
-        press = press_of(self.choice.grasp)
-        return contacts_at_rest(robot, self.brick, seat, press, others, fixtures)
+        item = PlacedBrick(self.brick, at.brick, at.cell)
+        press, fixtures = press_of(self.choice.grasp), self.world.cell.fixtures
+        return contacts_at_rest(robot, item, pose, press, others, fixtures)
 
     def _touched(self, option: ResolvedSkill) -> tuple[Pairs, Pairs]:
         """Return what the tool leans on in a skill, and grazes, as far as it is there by then."""
         tool = entity(option.path.robot, "tool")
-        later, brick = self.world.goal_numbers, (self.work.cell, self.work.brick)
+        later = self.world.goal_numbers
         found = {True: NOTHING, False: NOTHING}
         for known, leans in option.touched.items():
             if later.get(known, 0) < self.choice.step:
-                found[leans] |= touching(tool, self._standing({known: brick}))
+                found[leans] |= touching(tool, self._standing({known: self.work}))
         return found[True], found[False]
 
-    def _standing(self, near: Bricks) -> dict[str, tuple[Cell, BrickType]]:
+    def _standing(self, near: Bricks) -> dict[str, OnGrid]:
         """Return bricks by what they are called and where they are when the brick has been picked.
 
         Args:
             near: some bricks of the stock, and of the goals of earlier steps.
         """
         stations, numbers = self.world.stations, self.world.goal_numbers
-        out = {}
+        out: dict[str, OnGrid] = {}
         for name, brick in near.items():
             if name in stations:
                 out[copy_name(name, self._picked[name] + 1)] = brick
@@ -221,7 +220,7 @@ class _ChosenBrickStep:
                 out[name] = brick
         return out
 
-    def _standing_near(self, span: GridSpan) -> dict[str, tuple[Cell, BrickType]]:
+    def _standing_near(self, span: GridSpan) -> dict[str, OnGrid]:
         """Return the bricks near some room above the plate when the brick has been picked."""
         return self._standing(self.world.cells_near(span, self.choice.step))
 

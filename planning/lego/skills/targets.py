@@ -18,17 +18,16 @@ from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
-    Cell,
+    GridSpan,
+    PlacedBrick,
     Plate,
     Press,
     Support,
 )
 from planning.lego.bricks.grid import (
-    GridSpan,
     box_from_top,
     brick_height,
     grip_pose,
-    occupied_span,
     plate_corner,
     top_pose,
 )
@@ -304,7 +303,7 @@ def support_bottom_targets(plate: Plate, support: Support) -> tuple[SkillTargets
     frame = _axes(plate)
     up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
     pose = frame @ rotation("z", _YAW[_index(support)]) @ _LEVEL
-    pose[:3, 3] = _contact(plate, support, support.z - 1)[:3, 3] + up
+    pose[:3, 3] = _contact(plate, support, support.cell.z - 1)[:3, 3] + up
     pose = pose @ translation(0.0, 0.0, -LEVER_WALL)
     shifts = [(0.0, 0.0)] + [
         (i * BOTTOM_LEAD, j * BOTTOM_LEAD)
@@ -332,7 +331,7 @@ def support_top_targets(plate: Plate, support: Support) -> tuple[SkillTargets, .
     """
     frame = _axes(plate)
     heading = rotation("z", _YAW[_index(support)])
-    contact = _contact(plate, support, support.z)
+    contact = _contact(plate, support, support.cell.z)
     shift = (frame @ heading)[:3, 0] * TOP_SHIFT
     lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
     pose = frame @ heading @ _DOWN
@@ -347,17 +346,16 @@ def lever_reaches_below(brick: BrickType) -> bool:
 
 def supported_span(support: Support) -> GridSpan:
     """Return the room on the grid that the supporting tip takes up, two studs and a brick high."""
-    return occupied_span(
-        replace(support.cell, turned=_index(support) in (1, 2)), BRICKS["1x2"]
-    )
+    cell = replace(support.cell, turned=_index(support) in (1, 2))
+    return PlacedBrick("", BRICKS["1x2"], cell).span
 
 
 def _contact(plate: Plate, support: Support, layer: int) -> Transform:
-    k = _index(support)
+    k, at = _index(support), support.cell
     dx, dy = _BEHIND[k]
-    cell = Cell(support.x + dx, support.y + dy, layer, k in (1, 2), support.raised)
-    pair = BRICKS["1x2"]
-    return grip_pose(top_pose(plate, cell, pair), pair, Press(_SIDE[k], 0))
+    cell = replace(at, x=at.x + dx, y=at.y + dy, z=layer, turned=k in (1, 2))
+    pair = PlacedBrick("", BRICKS["1x2"], cell)
+    return grip_pose(top_pose(plate, pair), pair.brick, Press(_SIDE[k], 0))
 
 
 def _axes(plate: Plate) -> Transform:

@@ -28,14 +28,8 @@ from planning.lego.bricks.assembly import (
     BRICK_LEVELS,
     LAYER_HEIGHT,
     STUD_PITCH,
-    PlacedBrick,
-)
-from planning.lego.bricks.grid import (
     GridPlace,
-    covered_studs,
-    footprint,
-    occupied_places,
-    occupied_span,
+    PlacedBrick,
 )
 from planning.statics.equilibrium import ContactForce, Load, Vector
 from planning.transforms import Array
@@ -102,7 +96,7 @@ def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
                 f"brick {item.name!r} is in layer {item.cell.z}; the first layer is 1"
             )
         out[item.name] = item
-        for place in occupied_places(item.cell, item.brick):
+        for place in item.places:
             other = filled.setdefault(place, item.name)
             if other != item.name:
                 raise ScenarioError(f"bricks {other!r} and {item.name!r} overlap")
@@ -121,11 +115,7 @@ def is_narrow(item: PlacedBrick) -> bool:
 
 def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[GridPlace, str]:
     """Return which brick fills each place of the grid."""
-    return {
-        place: name
-        for name, item in bricks.items()
-        for place in occupied_places(item.cell, item.brick)
-    }
+    return {place: name for name, item in bricks.items() for place in item.places}
 
 
 def joints(
@@ -136,7 +126,7 @@ def joints(
     for name, item in bricks.items():
         below: dict[str | None, list[tuple[int, int]]] = defaultdict(list)
         level = item.cell.level
-        for x, y in sorted(covered_studs(item.cell, item.brick)):
+        for x, y in sorted(item.studs):
             if level == 0:
                 below[None].append((x, y))
             elif (lower := filled.get((x, y, level - 1))) is not None:
@@ -151,7 +141,7 @@ def side_contacts(
     """Return the pairs of bricks that stand side by side, in the order of the bricks."""
     out = []
     for name, item in bricks.items():
-        x0, x1, y0, y1, bottom, top = occupied_span(item.cell, item.brick)
+        x0, x1, y0, y1, bottom, top = item.span
         levels = range(bottom, top)
         faces: dict[tuple[str, int], list[int]] = defaultdict(list)
         for j, k in product(range(y0, y1), levels):
@@ -161,7 +151,7 @@ def side_contacts(
             if (other := filled.get((i, y1, k))) is not None:
                 faces[other, 1].append(i)
         for (other, axis), studs in faces.items():
-            next_to = occupied_span(bricks[other].cell, bricks[other].brick)
+            next_to = bricks[other].span
             shared = max(bottom, next_to.bottom), min(top, next_to.top)
             span = studs[0], studs[-1] + 1
             at = (x1, y1)[axis]
@@ -171,7 +161,7 @@ def side_contacts(
 
 def centre(item: PlacedBrick) -> Array:
     """Return a brick's centre of mass, that of its box, shape (3,) [studs]."""
-    nx, ny = footprint(item.cell, item.brick)
+    nx, ny = item.span.size
     cell = item.cell
     middle = stud_height(cell.level + item.brick.height / 2)
     return np.array([cell.x + nx / 2, cell.y + ny / 2, middle])
@@ -185,7 +175,7 @@ def knob_points(upper: PlacedBrick, stud: tuple[int, int]) -> Array:
         stud: the knob (x, y).
     """
     i, j = stud[0] - upper.cell.x, stud[1] - upper.cell.y
-    offsets = _cavity(*footprint(upper.cell, upper.brick), i, j)
+    offsets = _cavity(*upper.span.size, i, j)
     points: Array = offsets + np.array([stud[0] + 0.5, stud[1] + 0.5])
     return points
 

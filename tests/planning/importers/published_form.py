@@ -123,14 +123,15 @@ def _step(step: LegoStep, numbers: Mapping[str, str], *, terse: bool) -> dict[st
     if step.press is not None:
         entry |= {"press_side": step.press.side, "press_offset": step.press.offset}
         if step.up or not terse:
-            contact = press_cell(step.cell, step.brick, step.press, up=step.up)
+            contact = press_cell(step, step.press, up=step.up)
             entry |= _cell("press_", contact)
     held = step.support
     if held is None:
         none = {"support_x": -1, "support_y": -1, "support_z": 0, "support_ori": -1}
         entry |= {} if terse else none
     else:
-        entry |= {"support_x": held.x, "support_y": held.y, "support_z": held.z}
+        at = held.cell
+        entry |= {"support_x": at.x, "support_y": at.y, "support_z": at.z}
         entry["support_ori"] = held.orientation
     if step.attack == -1 or not terse:
         entry["attack_dir"] = step.attack

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from planning.errors import ScenarioError
 from planning.importers.brick_models.model import read_brick_list
 from planning.lego.bricks.assembly import BRICKS, Cell
-from planning.lego.bricks.grid import footprint
 
 DATA = Path(os.environ.get("ASSEMBLY_TWIN_BRICKGPT_DATA", "/work/shared/data/brickgpt"))
 
@@ -106,7 +105,7 @@ def test_any_tower_comes_back(data: st.DataObject, tmp_path_factory) -> None:
     for z in range(data.draw(st.integers(1, 8))):
         kind = data.draw(st.sampled_from(kinds))
         turned = data.draw(st.booleans()) and kind.studs[0] != kind.studs[1]
-        nx, ny = footprint(Cell(0, 0, 1, turned), kind)
+        nx, ny = kind.studs[::-1] if turned else kind.studs
         x = 50 - data.draw(st.integers(0, nx - 1))
         y = 50 - data.draw(st.integers(0, ny - 1))
         lines.append(f"{nx}x{ny} ({x},{y},{z})")
@@ -132,5 +131,5 @@ def test_published_lists_are_read_as_they_are_written(file: Path) -> None:
     assert len(model.bricks) == len(numbers) > 20
     x0, y0 = (min(n[k] for n in numbers) for k in (2, 3))
     for item, (h, w, x, y, z) in zip(model.bricks, numbers, strict=True):
-        assert footprint(item.cell, item.brick) == (h, w)
+        assert item.span.size == (h, w)
         assert (item.cell.x + x0, item.cell.y + y0, item.cell.z) == (x, y, z + 1)

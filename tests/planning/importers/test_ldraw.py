@@ -13,7 +13,6 @@ from planning.errors import ScenarioError
 from planning.importers.brick_models.ldraw import read_ldraw
 from planning.importers.brick_models.ldraw_files import PARTS
 from planning.lego.bricks.assembly import Cell
-from planning.lego.bricks.grid import footprint
 
 STRAIGHT = "1 0 0 0 1 0 0 0 1"
 QUARTER = "0 0 -1 0 1 0 1 0 0"
@@ -60,7 +59,7 @@ def test_every_part_covers_its_studs(number: str, kind, turn: str, tmp_path) -> 
     base, item = model.bricks
     assert base.cell == Cell(0, 0, 1)
     assert (item.cell.x, item.cell.y) == (0, 0)
-    assert footprint(item.cell, item.brick) == (nx, nz)
+    assert item.span.size == (nx, nz)
     assert item.brick is kind
 
 

@@ -20,6 +20,7 @@ from planning.importers.apex_mr.importer import import_apex_mr
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
+    PlacedBrick,
     Plate,
     Press,
     Support,
@@ -88,7 +89,7 @@ class Published:
     def support(self) -> Support:
         keys = ("support_x", "support_y", "support_z", "support_ori")
         x, y, z, orientation = (self.step[k] for k in keys)
-        return Support(x, y, z, orientation)
+        return Support(Cell(x, y, z), orientation)
 
     def q(self, mode: int, robot: int) -> Array:
         """Return the joint values [rad] of a robot in the row of a mode, counted from 1."""
@@ -151,8 +152,8 @@ def steps(task: str) -> Iterator[Published]:
             rows=rows[at : at + count],
             plate=plate,
             brick=brick,
-            goal=top_pose(plate, cell(ours), brick),
-            stock=top_pose(plate, cell(where), brick),
+            goal=top_pose(plate, PlacedBrick("", brick, cell(ours))),
+            stock=top_pose(plate, PlacedBrick("", brick, cell(where))),
             bases=bases,
             frames=frames,
         )
@@ -207,7 +208,7 @@ def _in_world_axes(plate: Plate, support: Support) -> Plate:
     The published code takes directions from the first robot's base, not from the plate.
     """
     level = Plate(translation(*plate.pose[:3, 3]), plate.studs)
-    where = [_contact(p, support, support.z)[:3, 3] for p in (plate, level)]
+    where = [_contact(p, support, support.cell.z)[:3, 3] for p in (plate, level)]
     return replace(level, pose=translation(*(where[0] - where[1])) @ level.pose)
 
 
@@ -257,9 +258,10 @@ def test_handovers_and_place_ups(task: str) -> None:
 @pytest.mark.parametrize("task", TASKS)
 def test_contact_cells(task: str) -> None:
     for s in steps(task):
-        goal = Cell(s.step["x"], s.step["y"], s.step["z"], s.step["ori"] == 1)
+        at = Cell(s.step["x"], s.step["y"], s.step["z"], s.step["ori"] == 1)
+        goal = PlacedBrick("", s.brick, at)
         x, y, z, ori = (s.step[f"press_{k}"] for k in ("x", "y", "z", "ori"))
-        assert press_cell(goal, s.brick, s.press, up=s.up) == Cell(x, y, z, ori == 1)
+        assert press_cell(goal, s.press, up=s.up) == Cell(x, y, z, ori == 1)
 
 
 def test_home() -> None:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from hypothesis import strategies as st
 
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
-from planning.lego.bricks.grid import covered_studs, occupied_places
 
 CELLS = st.builds(
     Cell,
@@ -41,10 +40,10 @@ def dropped(
         kind = BRICKS[draw(st.sampled_from(list(kinds)))]
         x, y = draw(st.integers(*place)), draw(st.integers(*place))
         turned = draw(st.booleans())
-        columns = covered_studs(Cell(x, y, 1, turned), kind)
+        columns = PlacedBrick("", kind, Cell(x, y, 1, turned)).studs
         level = 1 + max((p[2] for p in filled if p[:2] in columns), default=-1)
         item = PlacedBrick(f"b{k}", kind, Cell.at_level(x, y, level, turned=turned))
-        filled |= occupied_places(item.cell, kind)
+        filled |= item.places
         out.append(item)
     return out
 
@@ -66,8 +65,7 @@ def scattered(
         level = draw(levels)
         turned = draw(st.booleans()) and kind.studs[0] != kind.studs[1]
         item = PlacedBrick(f"b{k}", kind, Cell.at_level(x, y, level, turned=turned))
-        own = occupied_places(item.cell, kind)
-        if filled.isdisjoint(own):
-            filled |= own
+        if filled.isdisjoint(item.places):
+            filled |= item.places
             out.append(item)
     return out

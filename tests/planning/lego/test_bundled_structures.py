@@ -7,13 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from planning.lego.bricks.assembly import BRICKS, Cell
-from planning.lego.bricks.grid import (
-    check_press,
-    covered_studs,
-    occupied_places,
-    press_cell,
-)
+from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
+from planning.lego.bricks.grid import check_press, press_cell
 from planning.lego.sequencing.sequencing import sequenced
 from planning.lego.skills.targets import supported_span
 from twin.planning.lego import build_lego, build_structure
@@ -97,11 +92,7 @@ def test_the_scaffold_carries_the_structure(name: str) -> None:
     assert structure is not None
     fixed = assembly.scaffold
     assert bool(fixed) == (name in ("faucet", "fish", "rss"))
-    places = [
-        place
-        for item in (*structure, *fixed)
-        for place in occupied_places(item.cell, item.brick)
-    ]
+    places = [place for item in (*structure, *fixed) for place in item.places]
     assert len(places) == len(set(places))
 
 
@@ -112,12 +103,12 @@ def test_the_steps_of_the_cliff_fit_what_is_there() -> None:
     need = Counter(step.brick for step in assembly.steps)
     have = Counter(item.brick for item in stock)
     assert all(have[brick] > count for brick, count in need.items())
-    taken = {p for s in stock for p in occupied_places(s.cell, s.brick)}
+    taken = {p for s in stock for p in s.places}
     filled: set[tuple[int, int, int]] = set()
     nx, ny = assembly.plate.studs
     for step in assembly.steps:
         at, brick, press = step.cell, step.brick, step.press
-        own = occupied_places(at, brick)
+        own = step.places
         assert all(0 <= x < nx and 0 <= y < ny and z >= 0 for x, y, z in own)
         assert own.isdisjoint(taken | filled)
         above = {(x, y, z + 1) for x, y, z in own} & filled
@@ -125,7 +116,7 @@ def test_the_steps_of_the_cliff_fit_what_is_there() -> None:
         assert (above and not below) if step.up else (below or at.z == 1)
         assert press is not None
         check_press(brick, press)
-        contact = press_cell(at, brick, press, up=step.up)
+        contact = press_cell(step, press, up=step.up)
         assert not step.up or contact == Cell(24, 24, 8)  # as its file says
         if step.support is not None:
             tip = supported_span(step.support).places
@@ -135,6 +126,6 @@ def test_the_steps_of_the_cliff_fit_what_is_there() -> None:
             assert any((x, y, z + beyond) in filled for x, y, z in tip)
         elif at.z > 1:
             # Unsupported bricks are pressed above studs that something stands under.
-            pressed = covered_studs(contact, BRICKS["1x2"])
+            pressed = PlacedBrick("", BRICKS["1x2"], contact).studs
             assert {(x, y, at.level - 1) for x, y in pressed} <= filled
         filled |= own

@@ -14,7 +14,6 @@ from typer.testing import CliRunner, Result
 from planning.importers.apex_mr.importer import HOME_DEG
 from planning.importers.brick_models.cell import APART
 from planning.importers.brick_models.ldraw import read_ldraw
-from planning.lego.bricks.grid import occupied_span
 from planning.robots.registry import robot_model
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
@@ -40,7 +39,7 @@ def built(path: Path):
     section = lego(path)
     assembly = build_lego(section)
     bricks = [*(build_structure(section) or assembly.structure), *assembly.scaffold]
-    spans = [(b.brick.name, occupied_span(b.cell, b.brick)) for b in bricks]
+    spans = [(b.brick.name, b.span) for b in bricks]
     x, y = min(s.x0 for _, s in spans), min(s.y0 for _, s in spans)
     return sorted(
         (name, s.x0 - x, s.x1 - x, s.y0 - y, s.y1 - y, s.bottom) for name, s in spans
@@ -62,7 +61,7 @@ def test_designs_come_back_from_ldraw(design: Path, tmp_path: Path) -> None:
     back = lego(scenario)
     bricks = build_structure(back) or ()
     expected = built(design)
-    spans = [(b.brick.name, occupied_span(b.cell, b.brick)) for b in bricks]
+    spans = [(b.brick.name, b.span) for b in bricks]
     x, y = min(s.x0 for _, s in spans), min(s.y0 for _, s in spans)
     found = [(n, s.x0 - x, s.x1 - x, s.y0 - y, s.y1 - y, s.bottom) for n, s in spans]
     assert sorted(found) == expected
@@ -97,7 +96,7 @@ def test_a_run_is_exported_step_by_step(tmp_path: Path) -> None:
             assert tuple(rgb) in colours
     expected = built(ROOT / "scenarios/lego/faucet.yaml")
     read = read_ldraw(model)
-    spans = [(i.brick.name, occupied_span(i.cell, i.brick)) for i in read.bricks]
+    spans = [(i.brick.name, i.span) for i in read.bricks]
     assert sorted((n, *s[:5]) for n, s in spans) == expected
 
 
@@ -124,14 +123,14 @@ def test_a_cell_is_chosen_with_room_between_stations(tmp_path: Path) -> None:
     section = lego(out)
     assembly = build_lego(section)
     structure = build_structure(section) or ()
-    mine = [occupied_span(b.cell, b.brick) for b in structure]
+    mine = [b.span for b in structure]
     feeds = [item for item in assembly.stock if item.station]
     assert sorted(f.name for f in feeds) == sorted(
         f"{side}_{kind}"
         for side in ("left", "right")
         for kind in ("2x4", "2x4-plate", "2x2-plate")
     )
-    spans = {f.name: occupied_span(f.cell, f.brick) for f in feeds}
+    spans = {f.name: f.span for f in feeds}
     for name, a in spans.items():
         for other, b in spans.items():
             apart = max(a.x0 - b.x1, b.x0 - a.x1, a.y0 - b.y1, b.y0 - a.y1)
@@ -206,7 +205,7 @@ def test_what_fits_turned_is_turned(tmp_path: Path) -> None:
     result, out = imported(tmp_path, "".join([*row, "1x2 (39,0,1)\n"]))
     assert result.exit_code == 0, result.output
     assert "turned by a quarter turn" in result.output
-    spans = [occupied_span(b.cell, b.brick) for b in build_structure(lego(out)) or ()]
+    spans = [b.span for b in build_structure(lego(out)) or ()]
     x, y = min(s.x0 for s in spans), min(s.y0 for s in spans)
     assert [s.y0 - y for s in spans[:-1]] == [4 * k for k in range(9)]
     # What was towards greater y is towards lesser x now.

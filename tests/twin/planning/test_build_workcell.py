@@ -78,7 +78,7 @@ def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
     assert (first.stock, first.press, first.attack) == ("b1", None, 1)
     assert second.cell == Cell(20, 4, 2, True)
     assert second.press == Press(4, 2)
-    assert second.support == Support(24, 4, 2, 1)
+    assert second.support == Support(Cell(24, 4, 2), 1)
     assert second.attack == -1
     np.testing.assert_allclose(np.rad2deg(assembly.twist["place-down"]), 20)
     np.testing.assert_allclose(np.rad2deg(assembly.twist["handover"]), 18)

@@ -90,8 +90,7 @@ def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
         last[row["object"]] = row
     for choice in planned.motions.task_plan.choices:
         step = planned.motions.assembly.steps[choice.step - 1]
-        kind = step.brick
-        goal = box_pose(planned.motions.assembly.plate, step.cell, kind)
+        goal = box_pose(planned.motions.assembly.plate, step)
         assert last[choice.object]["parent"] == "world"
         np.testing.assert_allclose(last[choice.object]["xyz"], goal[:3, 3], atol=1e-9)
     untouched = {o.name for o in planned.motions.cell.objects} - {

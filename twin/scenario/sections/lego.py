@@ -12,9 +12,10 @@ from planning.lego.bricks.assembly import (
     BRICKS,
     BrickType,
     Cell,
+    GridPlace,
+    PlacedBrick,
     Support,
 )
-from planning.lego.bricks.grid import GridPlace, occupied_places
 from planning.lego.insertion.rules import SequencingRules
 from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.shapes import (
@@ -291,10 +292,11 @@ def places_of(
     item: StockSection | BrickStepSection, types: Mapping[str, BrickType]
 ) -> frozenset[GridPlace]:
     """Return the places on the grid that a brick of the stock or of a step fills."""
-    return occupied_places(cell_of(item), types[item.brick])
+    return PlacedBrick("", types[item.brick], cell_of(item)).places
 
 
 def support_of(item: SupportSection, *, up: bool = False) -> Support:
     """Return the place of a supporting tool, which is above for a place from below."""
-    (x, y, z), top = item.at, up or item.from_above
-    return Support(x, y, z, item.orientation, item.raised, top)
+    x, y, z = item.at
+    cell = Cell(x, y, z, raised=item.raised)
+    return Support(cell, item.orientation, up or item.from_above)

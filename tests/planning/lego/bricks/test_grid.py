@@ -15,6 +15,7 @@ from planning.lego.bricks.assembly import (
     Cell,
     LegoAssembly,
     LegoStep,
+    PlacedBrick,
     Plate,
     StockBrick,
 )
@@ -25,18 +26,12 @@ from planning.lego.bricks.grid import (
     box_pose,
     box_size,
     bricks_above,
-    footprint,
-    occupied_places,
-    occupied_span,
     plate_corner,
     top_pose,
 )
 from planning.transforms import Array, Transform, from_rpy, inverse, rotation
 from tests.planning.lego.structures import CELLS
 
-FLAT = Plate(np.eye(4))
-
-bricks = st.sampled_from(sorted(BRICKS)).map(BRICKS.__getitem__)
 near_cells = st.builds(
     Cell,
     st.integers(0, 6),
@@ -45,6 +40,14 @@ near_cells = st.builds(
     st.booleans(),
     st.integers(0, 2),
 )
+
+
+def placed(cells: st.SearchStrategy[Cell]) -> st.SearchStrategy[PlacedBrick]:
+    """Return bricks of any type in some cells."""
+    kinds = st.sampled_from(sorted(BRICKS)).map(BRICKS.__getitem__)
+    return st.builds(PlacedBrick, st.just(""), kinds, cells)
+
+
 plates = st.builds(
     lambda x, y, z, yaw: Plate(from_rpy((x, y, z), (0.0, 0.0, yaw))),
     st.floats(-2, 2),
@@ -58,7 +61,7 @@ def cell_at(plate: Plate, top: Transform, brick: BrickType) -> Cell:
     """Return the cell of a brick whose top face has a pose on the grid."""
     local = inverse(plate_corner(plate)) @ top
     turned = round(np.arctan2(local[1, 0], local[0, 0]) / (np.pi / 2)) % 2 == 1
-    nx, ny = footprint(Cell(0, 0, 1, turned), brick)
+    nx, ny = brick.studs[::-1] if turned else brick.studs
     x, y, z = local[:3, 3] / (STUD_PITCH, STUD_PITCH, LAYER_HEIGHT / 3)
     level = round(z) - brick.height
     return Cell.at_level(round(x - nx / 2), round(y - ny / 2), level, turned=turned)
@@ -66,65 +69,60 @@ def cell_at(plate: Plate, top: Transform, brick: BrickType) -> Cell:
 
 def test_a_brick_at_the_corner_stands_on_the_corner() -> None:
     plate = Plate(np.eye(4), (10, 20))
-    pose = top_pose(plate, Cell(0, 0, 1), BRICKS["2x4"])
+    pose = top_pose(plate, PlacedBrick("", BRICKS["2x4"], Cell(0, 0, 1)))
     np.testing.assert_allclose(pose[:3, 3], [-0.04 + 0.008, -0.08 + 0.016, 0.0096])
-    turned = top_pose(plate, Cell(0, 0, 1, True), BRICKS["2x4"])
+    turned = top_pose(plate, PlacedBrick("", BRICKS["2x4"], Cell(0, 0, 1, True)))
     np.testing.assert_allclose(turned[:3, 3], [-0.04 + 0.016, -0.08 + 0.008, 0.0096])
     np.testing.assert_allclose(turned[:3, 0], [0, 1, 0], atol=1e-15)
 
 
-@given(plates, CELLS, bricks)
-def test_from_cell_to_pose_and_back(plate: Plate, cell: Cell, brick: BrickType) -> None:
-    assert cell_at(plate, top_pose(plate, cell, brick), brick) == cell
-
-
-@given(plates, CELLS, bricks)
-def test_half_a_turn_of_a_brick_is_the_same_cell(
-    plate: Plate, cell: Cell, brick: BrickType
+@given(plates, placed(CELLS))
+def test_from_cell_to_pose_and_back_also_by_half_a_turn(
+    plate: Plate, item: PlacedBrick
 ) -> None:
-    pose = top_pose(plate, cell, brick) @ rotation("z", np.pi)
-    assert cell_at(plate, pose, brick) == cell
+    top = top_pose(plate, item)
+    for pose in (top, top @ rotation("z", np.pi)):
+        assert cell_at(plate, pose, item.brick) == item.cell
 
 
-@given(plates, CELLS, bricks)
+@given(plates, placed(CELLS))
 def test_the_box_hangs_half_its_height_below_the_top(
-    plate: Plate, cell: Cell, brick: BrickType
+    plate: Plate, item: PlacedBrick
 ) -> None:
-    top, box = top_pose(plate, cell, brick), box_pose(plate, cell, brick)
+    top, box, height = top_pose(plate, item), box_pose(plate, item), item.brick.height
     np.testing.assert_allclose(
-        top[:3, 3] - box[:3, 3], [0, 0, brick.height * LAYER_HEIGHT / 6], atol=1e-12
+        top[:3, 3] - box[:3, 3], [0, 0, height * LAYER_HEIGHT / 6], atol=1e-12
     )
-    np.testing.assert_allclose(box_from_top(top, brick), box, atol=1e-12)
+    np.testing.assert_allclose(box_from_top(top, item.brick), box, atol=1e-12)
 
 
-def _bounds(cell: Cell, brick: BrickType, plate: Plate = FLAT) -> tuple[Array, Array]:
+def _bounds(item: PlacedBrick) -> tuple[Array, Array]:
     """Return the box's least and greatest corner from its pose and size."""
-    pose = box_pose(plate, cell, brick)
-    half = np.abs(pose[:3, :3]) @ box_size(brick) / 2
+    pose = box_pose(Plate(np.eye(4)), item)
+    half = np.abs(pose[:3, :3]) @ box_size(item.brick) / 2
     return pose[:3, 3] - half, pose[:3, 3] + half
 
 
-@given(near_cells, bricks, near_cells, bricks)
+@given(placed(near_cells), placed(near_cells))
 def test_contact_on_the_grid_is_contact_of_the_boxes(
-    a: Cell, brick_a: BrickType, b: Cell, brick_b: BrickType
+    a: PlacedBrick, b: PlacedBrick
 ) -> None:
-    low_a, high_a = _bounds(a, brick_a)
-    low_b, high_b = _bounds(b, brick_b)
+    low_a, high_a = _bounds(a)
+    low_b, high_b = _bounds(b)
     gap = np.maximum(low_b - high_a, low_a - high_b)
-    other = {"other": (b, brick_b)}
     overlap = bool(np.all(gap < -1e-6))
-    shared = occupied_places(a, brick_a) & occupied_places(b, brick_b)
-    assert bool(shared) == overlap
+    assert bool(a.places & b.places) == overlap
     if overlap:  # two bricks in one place have no neighbours to speak of
         return
     over = bool(np.all(gap[:2] < -1e-6))
     above = over and abs(low_b[2] - high_a[2]) < 1e-6
-    assert bool(bricks_above(a, brick_a, other)) == above
+    assert bool(bricks_above(a, {"other": b})) == above
 
 
 def test_footprints_turn_with_the_brick() -> None:
-    assert footprint(Cell(0, 0, 1), BRICKS["2x6"]) == (2, 6)
-    assert footprint(Cell(0, 0, 1, True), BRICKS["2x6"]) == (6, 2)
+    for turned, size in ((False, (2, 6)), (True, (6, 2))):
+        item = PlacedBrick("", BRICKS["2x6"], Cell(0, 0, 1, turned))
+        assert item.span.size == size
 
 
 numbered = st.tuples(
@@ -139,17 +137,16 @@ numbered = st.tuples(
 @given(st.lists(numbered, max_size=40), numbered, st.integers(0, 4))
 def test_tiles_find_all_neighbours_in_their_order(items, one, before):
     every = [
-        (number, f"b{k}", cell, BRICKS[kind])
+        (number, PlacedBrick(f"b{k}", BRICKS[kind], cell))
         for k, (number, cell, kind) in enumerate(items)
     ]
-    span = occupied_span(one[1], BRICKS[one[2]])
+    span = PlacedBrick("", BRICKS[one[2]], one[1]).span
     near = [
-        item
-        for item in sorted(every, key=lambda item: item[:2])
-        if item[0] < before and span.near(occupied_span(*item[2:]), levels=1)
+        (item.name, item)
+        for number, item in sorted(every, key=lambda e: (e[0], e[1].name))
+        if number < before and span.near(item.span, levels=1)
     ]
-    found = BrickTiles(every).near(span, before)
-    assert list(found.items()) == [(name, (cell, kind)) for _, name, cell, kind in near]
+    assert list(BrickTiles(every).near(span, before).items()) == near
 
 
 ASSEMBLY = LegoAssembly(

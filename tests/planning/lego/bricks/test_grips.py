@@ -16,6 +16,7 @@ from planning.lego.bricks.assembly import (
     STUD_PITCH,
     BrickType,
     Cell,
+    PlacedBrick,
     Plate,
     Press,
 )
@@ -113,14 +114,15 @@ def test_the_contact_cell_is_where_the_tool_presses(
     cell: Cell, grip: tuple[BrickType, Press], up: bool
 ) -> None:
     brick, press = grip
-    plate = Plate(np.eye(4))
-    contact = press_cell(cell, brick, press, up=up)
+    plate, item = Plate(np.eye(4)), PlacedBrick("", brick, cell)
+    contact = press_cell(item, press, up=up)
     assert contact.level == cell.level + (-3 if up else brick.height)
     level = replace(contact, z=cell.z, raised=cell.raised)
-    pair = replace(BRICKS["1x2"], height=brick.height)
+    pair = PlacedBrick("", replace(BRICKS["1x2"], height=brick.height), level)
+    pressed = contact_press(contact, press)
     np.testing.assert_allclose(
-        grip_pose(top_pose(plate, level, pair), pair, contact_press(contact, press)),
-        grip_pose(top_pose(plate, cell, brick), brick, press),
+        grip_pose(top_pose(plate, pair), pair.brick, pressed),
+        grip_pose(top_pose(plate, item), brick, press),
         atol=1e-12,
     )
 

@@ -26,7 +26,6 @@ from planning.lego.bricks.grid import (
     brick_height,
     grip_pose,
     joined_to_plate,
-    occupied_places,
     plate_corner,
     press_cell,
     side_contact_pose,
@@ -56,7 +55,7 @@ STRUCTURES = scattered(TYPES, 10, (0, 4), st.integers(0, 7))
 
 def box(item: PlacedBrick) -> tuple[np.ndarray, np.ndarray]:
     """Return least and greatest corner of a brick's share of the grid [studs, studs, levels]."""
-    pose = inverse(plate_corner(GRID)) @ box_pose(GRID, item.cell, item.brick)
+    pose = inverse(plate_corner(GRID)) @ box_pose(GRID, item)
     half = np.abs(pose[:3, :3]) @ box_size(item.brick) / 2
     unit = (STUD_PITCH, STUD_PITCH, LEVEL)
     low, high = (pose[:3, 3] - half) / unit, (pose[:3, 3] + half) / unit
@@ -138,7 +137,7 @@ def test_what_is_joined_to_the_plate_is_what_joints_link(structure) -> None:
         if {j.lower, j.upper} & held and name not in held
     }:
         held |= new
-    places = {n: occupied_places(i.cell, i.brick) for n, i in bricks.items()}
+    places = {n: i.places for n, i in bricks.items()}
     assert joined_to_plate(places) == held - {None}
 
 
@@ -157,26 +156,23 @@ def test_three_plates_are_as_high_as_a_brick(brick: BrickType, turned: bool) -> 
     assert plate.studs == brick.studs
     stack = [Cell.at_level(5, 6, 3 + k, turned=turned) for k in range(3)]
     assert [c.raised for c in stack] == [0, 1, 2]
-    places = [occupied_places(c, plate) for c in stack]
-    assert frozenset().union(*places) == occupied_places(cell, brick)
-    assert sum(map(len, places)) == len(occupied_places(cell, brick))
+    item = PlacedBrick("", brick, cell)
+    thin = [PlacedBrick("", plate, c) for c in stack]
+    assert frozenset().union(*(one.places for one in thin)) == item.places
+    assert sum(len(one.places) for one in thin) == len(item.places)
     np.testing.assert_allclose(
-        top_pose(GRID, stack[-1], plate), top_pose(GRID, cell, brick), atol=1e-15
+        top_pose(GRID, thin[-1]), top_pose(GRID, item), atol=1e-15
     )
     assert 3 * brick_height(plate) == pytest.approx(brick_height(brick), abs=1e-15)
     # What is pressed on the third plate is where it would be on the brick.
     press = Press(1, 0)
-    assert press_cell(stack[-1], plate, press, up=False) == press_cell(
-        cell, brick, press, up=False
-    )
+    assert press_cell(thin[-1], press, up=False) == press_cell(item, press, up=False)
     # From below, the tool comes where it comes for the brick.
-    for lowest, kind in ((stack[0], plate), (cell, brick)):
-        contact = side_contact_pose(top_pose(GRID, lowest, kind), kind, press)
-        np.testing.assert_allclose(
-            contact,
-            side_contact_pose(top_pose(GRID, cell, brick), brick, press),
-            atol=1e-15,
-        )
+    low, whole = (
+        side_contact_pose(top_pose(GRID, one), one.brick, press)
+        for one in (thin[0], item)
+    )
+    np.testing.assert_allclose(low, whole, atol=1e-15)
 
 
 def test_a_wall_of_plates_stands_as_the_wall_of_bricks() -> None:
@@ -195,9 +191,8 @@ def test_a_wall_of_plates_stands_as_the_wall_of_bricks() -> None:
 @pytest.mark.parametrize("orientation", range(4))
 def test_supports_follow_their_level(level: int, orientation: int) -> None:
     """Each level is 3.2 mm, whole layers are those that layers name."""
-    at = Cell.at_level(10, 12, level)
-    support = Support(at.x, at.y, at.z, orientation, at.raised)
-    base = Support(at.x, at.y, 1, orientation)
+    support = Support(Cell.at_level(10, 12, level), orientation)
+    base = Support(Cell(10, 12, 1), orientation)
     for find in (support_bottom_targets, support_top_targets):
         here, below = (
             find(GRID, s)[0].subgoals[-1].pose[:3, 3] for s in (support, base)
@@ -214,6 +209,6 @@ def test_plates_overlap_where_their_levels_do() -> None:
 
 
 def test_a_plate_is_gripped_at_its_own_top() -> None:
-    plate = BRICKS["2x4-plate"]
-    grip = grip_pose(top_pose(GRID, Cell(0, 0, 2, raised=1), plate), plate, Press(1, 0))
+    plate = PlacedBrick("", BRICKS["2x4-plate"], Cell(0, 0, 2, raised=1))
+    grip = grip_pose(top_pose(GRID, plate), plate.brick, Press(1, 0))
     assert grip[2, 3] == pytest.approx(5 * LEVEL)

@@ -16,7 +16,6 @@ from planning.lego.bricks.drawing import (
     read_layer,
     type_of_size,
 )
-from planning.lego.bricks.grid import footprint
 from tests.planning.lego.structures import scattered
 
 
@@ -81,48 +80,39 @@ def test_a_size_that_two_types_have_needs_a_list():
 WHOLE = {name: kind for name, kind in BRICKS.items() if kind.height == 3}
 
 
-def placed(bricks: Sequence[PlacedBrick]) -> list[tuple[Cell, BrickType]]:
-    return [(item.cell, item.brick) for item in bricks]
-
-
 LAYERS = st.integers(0, 2).map(lambda layer: 3 * layer)
-STRUCTURES = scattered(WHOLE, 12, (-3, 9), LAYERS).map(placed)
+STRUCTURES = scattered(WHOLE, 12, (-3, 9), LAYERS)
 
 
 def draw_layers(
-    bricks: Sequence[tuple[Cell, BrickType]],
+    bricks: Sequence[PlacedBrick],
 ) -> tuple[tuple[int, int], tuple[str, ...]]:
     """Return the drawing of a structure: the inverse of ``read_layer``.
 
     Args:
-        bricks: cell and type of every brick; none may overlap.
+        bricks: of the structure; none may overlap.
 
     Returns:
         Stud of the lower left character, and the layers from the first one up.
     """
     if not bricks:
         return (0, 0), ()
-    areas = [_studs(cell, kind) for cell, kind in bricks]
-    left, right = min(a[0].start for a in areas), max(a[0].stop for a in areas)
-    low, high = min(a[1].start for a in areas), max(a[1].stop for a in areas)
-    top = max(cell.z for cell, _ in bricks)
+    spans = [item.span for item in bricks]
+    left, right = min(s.x0 for s in spans), max(s.x1 for s in spans)
+    low, high = min(s.y0 for s in spans), max(s.y1 for s in spans)
+    top = max(item.cell.z for item in bricks)
     layers = []
     for z in range(1, top + 1):
         grid = [[EMPTY] * (right - left) for _ in range(high - low)]
-        here = [a for a, (cell, _) in zip(areas, bricks, strict=True) if cell.z == z]
-        for xs, ys in sorted(here, key=lambda a: (-a[1].stop, a[0].start)):
-            rows = range(high - ys.stop, high - ys.start)
-            columns = range(xs.start - left, xs.stop - left)
+        here = [item.span for item in bricks if item.cell.z == z]
+        for span in sorted(here, key=lambda s: (-s.y1, s.x0)):
+            rows = range(high - span.y1, high - span.y0)
+            columns = range(span.x0 - left, span.x1 - left)
             letter = _free_letter(grid, rows, columns)
             for row in rows:
                 grid[row][columns.start : columns.stop] = letter * len(columns)
         layers.append("".join("".join(row) + "\n" for row in grid))
     return (left, low), tuple(layers)
-
-
-def _studs(cell: Cell, kind: BrickType) -> tuple[range, range]:
-    nx, ny = footprint(cell, kind)
-    return range(cell.x, cell.x + nx), range(cell.y, cell.y + ny)
 
 
 def _free_letter(grid: Sequence[Sequence[str]], rows: range, columns: range) -> str:
@@ -150,7 +140,9 @@ def test_what_is_drawn_is_read_back(structure):
         drawing = read_layer(text, origin, z, BRICKS)
         assert drawing.problems == []
         back += [(b.cell, b.brick.name) for b in drawing.bricks]
-    assert sorted(back, key=str) == sorted(((c, k.name) for c, k in structure), key=str)
+    assert sorted(back, key=str) == sorted(
+        ((b.cell, b.brick.name) for b in structure), key=str
+    )
 
 
 @settings(max_examples=60, deadline=None)
@@ -159,7 +151,5 @@ def test_every_drawn_character_belongs_to_one_brick(structure):
     """Count of letters and of studs agree, layer by layer."""
     _, layers = draw_layers(structure)
     for z, text in enumerate(layers, start=1):
-        studs = sum(
-            footprint(c, k)[0] * footprint(c, k)[1] for c, k in structure if c.z == z
-        )
+        studs = sum(len(b.studs) for b in structure if b.cell.z == z)
         assert sum(ch not in ".\n" for ch in text) == studs

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
-from planning.lego.bricks.grid import occupied_places
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
 from planning.lego.sequencing.remedies import columns_below, on_plinth
@@ -105,7 +104,7 @@ def test_a_plinth_makes_room_below():
 )
 def test_columns_reach_from_a_brick_to_what_is_below(kind, level, taken):
     item = PlacedBrick("x", BRICKS[kind], Cell.at_level(0, 0, level))
-    own = occupied_places(item.cell, item.brick)
+    own = item.places
     filled = {place: "y" for place in taken if place[2] < level} | dict.fromkeys(
         own, "x"
     )
@@ -114,7 +113,7 @@ def test_columns_reach_from_a_brick_to_what_is_below(kind, level, taken):
     for column in columns_below(item, filled, types):
         top = level
         for part in column:
-            places = occupied_places(part.cell, part.brick)
+            places = part.places
             assert not places & seen
             seen |= places
             assert part.cell.level + part.brick.height == top

@@ -54,7 +54,7 @@ def test_the_force_that_is_borne_is_where_the_plain_program_gives_way():
 
 
 def test_a_support_is_what_makes_the_difference(tmp_path: Path):
-    found = explain_step(_overhang(Support(20, 18, 9, 0)), 11, SequencingRules())
+    found = explain_step(_overhang(Support(Cell(20, 18, 9), 0)), 11, SequencingRules())
     assert found.holds
     assert found.alone < found.needed < found.bears
     (tmp_path / "step.png").write_bytes(draw_step(found))
@@ -63,7 +63,7 @@ def test_a_support_is_what_makes_the_difference(tmp_path: Path):
 
 
 def test_the_picture_has_room_for_its_arrows_and_says_what_they_are():
-    plain = _overhang(Support(20, 18, 9, 0))
+    plain = _overhang(Support(Cell(20, 18, 9), 0))
     steps = tuple(replace(step, temporary=k == 2) for k, step in enumerate(plain.steps))
     for assembly in (plain, replace(plain, steps=steps)):
         found = explain_step(assembly, 11, SequencingRules())

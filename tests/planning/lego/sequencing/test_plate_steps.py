@@ -12,7 +12,6 @@ from planning.lego.bricks.grid import (
     box_size,
     grip_pose,
     lever_cell,
-    occupied_places,
     presses,
     top_pose,
 )
@@ -32,11 +31,9 @@ def test_a_plate_goes_on_a_brick_by_the_edges_that_are_flush() -> None:
     step = found.steps[-1]
     assert step.brick == BRICKS["2x4-plate"]
     assert {p.side for p in step.presses} == {1, 3, 4}
-    under = {place[:2] for place in occupied_places(POST.cell, POST.brick)}
     for press in presses(step.brick):
-        beside = lever_cell(step.cell, step.brick, press)
-        on = {p[:2] for p in occupied_places(beside, BRICKS["1x2"])} & under
-        assert (press in step.presses) == (not on)
+        beside = PlacedBrick("wall", BRICKS["1x2"], lever_cell(step, press))
+        assert (press in step.presses) == beside.studs.isdisjoint(POST.studs)
 
 
 def test_a_plate_on_the_base_plate_has_no_room_for_the_tool() -> None:
@@ -72,18 +69,19 @@ def test_the_wall_stands_beside_the_pressed_edge(
     press: Press, turned: bool, at: tuple[int, int]
 ) -> None:
     """A 2x4 at [5, 5]: the least stud of the cell beside each of its edges."""
-    found = lever_cell(Cell(5, 5, 3, turned, 1), BRICKS["2x4-plate"], press)
+    item = PlacedBrick("", BRICKS["2x4-plate"], Cell(5, 5, 3, turned, 1))
+    found = lever_cell(item, press)
     assert (found.x, found.y) == at
     assert (found.z, found.raised) == (3, 1)
     assert found.turned == ((press.side in (2, 3)) != turned)
 
 
 OTHERS = {
-    "post": (POST.cell, POST.brick),
-    "row": (Cell(18, 20, 1), BRICKS["2x8"]),
-    "wall": (Cell(22, 20, 2), BRICKS["2x4"]),
-    "high": (Cell(18, 24, 2), BRICKS["2x4-plate"]),
-    "far": (Cell(30, 30, 1), BRICKS["2x4"]),
+    "post": POST,
+    "row": PlacedBrick("row", BRICKS["2x8"], Cell(18, 20, 1)),
+    "wall": PlacedBrick("wall", BRICKS["2x4"], Cell(22, 20, 2)),
+    "high": PlacedBrick("high", BRICKS["2x4-plate"], Cell(18, 24, 2)),
+    "far": PlacedBrick("far", BRICKS["2x4"], Cell(30, 30, 1)),
 }
 
 
@@ -91,18 +89,17 @@ OTHERS = {
 def test_the_wall_touches_what_ends_beside_it_and_no_knobs(press: Press) -> None:
     """Which bricks around a plate may touch the tool, against the box of its wall."""
     item, grid = plate(20, 20, 2), Plate(np.eye(4))
-    pose = box_pose(grid, item.cell, item.brick)
-    seat = (item.cell, item.brick, pose)
-    pairs = contacts_at_rest("r", "top", seat, press, OTHERS, ())
+    pose = box_pose(grid, item)
+    pairs = contacts_at_rest("r", item, pose, press, OTHERS, ())
     tool = {next(iter(pair - {"r/tool"})) for pair in pairs if "r/tool" in pair}
-    top = top_pose(grid, item.cell, item.brick)
+    top = top_pose(grid, item)
     grip = grip_pose(top, item.brick, press)
     corners = np.array([[-0.008, -0.008, 0.0], [0.0, 0.008, 0.0032]])
     wall = np.sort(corners @ grip[:3, :3].T + grip[:3, 3], axis=0)
     expected = {"top", "wall", "high"}  # beside the plate, as for any brick
-    for name, (cell, kind) in OTHERS.items():
-        centre = box_pose(grid, cell, kind)
-        half = np.abs(centre[:3, :3]) @ box_size(kind) / 2
+    for name, other in OTHERS.items():
+        centre = box_pose(grid, other)
+        half = np.abs(centre[:3, :3]) @ box_size(other.brick) / 2
         low, high = centre[:3, 3] - half, centre[:3, 3] + half
         gap = np.maximum(low - wall[1], wall[0] - high)
         if (gap < 0.0003).all() and (gap[:2] > 0.0).any():

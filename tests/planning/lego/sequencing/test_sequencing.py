@@ -25,12 +25,7 @@ from planning.lego.bricks.assembly import (
     StockBrick,
     Support,
 )
-from planning.lego.bricks.grid import (
-    covered_studs,
-    occupied_places,
-    press_cell,
-    presses,
-)
+from planning.lego.bricks.grid import press_cell, presses
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.insertion.tool_room import GRID, tool_room
@@ -65,8 +60,8 @@ def _replay(structure, found: SequencedStructure, scaffold=()) -> None:
     for item in found.sequence:
         step, brick = item.step, goal[item.name]
         assert (step.brick, step.cell) == (brick.brick, brick.cell)
-        filled = {p: i for i in there for p in occupied_places(i.cell, i.brick)}
-        own = occupied_places(brick.cell, brick.brick)
+        filled = {p: i for i in there for p in i.places}
+        own = brick.places
         above = {filled.get((x, y, z + 1)) for x, y, z in own} - {None, brick}
         below = {filled.get((x, y, z - 1)) for x, y, z in own} - {None, brick}
         if step.up:
@@ -93,10 +88,10 @@ def _replay(structure, found: SequencedStructure, scaffold=()) -> None:
 
 def _loads(brick, press, force, *, up):
     """Return the press as one load whose points are the rims of the pressed studs."""
-    contact = press_cell(brick.cell, brick.brick, press, up=up)
+    contact = press_cell(brick, press, up=up)
     pair = PlacedBrick("tool", BRICKS["1x2"], contact)
-    own = covered_studs(brick.cell, brick.brick)
-    studs = [s for s in covered_studs(pair.cell, pair.brick) if s in own]
+    own = brick.studs
+    studs = [s for s in pair.studs if s in own]
     top = brick.cell.level + brick.brick.height
     height = (brick.cell.level if up else top) * LAYER_HEIGHT / 3
     rims = ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3))
@@ -113,21 +108,16 @@ def _force(brick, there, *, up):
     on = [b for b in there if b.name != brick.name]
     level = brick.cell.level + (brick.brick.height if up else 0)
     total = 0.0
-    for x, y in covered_studs(brick.cell, brick.brick):
+    for x, y in brick.studs:
         if level == 0:
             uppers = [brick]
         elif up:
-            uppers = [
-                b
-                for b in on
-                if b.cell.level == level and (x, y) in covered_studs(b.cell, b.brick)
-            ]
+            uppers = [b for b in on if b.cell.level == level and (x, y) in b.studs]
         else:
             uppers = [
                 brick
                 for b in on
-                if b.cell.level + b.brick.height == level
-                and (x, y) in covered_studs(b.cell, b.brick)
+                if b.cell.level + b.brick.height == level and (x, y) in b.studs
             ]
         for upper in uppers:
             total += 4 * 0.98 if min(upper.brick.studs) == 1 else 3 * 0.85
@@ -139,7 +129,7 @@ def _holds(there, step):
     support = replace(step.support, from_above=step.up)
     (x0, y0, _), (x1, y1, _) = tool_room("gp4").support(support).face
     level = step.support.cell.level + (-1 if step.up else 3)
-    filled = {p: i.name for i in there for p in occupied_places(i.cell, i.brick)}
+    filled = {p: i.name for i in there for p in i.places}
     n = 9
     out = []
     for i in range(n):
@@ -175,7 +165,9 @@ def test_an_overhang_is_supported_from_below():
     assert hand.step.support is not None
     assert "give way" in hand.reason
     assert hand.step.supports[0] == hand.step.support
-    assert hand.step.support.z == 9  # under the arm, which the hand is pressed onto
+    assert (
+        hand.step.support.cell.z == 9
+    )  # under the arm, which the hand is pressed onto
     with pytest.raises(InfeasibleStepError, match=r"(?s)'hand'.*gives way.*'support'"):
         sequence_structure(structure, rules=SequencingRules(support=False))
     gentle = sequence_structure(structure, rules=SequencingRules(force=0.5))
@@ -194,7 +186,7 @@ def test_a_hanging_brick_is_placed_from_below():
     assert lamp.name == "lamp"
     assert lamp.step.up
     assert lamp.step.support is not None
-    assert lamp.step.support.z > 16
+    assert lamp.step.support.cell.z > 16
     assert "hangs below 'beam'" in lamp.reason
     with pytest.raises(InfeasibleStepError, match="from below is not allowed"):
         sequence_structure(structure, rules=SequencingRules(place_up=False))
@@ -228,8 +220,9 @@ def test_a_slab_is_pressed_on_where_it_has_a_stud_below():
     _replay(structure, found)
     press = found.sequence[-1].step.presses
     item = structure[-1]
-    contacts = [press_cell(item.cell, item.brick, p, up=False) for p in press]
-    assert all((20, 20) in covered_studs(c, BRICKS["1x2"]) for c in contacts)
+    contacts = [press_cell(item, p, up=False) for p in press]
+    pairs = [PlacedBrick("tool", BRICKS["1x2"], at) for at in contacts]
+    assert all((20, 20) in pair.studs for pair in pairs)
     two = [structure[0], brick("roof", "1x8", 20, 20, 2)]
     heavy = [*two, brick("end", "2x4", 20, 26, 3)]
     with pytest.raises(InfeasibleStepError, match=r"(?s)'end'.*gives way"):
@@ -355,7 +348,7 @@ def test_published_sequences_have_support_exactly_where_it_is_needed(task, force
         assert alone == ("support" not in step), item
         if "support" in step:
             entry = step["support"]
-            support = Support(*entry["at"], entry["orientation"])
+            support = Support(Cell(*entry["at"]), entry["orientation"])
             assert site.bears(press, support).stable
 
 

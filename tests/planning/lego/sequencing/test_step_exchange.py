@@ -11,7 +11,6 @@ import pytest
 
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
-from planning.lego.bricks.grid import covered_studs
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.sequencing import sequenced
 from planning.lego.sequencing.stable_steps import movable_work, stable_steps
@@ -76,7 +75,7 @@ def _buildable(assembly: LegoAssembly) -> Iterator[tuple[int, ...]]:
     steps = assembly.steps
     for order in permutations(range(1, len(steps) + 1)):
         moved = tuple(steps[k - 1] for k in order)
-        covered = [set(covered_studs(s.cell, s.brick)) for s in moved]
+        covered = [s.studs for s in moved]
         late = any(
             covered[a] & covered[b] and moved[a].cell.level > moved[b].cell.level
             for b in range(len(moved))

@@ -61,20 +61,20 @@ STEPS = (
         BRICKS["2x4"],
         Cell(23, 20, 9),
         presses=(Press(1, 0),),
-        supports=(Support(23, 21, 7, 0),),
+        supports=(Support(Cell(23, 21, 7), 0),),
     ),
     LegoStep(
         BRICKS["2x4"],
         Cell(23, 22, 10),
         presses=(Press(4, 0),),
-        supports=(Support(24, 23, 8, 3),),
+        supports=(Support(Cell(24, 23, 8), 3),),
     ),
     LegoStep(
         BRICKS["2x2"],
         Cell(23, 24, 9),
         up=True,
         presses=(Press(4, 0),),
-        supports=(Support(23, 25, 11, 2),),
+        supports=(Support(Cell(23, 25, 11), 2),),
     ),
 )
 

@@ -101,7 +101,7 @@ def test_objects_never_jump_and_end_exactly_at_their_goals(
     assert changes == 2 + 2 + 3
     for choice in plan.choices:
         step = found.world.step(choice.step)
-        goal = box_pose(found.world.assembly.plate, step.cell, step.brick)
+        goal = box_pose(found.world.assembly.plate, step)
         at = state.attachments[choice.object]
         assert at.holder is None
         assert np.abs(at.pose - goal).max() < 1e-9

@@ -17,6 +17,7 @@ from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
     BrickType,
+    Cell,
     Plate,
     Press,
     Support,
@@ -122,7 +123,7 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     down = place_down_targets(FRAMES, BRICK, TOP, Press(1, 1))
     up = place_up_targets(FRAMES, side_contact_pose(TOP, BRICK, Press(1, 1)))
     give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
-    held = support_bottom_targets(Plate(np.eye(4)), Support(9, 9, 9, 0))[3]
+    held = support_bottom_targets(Plate(np.eye(4)), Support(Cell(9, 9, 9), 0))[3]
     for skill, names, change_at, lead in (
         (pick, "approach, above, attach, twist, leave", 2, 1),
         (down, "approach, above, attach, half twist, twist, leave", 2, 1),
@@ -261,7 +262,8 @@ def _turned_by_a_quarter(support: Support, studs: int = 48) -> Support:
     """Return the support on the grid turned by +90 degrees about the plate's centre."""
     far = supported_span(support).y1
     orientation = QUARTER_TURN[support.orientation]
-    return replace(support, x=studs - far, y=support.x, orientation=orientation)
+    cell = replace(support.cell, x=studs - far, y=support.cell.x)
+    return Support(cell, orientation)
 
 
 @given(places, orientations, builders)
@@ -269,7 +271,7 @@ def test_orientations_are_quarter_turns_of_each_other(
     place: tuple[int, int, int], orientation: int, build: Build
 ) -> None:
     plate = Plate(np.eye(4))
-    support = Support(*place, orientation)
+    support = Support(Cell(*place), orientation)
     here = build(plate, support)[0].subgoals
     there = build(plate, _turned_by_a_quarter(support))[0].subgoals
     quarter = rotation("z", np.pi / 2)
@@ -282,7 +284,7 @@ def test_the_tip_lies_under_the_supported_studs(
     place: tuple[int, int, int], orientation: int
 ) -> None:
     plate = Plate(np.eye(4))
-    support = Support(*place, orientation)
+    support = Support(Cell(*place), orientation)
     pose = support_bottom_targets(plate, support)[0].subgoals[-1].pose
     heading = np.array([*HEADING[orientation], 0.0])
     np.testing.assert_allclose(pose[:3, 2], heading, atol=1e-12)
@@ -299,7 +301,9 @@ def test_the_tip_lies_under_the_supported_studs(
 def test_the_wall_stands_on_the_studs_from_above(
     place: tuple[int, int, int], orientation: int
 ) -> None:
-    (targets,) = support_top_targets(Plate(np.eye(4)), Support(*place, orientation))
+    (targets,) = support_top_targets(
+        Plate(np.eye(4)), Support(Cell(*place), orientation)
+    )
     pose = targets.subgoals[-1].pose
     np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(pose[:2, 0], HEADING[orientation], atol=1e-12)
@@ -311,7 +315,7 @@ def test_the_wall_stands_on_the_studs_from_above(
 def test_support_poses_move_with_the_plate(
     place: tuple[int, int, int], orientation: int, yaw: float, build: Build
 ) -> None:
-    support = Support(*place, orientation)
+    support = Support(Cell(*place), orientation)
     moved = from_rpy((0.3, -0.2, 1.0), (0.0, 0.0, yaw))
     a = build(Plate(np.eye(4)), support)[0].subgoals[-1].pose
     b = build(Plate(moved), support)[0].subgoals[-1].pose
@@ -320,7 +324,7 @@ def test_support_poses_move_with_the_plate(
 
 def test_pre_poses_are_apart_and_the_first_is_straight() -> None:
     plate = Plate(np.eye(4))
-    bottom = support_bottom_targets(plate, Support(20, 20, 5, 0))
+    bottom = support_bottom_targets(plate, Support(Cell(20, 20, 5), 0))
     moves = [
         tuple(np.round((pre.pose - support.pose)[:3, 3] * 1e3, 6) + 0.0)
         for pre, support in (way.subgoals for way in bottom)
@@ -329,7 +333,7 @@ def test_pre_poses_are_apart_and_the_first_is_straight() -> None:
     assert len(set(moves)) == 9
     assert {m[2] for m in moves} == {-1.0}
     ((pre, support),) = (
-        way.subgoals for way in support_top_targets(plate, Support(20, 20, 5, 1))
+        way.subgoals for way in support_top_targets(plate, Support(Cell(20, 20, 5), 1))
     )
     lift = (pre.pose - support.pose)[:3, 3]
     np.testing.assert_allclose(lift, [0, 0, 0.005], atol=1e-12)
@@ -337,4 +341,4 @@ def test_pre_poses_are_apart_and_the_first_is_straight() -> None:
 
 def test_an_unknown_orientation_is_refused() -> None:
     with pytest.raises(ScenarioError, match="orientation 4"):
-        support_bottom_targets(Plate(np.eye(4)), Support(1, 1, 1, 4))
+        support_bottom_targets(Plate(np.eye(4)), Support(Cell(1, 1, 1), 4))

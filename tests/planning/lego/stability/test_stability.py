@@ -17,7 +17,6 @@ from planning.lego.bricks.assembly import (
     Cell,
     PlacedBrick,
 )
-from planning.lego.bricks.grid import covered_studs, footprint, occupied_places
 from planning.lego.stability.contacts import JointStrength, ToolHold, knob_points
 from planning.lego.stability.partial_structures import PartialStructures
 from planning.statics.equilibrium import STANDARD_GRAVITY, Load
@@ -158,7 +157,7 @@ def test_errors_name_thebrick():
 def test_cavity_contacts_are_those_of_walls_tubes_and_bars(kind, turned):
     item = PlacedBrick("a", BRICKS[kind], Cell(3, 4, 2, turned))
     narrow = min(item.brick.studs) == 1
-    for x, y in covered_studs(item.cell, item.brick):
+    for x, y in item.studs:
         points = knob_points(item, (x, y))
         assert len(points) == (4 if narrow else 3)
         away = ((points - [x + 0.5, y + 0.5]) ** 2).sum(axis=1) ** 0.5
@@ -185,7 +184,7 @@ def _changed(structure, change):
     """Return a structure with the rectangle of every brick mapped by ``change``."""
     out = []
     for item in structure:
-        nx, ny = footprint(item.cell, item.brick)
+        nx, ny = item.span.size
         corners = [
             change(item.cell.x, item.cell.y),
             change(item.cell.x + nx, item.cell.y + ny),
@@ -229,7 +228,7 @@ def test_scores_grow_with_weight_and_shrink_with_strength(structure, factor):
 @settings(max_examples=25, deadline=None)
 @given(_structures(), st.data())
 def test_a_post_below_a_brick_never_makes_it_worse(structure, data):
-    filled = {p for i in structure for p in occupied_places(i.cell, i.brick)}
+    filled = {p for i in structure for p in i.places}
     gaps = sorted(
         (x, y, z)
         for x, y, z in filled
@@ -304,7 +303,7 @@ def test_pressing_agrees_with_the_plain_program(structure, data):
     item = structure[-1]  # nothing lies on the last one
     rest = stability([i for i in structure if i != item])
     assume(rest.stable)
-    x, y, z = data.draw(st.sampled_from(sorted(occupied_places(item.cell, item.brick))))
+    x, y, z = data.draw(st.sampled_from(sorted(item.places)))
     point = ((x + 0.5) * STUD_PITCH, (y + 0.5) * STUD_PITCH, (z + 1) * 0.0032)
     load = Load(
         item.name, (0.0, 0.0, -data.draw(st.sampled_from([2.0, 15.0]))), (point,)
@@ -312,7 +311,7 @@ def test_pressing_agrees_with_the_plain_program(structure, data):
     under = data.draw(st.sampled_from(structure))
     holds = []
     if under != item and data.draw(st.booleans()):
-        a, b, c = min(occupied_places(under.cell, under.brick))
+        a, b, c = min(under.places)
         touch = ((a + 0.5) * STUD_PITCH, (b + 0.5) * STUD_PITCH, c * 0.0032)
         holds = [ToolHold(under.name, 1, touch)]
     plain = stability(
