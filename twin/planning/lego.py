@@ -306,18 +306,23 @@ def find_sequence(
         InfeasibleStepError: the structure does not stand, or no order leads to it.
         UndecidedError: neither a sequence was found, nor a proof that there is none.
     """
-    from planning.lego.sequencing.sequencing import sequenced
+    from planning.lego.sequencing.sequencing import sequence_structure
 
     assembly, structure = build_lego(lego), build_structure(lego)
     rules = sequencing_rules(lego, robots=robots, carrier=carrier)
-    rules = replace(rules, alone=alone)
     try:
-        return sequenced(assembly, structure, rules, progress)
+        found = sequence_structure(
+            structure or assembly.structure,
+            scaffold=assembly.scaffold,
+            rules=replace(rules, alone=alone),
+            progress=progress,
+        )
     except InfeasibleStepError as error:
         if robots > 1:
             raise
         lone = "  (a single robot can neither support nor hand over)"
         raise InfeasibleStepError(f"{error.message}\n{lone}") from None
+    return replace(assembly, steps=found.steps), found
 
 
 def _plate(section: PlateSection) -> Plate:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import chain, product
 
 import numpy as np
@@ -23,7 +23,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.grid import level_height
-from planning.lego.insertion.rules import TOOLS_APART
+from planning.lego.insertion.rules import InsertionWay
 from planning.lego.insertion.tool_room import (
     PLATE,
     Approach,
@@ -48,8 +48,7 @@ _NONE: Names = frozenset()
 _APPROACHES = tuple(product((1, -1), (APPROACH_HEIGHT, HIGH_APPROACH)))
 """Sides and heights that a brick may come from, from above."""
 
-
-TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
+_TIP_SHIFTS = ((0, 0), (-1, 0), (0, -1))
 """Shifts of a supporting tool's cell by which its tip still covers a stud."""
 
 
@@ -66,8 +65,8 @@ class SupportPlace:
 
     support: Support
     touches: Mapping[str, tuple[ToolHold, ...]]
-    blockers: Names
-    near: Names
+    blockers: Names = _NONE
+    near: Names = _NONE
 
 
 class DesignRoom:
@@ -87,10 +86,10 @@ class DesignRoom:
     ) -> None:
         self._tool = tool_room(robot)
         self._bricks, self._filled = bricks, filled
-        self._ways: dict[tuple[str, Press, bool, Approach | None], Names] = {}
-        self._without: dict[str, BrickBoxes] = {}
+        self._others = cache(lambda brick: self._boxes.without({brick}))
+        self._blockers = cache(self._find_blockers)
+        self._touching = cache(self._find_touching)
         self._supports: dict[Support, SupportPlace] = {}
-        self._touching: dict[bool, dict[str, list[SupportPlace]]] = {}
 
     def in_the_way(self, brick: str, press: Press, names: Names, *, up: bool) -> Names:
         """Return which of some bricks stand in the way of a press; none where it has room.
@@ -105,7 +104,7 @@ class DesignRoom:
             up: True for a place-up.
         """
         there = (names - {brick}) | {PLATE}
-        found = self._blockers(brick, press, up, None) & there
+        found = self._blockers(brick, press, up) & there
         if found or up:
             return found
         first: Names | None = None
@@ -116,27 +115,14 @@ class DesignRoom:
             first = first or found
         return first or _NONE
 
-    def _blockers(
-        self, brick: str, press: Press, up: bool, way: Approach | None
+    def _find_blockers(
+        self, brick: str, press: Press, up: bool, way: Approach | None = None
     ) -> Names:
         """Return the obstacles in the design to a press, or to one way to come to it."""
-        key = (brick, press, up, way)
-        known = self._ways.get(key)
-        if known is None:
-            item, others = self._bricks[brick], self._others(brick)
-            if way is not None:
-                found = self._tool.approach_blocked(item, press, others, way)
-            elif up:
-                found = self._tool.place_up_blocked(item, press, others)
-            else:
-                found = self._tool.place_down_blocked(item, press, others)
-            known = self._ways[key] = frozenset(found)
-        return known
-
-    def _others(self, brick: str) -> BrickBoxes:
-        if brick not in self._without:
-            self._without[brick] = self._boxes.without({brick})
-        return self._without[brick]
+        item, others = self._bricks[brick], self._others(brick)
+        if way is not None:
+            return frozenset(self._tool.approach_blocked(item, press, others, way))
+        return frozenset(self._tool.place_blocked(item, press, others, up=up))
 
     def support(self, support: Support) -> SupportPlace:
         """Return what a supporting tool touches, and what stands in its way."""
@@ -144,39 +130,30 @@ class DesignRoom:
         if known is None:
             room = self._tool.support(support)
             touches = self._touches(support, room.face)
-            if not touches:
-                known = SupportPlace(support, {}, _NONE, _NONE)
-                self._supports[support] = known
-                return known
-            blockers = frozenset(blocking(room.boxes, self._boxes))
-            others = self._boxes.without(touches.keys())
-            near = (
-                frozenset(blocking(room.boxes, others, clearance=_CLEARANCE)) - blockers
-            )
-            known = SupportPlace(support, touches, blockers, near)
+            known = SupportPlace(support, touches)
+            if touches:
+                blockers = frozenset(blocking(room.boxes, self._boxes))
+                others = self._boxes.without(touches.keys())
+                near = frozenset(blocking(room.boxes, others, clearance=_CLEARANCE))
+                known = SupportPlace(support, touches, blockers, near - blockers)
             self._supports[support] = known
         return known
 
-    def touching(self, brick: str, *, from_above: bool) -> tuple[SupportPlace, ...]:
+    def touching(self, brick: str, *, from_above: bool) -> list[SupportPlace]:
         """Return the supporting tools that touch a brick and are not in the plate's way."""
-        if from_above not in self._touching:
-            found: dict[str, list[SupportPlace]] = {name: [] for name in self._bricks}
-            for support in self._all_supports(from_above):
-                place = self.support(support)
-                if PLATE not in place.blockers:
-                    for name in place.touches:
-                        found[name].append(place)
-            self._touching[from_above] = found
-        return tuple(self._touching[from_above][brick])
+        return self._touching(from_above)[brick]
+
+    def _find_touching(self, from_above: bool) -> dict[str, list[SupportPlace]]:
+        found: dict[str, list[SupportPlace]] = {name: [] for name in self._bricks}
+        for support in self._all_supports(from_above):
+            place = self.support(support)
+            if PLATE not in place.blockers:
+                for name in place.touches:
+                    found[name].append(place)
+        return found
 
     def holds_anywhere(
-        self,
-        brick: str,
-        touchable: Iterable[str],
-        obstacles: Names,
-        *,
-        from_above: bool,
-        apart: float = 0.0,
+        self, brick: str, touchable: Iterable[str], obstacles: Names, way: InsertionWay
     ) -> tuple[ToolHold, ...]:
         """Return pushes that are worth any supporting tool that has room, and all of them at once.
 
@@ -186,41 +163,31 @@ class DesignRoom:
             brick: that is pressed on, which no supporting tool may touch.
             touchable: bricks that may be held.
             obstacles: bricks that a tool may not run into.
-            from_above: whether tools stand on bricks, or hold them from below.
-            apart: distance that a tool keeps from where the brick is pressed [m].
+            way: how the brick goes in.
         """
+        top = way.holds_from_above
         return tuple(
             hold
             for other in touchable
             if other != brick
-            and _extent(self._corners[brick], self._corners[other]) >= apart
+            and _extent(self._corners[brick], self._corners[other]) >= way.apart
             and any(
                 brick not in place.touches and place.blockers.isdisjoint(obstacles)
-                for place in self.touching(other, from_above=from_above)
+                for place in self.touching(other, from_above=top)
             )
-            for hold in self.face(other, top=from_above)
-        )
-
-    def face(self, brick: str, *, top: bool) -> tuple[ToolHold, ...]:
-        """Return pushes on the corners of a brick's bottom, or top: what any touch there amounts to."""
-        (x0, y0, z0), (x1, y1, z1) = self._corners[brick].tolist()
-        sign, height = (-1, z1) if top else (1, z0)
-        return tuple(
-            ToolHold(brick, sign, (x, y, height))
-            for x, y in product((x0, x1), (y0, y1))
+            for hold in _pushes(other, self._corners[other], top=top)
         )
 
     def _all_supports(self, from_above: bool) -> Iterator[Support]:
         """Yield the tool's places at the tops or bottoms of all bricks."""
         found = set()
         for item in self._bricks.values():
-            span = item.span
-            level = span.top if from_above else span.bottom - BRICK_LEVELS
+            level = item.span.top if from_above else item.span.bottom - BRICK_LEVELS
             if level >= 0:
                 found |= {
                     (x + dx, y + dy, level)
                     for x, y in item.studs
-                    for dx, dy in TIP_SHIFTS
+                    for dx, dy in _TIP_SHIFTS
                 }
         for (x, y, level), turn in product(sorted(found), ORIENTATIONS):
             yield Support(Cell.at_level(x, y, level), turn, from_above)
@@ -251,20 +218,23 @@ class DesignRoom:
         names = {self._filled.get((x, y, level)) for x, y in product(xs, ys)} - {None}
         out = {}
         for name in sorted(str(n) for n in names):
-            item = self._bricks[name]
-            span = item.span
+            span = self._bricks[name].span
             if face != (span.top if top else span.bottom):
                 continue
-            box = self._corners[name]
-            x0, y0 = (max(float(low[k]), float(box[0, k])) for k in (0, 1))
-            x1, y1 = (min(float(high[k]), float(box[1, k])) for k in (0, 1))
-            if x1 - x0 > _LEAST_TOUCH and y1 - y0 > _LEAST_TOUCH:
-                sign = -1 if top else 1
-                corners = product((x0, x1), (y0, y1))
-                out[name] = tuple(
-                    ToolHold(name, sign, (x, y, height)) for x, y in corners
-                )
+            least, most = self._corners[name]
+            shared = np.array([np.maximum(low, least), np.minimum(high, most)])
+            shared[:, 2] = height
+            if (shared[1, :2] - shared[0, :2] > _LEAST_TOUCH).all():
+                out[name] = _pushes(name, shared, top=top)
         return out
+
+
+def _pushes(brick: str, box: Array, *, top: bool) -> tuple[ToolHold, ...]:
+    """Return pushes on the corners of the bottom of a box, or of its top."""
+    (x0, y0, z0), (x1, y1, z1) = box.tolist()
+    sign, height = (-1, z1) if top else (1, z0)
+    corners = product((x0, x1), (y0, y1))
+    return tuple(ToolHold(brick, sign, (x, y, height)) for x, y in corners)
 
 
 def _extent(one: Array, other: Array) -> float:
@@ -275,11 +245,16 @@ def _extent(one: Array, other: Array) -> float:
 
 Point = tuple[float, float]
 
-_BELOW = (-9, -6, -12, -8, -7, -10, -11, -5, -4)
-_ABOVE = (9, 12, 8, 7, 6, 5, 10, 11)
-"""Levels of a support's cell from the contact of the press, those of whole layers first."""
+_LEVELS = {
+    InsertionWay.DOWN_HELD_BELOW: (-9, -6, -12, -8, -7, -10, -11, -5, -4),
+    InsertionWay.UP: (9, 12, 8, 7, 6, 5, 10, 11),
+    InsertionWay.DOWN_HELD_ABOVE: (),
+}
+"""Levels of a support's cell from the contact of the press that are looked at first, those of
+whole layers before the others."""
+
 _SHIFTS = (0, -1, 1)
-"""Studs by which it is aside from the contact, in x and in y."""
+"""Studs by which it is aside from the contact then, in x and in y."""
 
 
 @dataclass(frozen=True)
@@ -317,27 +292,39 @@ class SupportSpots:
     names: Names
     inserted: str
 
-    def below(self, contact: Cell, at: Point) -> Iterator[SupportSpot]:
-        """Yield the spots below bricks: those beside the press first, then the others by distance.
+    def found(
+        self, way: InsertionWay, contact: Cell, at: Point
+    ) -> Iterator[SupportSpot]:
+        """Yield the spots: those beside the press first, then the others by distance.
 
         Args:
+            way: how the brick is pressed on.
             contact: cell of the press.
             at: middle of the press, in the plate's frame [m].
         """
-        return self._spots(contact, at, _BELOW, from_above=False)
+        levels, top = _LEVELS[way], way.holds_from_above
+        nearby = [
+            Support(
+                Cell.at_level(contact.x + dx, contact.y + dy, contact.level + k),
+                turn,
+                top,
+            )
+            for k, dx, dy, turn in product(levels, _SHIFTS, _SHIFTS, ORIENTATIONS)
+        ]
 
-    def above(self, contact: Cell, at: Point) -> Iterator[SupportSpot]:
-        """Yield the spots on top of bricks, for a press from below, in the same order."""
-        return self._spots(contact, at, _ABOVE, from_above=True)
+        def order(spot: SupportSpot) -> tuple[bool, int, float]:
+            rank = levels.index(spot.support.cell.level - contact.level)
+            return spot.tight, rank, round(spot.away(at), 9)
 
-    def above_aside(self, at: Point) -> Iterator[SupportSpot]:
-        """Yield the spots on top of bricks that leave room for a tool that presses from above."""
-        for support in self._anywhere(at, from_above=True):
-            spot = self.spot(support)
-            if spot is not None and spot.away(at) >= TOOLS_APART:
-                yield spot
+        yield from sorted(filter(None, map(self._spot, nearby)), key=order)
+        tried = set(nearby)
+        for support in self._anywhere(at, from_above=top):
+            if support not in tried:
+                spot = self._spot(support)
+                if spot is not None and spot.away(at) >= way.apart:
+                    yield spot
 
-    def spot(self, support: Support) -> SupportSpot | None:
+    def _spot(self, support: Support) -> SupportSpot | None:
         """Return a tool's place as a spot, None where it touches nothing or has no room."""
         if support.cell.level < 0:
             return None
@@ -349,32 +336,6 @@ class SupportSpots:
             return None
         holds = tuple(chain.from_iterable(place.touches[n] for n in touched))
         return SupportSpot(support, holds, not place.near.isdisjoint(self.names))
-
-    def _spots(
-        self, contact: Cell, at: Point, levels: tuple[int, ...], *, from_above: bool
-    ) -> Iterator[SupportSpot]:
-        turns = ORIENTATIONS
-        nearby = [
-            Support(
-                Cell.at_level(contact.x + dx, contact.y + dy, contact.level + k),
-                turn,
-                from_above,
-            )
-            for k, dx, dy, turn in product(levels, _SHIFTS, _SHIFTS, turns)
-        ]
-        near = [spot for spot in map(self.spot, nearby) if spot is not None]
-
-        def order(spot: SupportSpot) -> tuple[bool, int, float]:
-            rank = levels.index(spot.support.cell.level - contact.level)
-            return spot.tight, rank, round(spot.away(at), 9)
-
-        yield from sorted(near, key=order)
-        tried = set(nearby)
-        for support in self._anywhere(at, from_above=from_above):
-            if support not in tried:
-                spot = self.spot(support)
-                if spot is not None:
-                    yield spot
 
     def _anywhere(self, at: Point, *, from_above: bool) -> list[Support]:
         """Return the tool's places that touch bricks, the nearest first."""

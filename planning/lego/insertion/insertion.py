@@ -2,6 +2,13 @@
 
 This is the pruning of APEX-MR App. A for one brick: the structure must bear the pressing force,
 and the tools must have room.
+
+A brick is *perhaps insertable* beside some others when nothing is found that keeps it from going
+in, whichever further bricks are there or not: none of the others is in its way or in the tool's,
+and even the whole design, taken as weightless, bears the press. Whatever keeps it from that keeps
+it from going in beside more bricks, too. To ask once instead of for every press and every
+supporting spot, it is pressed at all its presses at once and held at all spots at once: what the
+structure does not bear then, it bears with none of them.
 """
 
 from __future__ import annotations
@@ -9,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -35,6 +43,8 @@ from planning.lego.stability.partial_structures import (
     PressBearing,
 )
 from planning.statics.equilibrium import Load, StabilityReport
+
+_Question = tuple[str, InsertionWay, tuple[Press, ...], tuple[ToolHold, ...]]
 
 MOST_SPOTS = 40
 """So many supporting spots are tried for one press."""
@@ -91,14 +101,51 @@ class Insertions:
         structures = self.structures
         return DesignRoom(structures.bricks, structures.filled, self.rules.robot)
 
+    @cached_property
+    def _borne(self) -> dict[_Question, PressBearing]:
+        """What the whole design, taken as weightless, bears of presses."""
+        return {}
+
     def last(self, names: Names, brick: str, way: InsertionWay) -> Insertion | None:
         """Return how a brick of a partial structure is put in as its last one, None if it cannot."""
         site = self.at(names, brick, up=way.up)
-        if site.obstacle() is not None or not site.roomy_presses:
+        if site.obstacle() is not None or not site.roomy:
             return None
         if not self.structures.stands(names - {brick}):
             return None
         return site.insertion(way)
+
+    def perhaps(self, parts: Names, brick: str) -> bool:
+        """Tell whether a brick might be the last one in beside others (and what is fixed)."""
+        names = parts | self.fixed
+        bearings = (
+            self.at(names, brick, up=way.up).prospect(way)
+            for way in self.rules.ways_of(brick)
+        )
+        return any(bearing is not None and bearing.stable for bearing in bearings)
+
+    def could_bear(
+        self,
+        brick: str,
+        way: InsertionWay,
+        pressed: tuple[Press, ...],
+        holds: tuple[ToolHold, ...],
+    ) -> PressBearing:
+        """Return what any partial structure might bear at most of a press on a brick.
+
+        Its force is the least that pressing can take: onto one other brick alone.
+        """
+        question = (brick, way, pressed, holds)
+        if question not in self._borne:
+            design = frozenset(self.structures.bricks)
+            below, above = self.structures.below, self.structures.above
+            onto, over = (above, below) if way.up else (below, above)
+            force = min(self.force_onto(brick, (k,)) for k in onto(design, brick))
+            item = self.structures.bricks[brick]
+            load = press_load(item, *pressed, up=way.up, force=force)
+            there = design.difference(n for n in over(design, brick) if n)
+            self._borne[question] = self.structures.could_bear(there, load, holds)
+        return self._borne[question]
 
     def force_onto(self, brick: str, others: Iterable[str | None]) -> float:
         """Return the force that presses a brick onto others, None for the plate [N]."""
@@ -158,6 +205,20 @@ class InsertionSite:
             if bearing.stable:
                 yield Insertion(way, press, spot.support, bearing)
 
+    def prospect(self, way: InsertionWay) -> PressBearing | None:
+        """Return what any structure with these bricks, or fewer, might bear at most of a press.
+
+        Returns:
+            None where the brick cannot go in that way for want of room, or of something to go onto.
+        """
+        whole = replace(self, names=frozenset(self.design.structures.bricks))
+        if self._over or not whole._onto or not self.roomy:
+            return None
+        holds = self._holds_anywhere(way, whole.names)
+        if way.held and not holds:
+            return None
+        return self.design.could_bear(self.item.name, way, self.roomy, holds)
+
     def bears(self, press: Press, support: Support | None = None) -> PressBearing:
         """Tell whether the structure bears a press, room for the tools set aside.
 
@@ -174,25 +235,37 @@ class InsertionSite:
 
     def obstacle(self) -> str | None:
         """Return the reason why the brick cannot be inserted this way, None if it may be."""
-        above, below = self._above, self._below
-        if self.up:
-            if below:
-                return f"{_name(below[0])} is in the way below it"
-            return None if above else "there is nothing above it to press it onto"
-        if above:
-            return f"{_name(above[0])} is in the way above it"
-        return None if below else "there is nothing below it to press it onto"
+        over, onto = ("below", "above") if self.up else ("above", "below")
+        if self._over:
+            return f"{_name(self._over[0])} is in the way {over} it"
+        return None if self._onto else f"there is nothing {onto} it to press it onto"
 
     @cached_property
     def force(self) -> float:
         """The force that it takes to press the brick on [N]."""
-        onto = self._above if self.up else self._below
-        return self.design.force_onto(self.item.name, onto)
+        return self.design.force_onto(self.item.name, self._onto)
+
+    @cached_property
+    def roomy(self) -> tuple[Press, ...]:
+        """The presses of the brick that leave the tool room."""
+        return tuple(p for p in presses(self.item.brick) if self._blocker(p) is None)
 
     @cached_property
     def roomy_presses(self) -> tuple[Press, ...]:
         """The presses of the brick that leave the tool room, the central ones first."""
-        return tuple(p for p in self._ordered_presses() if self._blocker(p) is None)
+        onto: tuple[str | None, ...] = self._onto
+        studs = self.item.studs
+        if onto and None not in onto:
+            bricks = [self.design.structures.bricks[name] for name in onto if name]
+            studs &= frozenset().union(*(other.studs for other in bricks))
+        mx = sum(x + 0.5 for x, _ in studs) / len(studs) * STUD_PITCH
+        my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
+
+        def off(press: Press) -> float:
+            x, y = self._press_point(press)
+            return round(abs(x - mx) + abs(y - my), 9)
+
+        return tuple(sorted(self.roomy, key=off))
 
     def blocker(self) -> str:
         """Return the obstacle to the first press of the brick."""
@@ -224,27 +297,22 @@ class InsertionSite:
     def spots(self, press: Press, way: InsertionWay) -> Iterator[SupportSpot]:
         """Yield where the other arm may hold the structure, a bounded number of them."""
         contact = press_cell(self.item, press, up=self.up)
-        found, at = self._spots, self._press_point(press)
-        if way is InsertionWay.UP:
-            spots = found.above(contact, at)
-        elif way is InsertionWay.DOWN_HELD_BELOW:
-            spots = found.below(contact, at)
-        else:
-            spots = found.above_aside(at)
-        for _, spot in zip(range(MOST_SPOTS), spots, strict=False):
-            yield spot
+        spots = SupportSpots(self.design.room, self.names, self.item.name)
+        return islice(spots.found(way, contact, self._press_point(press)), MOST_SPOTS)
 
     @property
-    def _above(self) -> tuple[str, ...]:
-        return self.design.structures.above(self.names, self.item.name)
+    def _onto(self) -> tuple[str | None, ...]:
+        """What it is pressed onto, None for the plate."""
+        structures = self.design.structures
+        beside = structures.above if self.up else structures.below
+        return beside(self.names, self.item.name)
 
     @property
-    def _below(self) -> tuple[str | None, ...]:
-        return self.design.structures.below(self.names, self.item.name)
-
-    @cached_property
-    def _spots(self) -> SupportSpots:
-        return SupportSpots(self.design.room, self.names, self.item.name)
+    def _over(self) -> tuple[str | None, ...]:
+        """What is on the side that it comes from, and so in its way."""
+        structures = self.design.structures
+        beside = structures.below if self.up else structures.above
+        return beside(self.names, self.item.name)
 
     def _blocker(self, press: Press) -> str | None:
         """Return the first brick in the way of a press, or the plate."""
@@ -252,18 +320,23 @@ class InsertionSite:
         found = room.in_the_way(self.item.name, press, self.names, up=self.up)
         return PLATE if PLATE in found else min(found, default=None)
 
+    def _holds_anywhere(
+        self, way: InsertionWay, touchable: Names
+    ) -> tuple[ToolHold, ...]:
+        """Return all pushes at once by which the other arm may hold some bricks, none without it."""
+        if not way.held:
+            return ()
+        room, name = self.design.room, self.item.name
+        return room.holds_anywhere(name, sorted(touchable), self.names, way)
+
     def _might(self, way: InsertionWay) -> bool:
         """Tell whether the structure bears all presses together, held wherever it can be."""
-        if not self.roomy_presses:
+        if not self.roomy:
             return False
-        holds = self.design.room.holds_anywhere(
-            self.item.name,
-            sorted(self.names),
-            self.names,
-            from_above=way.holds_from_above,
-            apart=way.apart,
+        holds, load = (
+            self._holds_anywhere(way, self.names),
+            self.load(*self.roomy_presses),
         )
-        load = self.load(*self.roomy_presses)
         return bool(holds) and (
             self.design.structures.pressed(self.names, load, holds).stable
         )
@@ -281,22 +354,6 @@ class InsertionSite:
         return tuple(
             h for n, holds in touches.items() if n in self.names for h in holds
         )
-
-    def _ordered_presses(self) -> list[Press]:
-        """Return all presses, those near the middle of what they press onto first."""
-        onto: tuple[str | None, ...] = self._above if self.up else self._below
-        studs = self.item.studs
-        if onto and None not in onto:
-            bricks = [self.design.structures.bricks[name] for name in onto if name]
-            studs &= frozenset().union(*(other.studs for other in bricks))
-        mx = sum(x + 0.5 for x, _ in studs) / len(studs) * STUD_PITCH
-        my = sum(y + 0.5 for _, y in studs) / len(studs) * STUD_PITCH
-
-        def off(press: Press) -> float:
-            x, y = self._press_point(press)
-            return round(abs(x - mx) + abs(y - my), 9)
-
-        return sorted(presses(self.item.brick), key=off)
 
     def _press_point(self, press: Press) -> Point:
         x, y, _ = np.mean(self.load(press).points, axis=0)

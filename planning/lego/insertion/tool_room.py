@@ -23,23 +23,17 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import (
-    box_size,
-    brick_height,
-    grip_pose,
-    side_contact_pose,
-    top_pose,
-)
+from planning.lego.bricks.grid import box_size, brick_height, grip_pose, top_pose
 from planning.lego.skills.targets import (
+    APPROACH_HEIGHT,
     STUD_HEIGHT,
     lever_reaches_below,
-    place_down_targets,
-    place_up_targets,
+    place_targets,
     support_bottom_targets,
     support_top_targets,
 )
 from planning.robots.registry import robot_model
-from planning.steps.skill import Subgoal
+from planning.steps.skill import SkillTargets, Subgoal
 from planning.transforms import Array, Transform, inverse, readonly, translation
 
 _THICK = 0.0045
@@ -47,60 +41,6 @@ _THICK = 0.0045
 
 _SAME = 1e-6
 """Corners at the same height, or above each other, to within this [m]."""
-
-
-@dataclass(frozen=True)
-class ToolShape:
-    """A LEGO tool in its frame ``"tool"``.
-
-    That frame has z out of the tool, the origin in the grip plane, and x towards the middle of a
-    brick gripped from above.
-
-    Attributes:
-        frames: tool frames in the flange frame.
-        pieces: corners of the convex pieces, the last one of each repeated to fill its row,
-            shape (m, v, 3) [m].
-        tip: least and greatest corner of the part that grips, shape (2, 3) [m].
-        lever_end: likewise of the end of the wall beside the grip.
-    """
-
-    frames: Mapping[str, Transform]
-    pieces: Array
-    tip: Array
-    lever_end: Array
-
-    def boxes_at(self, pose: Transform) -> Array:
-        """Return boxes along the world's axes around the pieces, shape (m, 2, 3) [m].
-
-        Args:
-            pose: of the frame ``"tool"``.
-        """
-        corners = self.pieces @ pose[:3, :3].T + pose[:3, 3]
-        return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
-
-
-@cache
-def tool_shape(robot: str) -> ToolShape:
-    """Return the shape of the LEGO tool of a registered robot.
-
-    Args:
-        robot: its name.
-    """
-    model = robot_model(robot)
-    to_tool = inverse(model.flange @ model.frames["tool"])
-    bodies = [
-        part.body.vertices @ to_tool[:3, :3].T + to_tool[:3, 3]
-        for part in model.parts
-        if part.joint == model.dof - 1
-    ]
-    pieces = [piece for corners in bodies for piece in _cut(corners)]
-    most = max(map(len, pieces))
-    rows = [np.vstack([p, np.repeat(p[-1:], most - len(p), axis=0)]) for p in pieces]
-    # The tip ends in the grip plane, the lever beyond it.
-    lever = max(bodies, key=lambda corners: float(corners[:, 2].max()))
-    tip = min(bodies, key=lambda corners: abs(float(corners[:, 2].max())))
-    end = lever[lever[:, 2] > lever[:, 2].max() - _SAME]
-    return ToolShape(model.frames, readonly(rows), _box(tip), _box(end))
 
 
 def _box(corners: Array) -> Array:
@@ -203,34 +143,74 @@ class SupportRoom:
 @cache
 def tool_room(robot: str) -> ToolRoom:
     """Return the room of the LEGO tool of a registered robot."""
-    return ToolRoom(tool_shape(robot), KeptAnswers(20_000))
+    model = robot_model(robot)
+    to_tool = inverse(model.flange @ model.frames["tool"])
+    bodies = [
+        part.body.vertices @ to_tool[:3, :3].T + to_tool[:3, 3]
+        for part in model.parts
+        if part.joint == model.dof - 1
+    ]
+    pieces = [piece for corners in bodies for piece in _cut(corners)]
+    most = max(map(len, pieces))
+    rows = [np.vstack([p, np.repeat(p[-1:], most - len(p), axis=0)]) for p in pieces]
+    # The tip ends in the grip plane, the lever beyond it.
+    lever = max(bodies, key=lambda corners: float(corners[:, 2].max()))
+    tip = min(bodies, key=lambda corners: abs(float(corners[:, 2].max())))
+    end = lever[lever[:, 2] > lever[:, 2].max() - _SAME]
+    supports = KeptAnswers[SupportRoom](20_000)
+    return ToolRoom(model.frames, readonly(rows), _box(tip), _box(end), supports)
 
 
 @dataclass(frozen=True)
 class ToolRoom:
-    """Room that a LEGO tool takes in the skills, and what is in its way.
+    """A LEGO tool in its frame ``"tool"``, the room that it takes in the skills, what is in its way.
+
+    That frame has z out of the tool, the origin in the grip plane, and x towards the middle of a
+    brick gripped from above.
 
     Attributes:
-        tool: its shape.
+        frames: tool frames in the flange frame.
+        pieces: corners of the convex pieces, the last one of each repeated to fill its row,
+            shape (m, v, 3) [m].
+        tip: least and greatest corner of the part that grips, shape (2, 3) [m].
+        lever_end: likewise of the end of the wall beside the grip.
         supports: room of supports that is known.
     """
 
-    tool: ToolShape
+    frames: Mapping[str, Transform]
+    pieces: Array
+    tip: Array
+    lever_end: Array
     supports: KeptAnswers[SupportRoom]
 
-    def place_down_blocked(
-        self, item: PlacedBrick, press: Press, others: BrickBoxes
+    def boxes_at(self, pose: Transform) -> Array:
+        """Return boxes along the world's axes around the pieces, shape (m, 2, 3) [m].
+
+        Args:
+            pose: of the frame ``"tool"``.
+        """
+        corners = self.pieces @ pose[:3, :3].T + pose[:3, 3]
+        return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+
+    def place_blocked(
+        self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
     ) -> list[str]:
-        """Return the obstacles to pressing a brick on from above, however it comes there.
+        """Return the obstacles to pressing a brick on; from above, however it comes there.
 
         Args:
             item: the brick and its goal.
             press: the grip.
             others: boxes of other bricks.
+            up: True for a place-up.
         """
-        frames = self.tool.frames
-        targets = place_down_targets(frames, item.brick, _top(item), press)
-        found = blocking(self._boxes(targets.subgoals[1:]), others)
+        goals = self._targets(item, press, up=up).subgoals
+        if up:
+            boxes = self._boxes(goals)
+            # Only what stands beside the brick may be touched; from the others planning keeps off.
+            aloof = others.without(_side_neighbours(item, others))
+            found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
+            return found + blocking(_moved(item, goals[3].pose, goals[:2]), others)
+        found = blocking(self._boxes(goals[1:]), others)
         if lever_reaches_below(item.brick):
             found += blocking(self._below_lever(item, press), others)
         return found + blocking(_above(item), others)
@@ -249,26 +229,11 @@ class ToolRoom:
             way: that it comes.
         """
         attack, height = way
-        frames, top = self.tool.frames, _top(item)
-        targets = place_down_targets(
-            frames, item.brick, top, press, attack=attack, height=height
-        )
+        targets = self._targets(item, press, up=False, attack=attack, height=height)
         start = targets.subgoals[:1]
         moved = _moved(item, targets.subgoals[2].pose, start)
         found = blocking(self._boxes(start), others, clearance=KEPT)
         return found + blocking(moved, others, clearance=KEPT)
-
-    def place_up_blocked(
-        self, item: PlacedBrick, press: Press, others: BrickBoxes
-    ) -> list[str]:
-        """Return the obstacles to bringing a brick in from below; none when there is room."""
-        contact = side_contact_pose(_top(item), item.brick, press)
-        targets = place_up_targets(self.tool.frames, contact)
-        boxes = self._boxes(targets.subgoals)
-        # Only what stands beside the brick may be touched; from the others planning keeps off.
-        aloof = others.without(_side_neighbours(item, others))
-        found = blocking(boxes, others) + blocking(boxes, aloof, clearance=KEPT)
-        return found + blocking(_moved(item, contact, targets.subgoals[:2]), others)
 
     def support(self, support: Support) -> SupportRoom:
         """Return the room of a supporting tool."""
@@ -279,11 +244,10 @@ class ToolRoom:
         find = support_top_targets if top else support_bottom_targets
         subgoals = find(GRID, support)[0].subgoals
         pose = self._pose(subgoals[-1])
-        (x0, y0, z0), (x1, y1, z1) = self.tool.lever_end if top else self.tool.tip
+        (x0, y0, z0), (x1, y1, z1) = self.lever_end if top else self.tip
         ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]
-        corners = np.array(ends) @ pose[:3, :3].T + pose[:3, 3]
-        face = np.stack([corners.min(axis=0), corners.max(axis=0)])
-        return SupportRoom(readonly(self._boxes(subgoals)), readonly(face))
+        face = _box(np.array(ends) @ pose[:3, :3].T + pose[:3, 3])
+        return SupportRoom(readonly(self._boxes(subgoals)), face)
 
     def attack_side(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
@@ -296,36 +260,41 @@ class ToolRoom:
             others: boxes of the bricks that are there already.
             up: True for a place-up.
         """
-        frames, top = self.tool.frames, _top(item)
-        contact = side_contact_pose(top, item.brick, press)
         for attack in (1, -1):
-            if up:
-                targets = place_up_targets(frames, contact, attack=attack)
-                way, goal = targets.subgoals[1:3], contact
-            else:
-                targets = place_down_targets(
-                    frames, item.brick, top, press, attack=attack
-                )
-                way, goal = targets.subgoals[:2], targets.subgoals[2].pose
-            if not blocking(_moved(item, goal, way), others):
+            targets = self._targets(item, press, up=up, attack=attack)
+            at, goals = targets.change_at or 0, targets.subgoals
+            if not blocking(_moved(item, goals[at].pose, goals[at - 2 : at]), others):
                 return attack
         return 1
 
+    def _targets(
+        self,
+        item: PlacedBrick,
+        press: Press,
+        *,
+        up: bool,
+        attack: int = 1,
+        height: float = APPROACH_HEIGHT,
+    ) -> SkillTargets:
+        top = top_pose(GRID, item)
+        frames, kind = self.frames, item.brick
+        return place_targets(
+            frames, kind, top, press, up=up, attack=attack, height=height
+        )
+
     def _below_lever(self, item: PlacedBrick, press: Press) -> Array:
         """Return the room of the knobs that the tool's wall would stand on beside a plate."""
-        grip = grip_pose(_top(item), item.brick, press)
-        wall = np.add(self.tool.lever_end, [[0.0, 0.0, 0.0], [0.0, 0.0, STUD_HEIGHT]])
-        corners = wall @ grip[:3, :3].T + grip[:3, 3]
-        return np.stack([corners.min(axis=0), corners.max(axis=0)])[None]
+        grip = grip_pose(top_pose(GRID, item), item.brick, press)
+        wall = np.add(self.lever_end, [[0.0, 0.0, 0.0], [0.0, 0.0, STUD_HEIGHT]])
+        return _box(wall @ grip[:3, :3].T + grip[:3, 3])[None]
 
     def _boxes(self, subgoals: Sequence[Subgoal]) -> Array:
         """Return boxes along the plate's axes around the tool at each subgoal, (k, 2, 3) [m]."""
-        return np.concatenate([self.tool.boxes_at(self._pose(s)) for s in subgoals])
+        return np.concatenate([self.boxes_at(self._pose(s)) for s in subgoals])
 
     def _pose(self, subgoal: Subgoal) -> Transform:
         """Return the pose of the frame ``"tool"`` at a subgoal."""
-        frames = self.tool.frames
-        return subgoal.pose @ inverse(frames[subgoal.frame]) @ frames["tool"]
+        return subgoal.pose @ inverse(self.frames[subgoal.frame]) @ self.frames["tool"]
 
 
 def _side_neighbours(item: PlacedBrick, others: BrickBoxes) -> set[str]:
@@ -335,10 +304,6 @@ def _side_neighbours(item: PlacedBrick, others: BrickBoxes) -> set[str]:
     near = (them[:, 0] <= high + TOUCH) & (them[:, 1] >= low - TOUCH)
     near[:, 2] = (them[:, 0, 2] < high[2] - TOUCH) & (them[:, 1, 2] > low[2] + TOUCH)
     return {others.names[k] for k in np.flatnonzero(near.all(axis=1))}
-
-
-def _top(item: PlacedBrick) -> Transform:
-    return top_pose(GRID, item)
 
 
 def _above(item: PlacedBrick) -> Array:

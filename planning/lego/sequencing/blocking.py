@@ -1,11 +1,8 @@
 """Proof that a structure cannot be assembled: bricks of which none can be the last one in.
 
-A brick is *perhaps insertable* beside some others when nothing is found that keeps it from going
-in, whichever further bricks are there or not: none of the others is in its way or in the tool's,
-and even the whole design, taken as weightless, bears the press. Whatever keeps it from that keeps
-it from going in beside more bricks, too. So bricks that are perhaps insertable can be set aside
-one after the other, in any order; if some remain of which none is, no order of assembly exists,
-as one of them would have to be the last.
+Bricks that are perhaps insertable (see ``insertion``) can be set aside one after the other, in any
+order; if some remain of which none is, no order of assembly exists, as one of them would have to be
+the last.
 
 Reachability check of every step, before the search for candidates.
 
@@ -24,16 +21,13 @@ from typing import TypeVar
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
-from planning.lego.bricks.assembly import LegoAssembly, Press
+from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
-from planning.lego.bricks.grid import presses
-from planning.lego.insertion.insertion import Insertions, press_load
+from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import InsertionWay
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
-from planning.lego.stability.contacts import ToolHold
-from planning.lego.stability.partial_structures import Names, PressBearing
-from planning.statics.equilibrium import Load
+from planning.lego.stability.partial_structures import Names
 from planning.steps.skill import (
     SkillPath,
     SkillTargets,
@@ -84,95 +78,6 @@ def smallest_blocking_set(
     return core
 
 
-_Question = tuple[str, InsertionWay, tuple[Press, ...], tuple[ToolHold, ...]]
-
-
-class Prospects:
-    """Tells which bricks of a design might be the last one in beside which others.
-
-    To ask once instead of for every press and every supporting spot, a brick is pressed at all its
-    presses at once and held at all spots at once: what the structure does not bear then, it bears
-    with none of them.
-
-    Args:
-        insertions: of the design.
-    """
-
-    def __init__(self, insertions: Insertions) -> None:
-        self.insertions = insertions
-        self._structures = insertions.structures
-        self._design = frozenset(insertions.structures.bricks)
-        self._borne: dict[_Question, PressBearing] = {}
-
-    def perhaps(self, parts: Names, brick: str) -> bool:
-        """Tell whether a brick might be the last one in beside others (and what is fixed)."""
-        names = parts | self.insertions.fixed
-        return any(
-            bearing is not None and bearing.stable
-            for way in self.insertions.rules.ways_of(brick)
-            for bearing in [self.bearing(names, brick, way)]
-        )
-
-    def bearing(
-        self, names: Names, brick: str, way: InsertionWay
-    ) -> PressBearing | None:
-        """Return what any partial structure might bear at most of a press on a brick.
-
-        Args:
-            names: bricks that are in the way if they are.
-            brick: the brick.
-            way: how it goes in.
-
-        Returns:
-            None where it cannot go in that way for want of room, or of something to go onto.
-        """
-        onto, over = self._structures.below, self._structures.above
-        if way.up:
-            onto, over = over, onto
-        if over(names, brick) or not onto(self._design, brick):
-            return None
-        roomy = tuple(self.roomy(names, brick, up=way.up))
-        if not roomy:
-            return None
-        holds: tuple[ToolHold, ...] = ()
-        if way.held:
-            holds = self.insertions.room.holds_anywhere(
-                brick,
-                sorted(self._design),
-                names,
-                from_above=way.holds_from_above,
-                apart=way.apart,
-            )
-            if not holds:
-                return None
-        return self._could_bear((brick, way, roomy, holds))
-
-    def roomy(self, names: Names, brick: str, *, up: bool) -> Iterator[Press]:
-        """Yield the presses for which the tool has room among some bricks."""
-        room = self.insertions.room
-        for press in presses(self._structures.bricks[brick].brick):
-            if not room.in_the_way(brick, press, names, up=up):
-                yield press
-
-    def _could_bear(self, question: _Question) -> PressBearing:
-        known = self._borne.get(question)
-        if known is None:
-            brick, way, pressed, holds = question
-            over = self._structures.below if way.up else self._structures.above
-            there = self._design.difference(n for n in over(self._design, brick) if n)
-            load = self._load(brick, way, pressed)
-            known = self._structures.could_bear(there, load, holds)
-            self._borne[question] = known
-        return known
-
-    def _load(self, brick: str, way: InsertionWay, pressed: tuple[Press, ...]) -> Load:
-        """Return the least force that pressing can take: onto one other brick alone."""
-        structures = self._structures
-        onto = (structures.above if way.up else structures.below)(self._design, brick)
-        force = min(self.insertions.force_onto(brick, (other,)) for other in onto)
-        return press_load(structures.bricks[brick], *pressed, up=way.up, force=force)
-
-
 _MOST_REASONS = 6
 """How many bricks are named."""
 
@@ -181,13 +86,12 @@ class Refusal:
     """Says why bricks of a design cannot go in.
 
     Args:
-        prospects: what might be inserted.
+        insertions: of the design.
     """
 
-    def __init__(self, prospects: Prospects) -> None:
-        self._prospects, self._insertions = prospects, prospects.insertions
-        self._rules, self._fixed = self._insertions.rules, self._insertions.fixed
-        self._structures = self._insertions.structures
+    def __init__(self, insertions: Insertions) -> None:
+        self._insertions, self._structures = insertions, insertions.structures
+        self._rules, self._fixed = insertions.rules, insertions.fixed
 
     def place(self, name: str) -> str:
         """Return a brick's name, type and place in words."""
@@ -228,36 +132,30 @@ class Refusal:
 
     def _why_never(self, core: Names, name: str) -> tuple[int, str]:
         """Return why a brick cannot go in beside others, whatever else is there."""
-        names = core | self._fixed
-        design = frozenset(self._structures.bricks)
+        names, design = core | self._fixed, frozenset(self._structures.bricks)
         below, above = self._structures.below, self._structures.above
         reasons = []
         for up, onto, over in ((False, below, above), (True, above, below)):
-            way = "from below" if up else "from above"
             if not onto(design, name):
-                nothing = "above" if up else "below"
-                reasons.append(f"there is nothing {nothing} it to press it onto {way}")
-                continue
-            if over(names, name):
-                reasons.append(str(self._insertions.at(names, name, up=up).obstacle()))
-                continue
-            if up and not self._rules.place_up:
-                reasons.append("placing from below is not allowed")
-                continue
-            reasons.append(self._why_not_borne(names, name, up=up))
+                way, nothing = ("below", "above") if up else ("above", "below")
+                reason = f"there is nothing {nothing} it to press it onto from {way}"
+            elif over(names, name):
+                reason = str(self._insertions.at(names, name, up=up).obstacle())
+            elif up and not self._rules.place_up:
+                reason = "placing from below is not allowed"
+            else:
+                reason = self._why_not_borne(names, name, up=up)
+            reasons.append(reason)
         waits = sum("is in the way" in reason for reason in reasons)
         return waits, "; ".join(reasons)
 
     def _why_not_borne(self, names: Names, name: str, *, up: bool) -> str:
         way = "from below" if up else "from above"
         site = self._insertions.at(names, name, up=up)
-        if not any(self._prospects.roomy(names, name, up=up)):
+        if not site.roomy:
             return f"{way} the tool has no room: {_thing(site.blocker())} is in its way"
-        bearings: list[PressBearing] = []
-        for each in self._rules.ways_of(name):
-            bearing = self._prospects.bearing(names, name, each)
-            if each.up == up and bearing is not None:
-                bearings.append(bearing)
+        ways = [each for each in self._rules.ways_of(name) if each.up == up]
+        bearings = [b for b in map(site.prospect, ways) if b is not None]
         if not bearings:
             return f"{way} no spot for the other arm has room"
         best = max(bearings, key=lambda b: b.bears)

@@ -15,11 +15,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
-from planning.lego.sequencing.blocking import (
-    Prospects,
-    remaining,
-    smallest_blocking_set,
-)
+from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
 from planning.lego.stability.partial_structures import Names, PartialStructures
 
 
@@ -133,15 +129,10 @@ class Design:
         return frozenset(item.name for item in (*self.structure, *self.temporary))
 
     @cached_property
-    def prospects(self) -> Prospects:
-        """What might be the last one in of which bricks."""
-        bricks = [*self.structure, *self.temporary]
-        return Prospects(Insertions.of(bricks, self.fixed, self.rules))
-
-    @property
     def insertions(self) -> Insertions:
         """How bricks go in."""
-        return self.prospects.insertions
+        bricks = [*self.structure, *self.temporary]
+        return Insertions.of(bricks, self.fixed, self.rules)
 
     @property
     def structures(self) -> PartialStructures:
@@ -204,12 +195,12 @@ class Design:
     @cached_property
     def blocked(self) -> Names:
         """Return the bricks that remain when all that might go in last are set aside."""
-        return remaining(self.order(), self.prospects.perhaps)
+        return remaining(self.order(), self.insertions.perhaps)
 
     def blocking_set(self) -> Names:
         """Return a smallest set of bricks of which none can be the last one in."""
         some = (name for name in self.order() if name in self.blocked)
-        return smallest_blocking_set(some, self.prospects.perhaps)
+        return smallest_blocking_set(some, self.insertions.perhaps)
 
     def scaffolded(self) -> Design:
         """Return it with scaffolding under bricks that could not go in otherwise.
@@ -223,7 +214,7 @@ class Design:
             alone = [
                 name
                 for name in sorted(design.blocked)
-                if not design.prospects.perhaps(frozenset((name,)), name)
+                if not design.insertions.perhaps(frozenset((name,)), name)
             ]
             columns = design.columns(alone)
             columns = columns or design.column(sorted(design.blocking_set()))

@@ -23,10 +23,10 @@ from itertools import groupby, product
 from typing import Generic, TypeVar
 
 from planning.errors import InfeasibleStepError, UndecidedError
-from planning.lego.bricks.assembly import LegoAssembly, LegoStep, PlacedBrick
+from planning.lego.bricks.assembly import LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import MOST_SPOTS, Insertion, Insertions
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
-from planning.lego.sequencing.blocking import Prospects, Refusal
+from planning.lego.sequencing.blocking import Refusal
 from planning.lego.sequencing.remedies import Design, on_plinth
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
@@ -169,22 +169,18 @@ _FIRST_TRY = 30
 """Partial structures that the first try may look at beyond one for each brick."""
 
 
-def search_sequence(
-    parts: Names,
-    prospects: Prospects,
-    *,
-    limit: int,
-    progress: Progress = no_progress,
+def _search(
+    design: Design, limit: int, progress: Progress
 ) -> DisassemblySearch[str, Insertion]:
     """Search for an order in which bricks can be put together.
 
     Args:
-        parts: of the finished structure.
-        prospects: what might be removed if the structure bore it.
+        design: the finished structure.
         limit: largest number of partial structures to look at, beyond one for each brick.
         progress: told after each try how many were looked at, and of how many at most.
     """
-    removals, failed = Removals(prospects.insertions), set[Names]()
+    parts, insertions = design.parts, design.insertions
+    removals, failed = Removals(insertions), set[Names]()
     visited, beyond = 0, _FIRST_TRY
     dead_end: Names | None = None
     total = limit + len(parts) + 1
@@ -199,7 +195,7 @@ def search_sequence(
         if found.steps is not None or found.complete or visited >= total:
             return replace(found, dead_end=dead_end, visited=visited)
         if end is not None:
-            removals.urgency.update(n for n in end if prospects.perhaps(end, n))
+            removals.urgency.update(n for n in end if insertions.perhaps(end, n))
         beyond += beyond // 2
 
 
@@ -218,14 +214,12 @@ class SequencedStep:
             chosen press.
         reason: in words.
         needed: force that presses the brick on [N].
-        temporary: True for a brick that only helps and is not part of the structure.
     """
 
     name: str
     step: LegoStep
     reason: str
     needed: float
-    temporary: bool = False
 
 
 @dataclass(frozen=True)
@@ -281,7 +275,7 @@ def sequence_structure(
     design = start.scaffolded() if rules.scaffold else start
     core = design.blocking_set()
     if core:
-        words = Refusal(design.prospects).blocked(core)
+        words = Refusal(design.insertions).blocked(core)
         raise InfeasibleStepError(words + _remedies(start))
     # Where scaffolding may be added, that helps more than many tries without it.
     limit = min(rules.search_limit, _TRIES) if rules.scaffold else rules.search_limit
@@ -296,7 +290,7 @@ def sequence_structure(
     if found.steps is None and not found.complete and limit < rules.search_limit:
         found = _search(design, rules.search_limit, progress)
     if found.steps is None:
-        refusal = Refusal(design.prospects)
+        refusal = Refusal(design.insertions)
         end = found.dead_end or frozenset()
         words = (
             f"no brick can be placed in step {len(end)} of {len(design.parts)}, as the last of "
@@ -318,43 +312,10 @@ def sequence_structure(
     )
 
 
-def sequenced(
-    assembly: LegoAssembly,
-    structure: Sequence[PlacedBrick] | None = None,
-    rules: SequencingRules | None = None,
-    progress: Progress = no_progress,
-) -> tuple[LegoAssembly, SequencedStructure]:
-    """Return an assembly with the steps that build a structure on its scaffold.
-
-    Args:
-        assembly: plate and stock; of its steps, if any, only what they build counts.
-        structure: the finished structure, by default that which the steps build.
-        rules: what a sequence may do.
-        progress: see ``sequence_structure``.
-
-    Raises:
-        InfeasibleStepError, UndecidedError: see ``sequence_structure``.
-    """
-    structure = assembly.structure if structure is None else structure
-    scaffold = assembly.scaffold
-    found = sequence_structure(
-        structure, scaffold=scaffold, rules=rules, progress=progress
-    )
-    return replace(assembly, steps=found.steps), found
-
-
-def _search(
-    design: Design, limit: int, progress: Progress
-) -> DisassemblySearch[str, Insertion]:
-    return search_sequence(
-        design.parts, design.prospects, limit=limit, progress=progress
-    )
-
-
 def _stuck(design: Design, found: DisassemblySearch[str, Insertion]) -> list[str]:
     """Return the bricks that could go in at a dead end but for the press, from the top down."""
     end = found.dead_end or frozenset()
-    return [n for n in design.order() if n in end and design.prospects.perhaps(end, n)]
+    return [n for n in design.order() if n in end and design.insertions.perhaps(end, n)]
 
 
 def _described(
@@ -368,7 +329,7 @@ def _described(
         site = design.insertions.at(names, name, up=chosen.way.up)
         step = replace(site.step(chosen), temporary=name in temporary)
         reason = _reason(design, names, name, chosen)
-        yield SequencedStep(name, step, reason, chosen.bearing.needed, step.temporary)
+        yield SequencedStep(name, step, reason, chosen.bearing.needed)
 
 
 def _reason(design: Design, names: Names, name: str, chosen: Insertion) -> str:
@@ -388,7 +349,7 @@ def _check_finished(design: Design) -> None:
     structures = design.structures
     names = frozenset(structures.bricks)
     if not structures.stands(names):
-        refusal = Refusal(design.prospects)
+        refusal = Refusal(design.insertions)
         report = structures.weakness(names)
         what = refusal.place(report.body or "")
         why = f"{what} needs {report.score:.2f} times the friction its knobs have"

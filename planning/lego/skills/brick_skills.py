@@ -35,8 +35,7 @@ from planning.lego.skills.targets import (
     HIGH_APPROACH,
     held_box,
     pick_targets,
-    place_down_targets,
-    place_up_targets,
+    place_targets,
     support_bottom_targets,
     support_top_targets,
     supported_span,
@@ -234,15 +233,12 @@ class BrickSkills:
             height: of the approach of a place-down [m].
         """
         work, twist = self.world.step(step), self.world.assembly.twist
-        frames, kind, top, press = self._handled(robot, step, grasp)
-        attack = attack or work.attack
-        if work.up:
-            contact = side_contact_pose(top, kind, press)
-            turn = twist["place-up"]
-            return place_up_targets(frames, contact, attack=attack, twist=turn)
-        turn = twist["place-down"]
-        return place_down_targets(
-            frames, kind, top, press, attack=attack, height=height, twist=turn
+        return place_targets(
+            *self._handled(robot, step, grasp),
+            up=work.up,
+            attack=attack or work.attack,
+            height=height,
+            twist=twist,
         )
 
     def held_for_place(self, robot: str, step: int, grasp: int) -> Attachment:

@@ -29,6 +29,7 @@ from planning.lego.bricks.grid import (
     brick_height,
     grip_pose,
     plate_corner,
+    side_contact_pose,
     top_pose,
 )
 from planning.steps.skill import SkillTargets, Subgoal
@@ -161,6 +162,31 @@ def place_up_targets(
         Subgoal("leave", "alt_assemble", turned @ translation(_LIFT, 0.0, -_LIFT)),
     )
     return SkillTargets("place-up", subgoals, change_at=3, lead=2)
+
+
+def place_targets(
+    frames: Mapping[str, Transform],
+    brick: BrickType,
+    top: Transform,
+    press: Press,
+    *,
+    up: bool,
+    attack: int = 1,
+    height: float = APPROACH_HEIGHT,
+    twist: Mapping[str, float] = DEFAULT_TWIST,
+) -> SkillTargets:
+    """Return the subgoals of a place-down, or of a place-up, of a brick by its grip in the pick.
+
+    See ``place_down_targets``; ``up`` is True for a place-up, whose approach is always as high, and
+    ``twist`` has the angles by skill.
+    """
+    if up:
+        contact, turn = side_contact_pose(top, brick, press), twist["place-up"]
+        return place_up_targets(frames, contact, attack=attack, twist=turn)
+    turn = twist["place-down"]
+    return place_down_targets(
+        frames, brick, top, press, attack=attack, height=height, twist=turn
+    )
 
 
 def handover_targets(

@@ -9,7 +9,7 @@ import pytest
 
 from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
 from planning.lego.bricks.grid import check_press, press_cell
-from planning.lego.sequencing.sequencing import sequenced
+from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.skills.targets import supported_span
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.manifest import load_scenario
@@ -53,9 +53,9 @@ def test_every_bundled_structure_is_held_to_something() -> None:
 def test_kinds_of_steps(name: str) -> None:
     lego = load(name)
     assembly, structure = build_lego(lego), build_structure(lego)
-    if structure is not None:
-        assembly, _ = sequenced(assembly, structure)
     steps = assembly.steps
+    if structure is not None:
+        steps = sequence_structure(structure, scaffold=assembly.scaffold).steps
     up = sum(step.up for step in steps)
     supported = sum(step.support is not None and not step.up for step in steps)
     layers = max(step.cell.z for step in steps)

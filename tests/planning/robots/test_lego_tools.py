@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planning.errors import RobotModelError
-from planning.lego.insertion.tool_room import tool_shape
+from planning.lego.insertion.tool_room import tool_room
 from planning.robots.registry import ROBOTS, robot_model, with_tool
 from planning.transforms import Array, from_rpy, inverse
 
@@ -141,7 +141,7 @@ def test_a_tool_is_chosen_by_name() -> None:
 @pytest.mark.parametrize("name", ["gp4", "gp4-slim-tool"])
 def test_boxes_for_sequencing_are_around_the_bodies_and_close(name: str) -> None:
     """Every corner of a tool's body lies in a box; no box reaches where no body is."""
-    shape, model = tool_shape(name), robot_model(name)
+    shape, model = tool_room(name), robot_model(name)
     to_tool = inverse(model.flange @ model.frames["tool"])
     corners = np.vstack(
         [

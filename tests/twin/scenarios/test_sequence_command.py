@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from planning.lego.sequencing.sequencing import sequenced
+from planning.lego.sequencing.sequencing import sequence_structure
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.document.validation import InvalidScenarioError
@@ -87,7 +87,8 @@ def test_the_written_scenario_builds_the_same_with_steps(tmp_path):
     assert isinstance(again, LegoSection)
     structure = build_structure(lego)
     assert structure is not None
-    found, _ = sequenced(build_lego(lego), structure)
+    scaffold = build_lego(lego).scaffold
+    found = sequence_structure(structure, scaffold=scaffold)
     assert again.structure is None
     steps = build_lego(again).steps
     for step, expected in zip(steps, found.steps, strict=True):

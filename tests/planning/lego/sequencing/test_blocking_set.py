@@ -74,9 +74,8 @@ def test_what_hangs_above_the_plate_is_refused_with_the_remedy_that_helps():
 def test_scaffolding_carries_it():
     found = sequence_structure(_hanging(), rules=SequencingRules(scaffold=True))
     names = [item.name for item in found.sequence]
-    (helper,) = (item for item in found.sequence if item.temporary)
+    (helper,) = (item for item in found.sequence if item.step.temporary)
     assert helper.step.cell == Cell(20, 23, 1, True)
-    assert helper.step.temporary
     assert names.index(helper.name) < names.index("lamp") < names.index("beam")
     assert not any(step.up for step in found.steps)
 
@@ -90,7 +89,7 @@ def test_a_plinth_makes_room_below():
     assert lamp.step.up
     assert lamp.step.cell.z == 16
     raised, plinth = on_plinth(_hanging(), 14)
-    assert len(plinth) == sum(item.temporary for item in found.sequence) == 14
+    assert len(plinth) == sum(step.temporary for step in found.steps) == 14
     assert {item.name: item.cell.z for item in raised}["beam"] == 17
     with pytest.raises(InfeasibleStepError, match="from below is not allowed"):
         sequence_structure(_hanging(), rules=replace(tall, place_up=False))

@@ -12,7 +12,7 @@ import pytest
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.insertion.rules import SequencingRules
-from planning.lego.sequencing.sequencing import sequenced
+from planning.lego.sequencing.sequencing import sequence_structure
 from planning.lego.sequencing.stable_steps import movable_work, stable_steps
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
@@ -120,7 +120,8 @@ def test_a_sequence_that_was_found_stays_one(candidates: LegoCandidates) -> None
     """In every order the structure stands and bears the presses, whatever way each brick takes."""
     world = candidates.world
     structure = world.assembly.structure
-    assembly, found = sequenced(world.assembly, structure, RULES)
+    found = sequence_structure(structure, rules=RULES)
+    assembly = replace(world.assembly, steps=found.steps)
     names = [item.name for item in found.sequence]
     work = movable_work(find_candidates(world.cell, assembly), RULES, names)
     orders = _orders(work)
