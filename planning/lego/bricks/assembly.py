@@ -134,6 +134,11 @@ class GridSpan(NamedTuple):
         x0, x1, y0, y1, *heights = self
         return GridSpan(x0 - studs, x1 + studs, y0 - studs, y1 + studs, *heights)
 
+    def shared(self, other: GridSpan) -> GridSpan:
+        """Return what two rooms share, without extent along the axis where they only touch."""
+        ends = enumerate(zip(self, other, strict=True))
+        return GridSpan(*(min(pair) if k % 2 else max(pair) for k, pair in ends))
+
     def near(self, other: GridSpan, *, levels: int) -> bool:
         """Tell whether another room begins within a stud beside, and so many levels above or below."""
         return (

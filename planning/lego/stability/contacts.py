@@ -58,36 +58,13 @@ class KnobJoint:
     studs: tuple[tuple[int, int], ...]
 
 
-@dataclass(frozen=True)
-class SideContact:
-    """Two bricks side by side.
-
-    Attributes:
-        first: the brick of lesser x (or y).
-        second: the brick of greater x (or y).
-        axis: 0 when they touch across x, 1 across y.
-        at: coordinate of the common face along ``axis``.
-        span: least and greatest coordinate of the common face along the other axis.
-        levels: least and greatest level of the common face.
-    """
-
-    first: str
-    second: str
-    axis: int
-    at: int
-    span: tuple[int, int]
-    levels: tuple[int, int]
-
-
 def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
     """Return the bricks of a structure by name.
 
     Raises:
-        ScenarioError: two bricks have one name or fill the same place, or one lies below the
-            first layer.
+        ScenarioError: two bricks have one name, or one lies below the first layer.
     """
     out: dict[str, PlacedBrick] = {}
-    filled: dict[GridPlace, str] = {}
     for item in structure:
         if item.name in out:
             raise ScenarioError(f"two bricks of the structure are called {item.name!r}")
@@ -96,26 +73,27 @@ def by_name(structure: Iterable[PlacedBrick]) -> dict[str, PlacedBrick]:
                 f"brick {item.name!r} is in layer {item.cell.z}; the first layer is 1"
             )
         out[item.name] = item
-        for place in item.places:
-            other = filled.setdefault(place, item.name)
-            if other != item.name:
-                raise ScenarioError(f"bricks {other!r} and {item.name!r} overlap")
     return out
+
+
+def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[GridPlace, str]:
+    """Return which brick fills each place of the grid.
+
+    Raises:
+        ScenarioError: two bricks fill the same place.
+    """
+    filled: dict[GridPlace, str] = {}
+    for name, item in bricks.items():
+        for place in item.places:
+            other = filled.setdefault(place, name)
+            if other != name:
+                raise ScenarioError(f"bricks {other!r} and {name!r} overlap")
+    return filled
 
 
 def stud_height(level: float) -> float:
     """Return the height of a level above the plate [studs]."""
     return level / BRICK_LEVELS * LAYER
-
-
-def is_narrow(item: PlacedBrick) -> bool:
-    """Return True when a brick is one stud wide: four contacts a knob instead of three."""
-    return min(item.brick.studs) == 1
-
-
-def filled_places(bricks: Mapping[str, PlacedBrick]) -> dict[GridPlace, str]:
-    """Return which brick fills each place of the grid."""
-    return {place: name for name, item in bricks.items() for place in item.places}
 
 
 def joints(
@@ -137,26 +115,27 @@ def joints(
 
 def side_contacts(
     bricks: Mapping[str, PlacedBrick], filled: Mapping[GridPlace, str]
-) -> tuple[SideContact, ...]:
-    """Return the pairs of bricks that stand side by side, in the order of the bricks."""
-    out = []
+) -> Iterator[ContactForce]:
+    """Yield the contacts of bricks side by side, the corners of their common faces, in studs.
+
+    They are in the order of the bricks; the second of two is the one of greater x, or y.
+    """
     for name, item in bricks.items():
-        x0, x1, y0, y1, bottom, top = item.span
-        levels = range(bottom, top)
-        faces: dict[tuple[str, int], list[int]] = defaultdict(list)
-        for j, k in product(range(y0, y1), levels):
-            if (other := filled.get((x1, j, k))) is not None:
-                faces[other, 0].append(j)
-        for i, k in product(range(x0, x1), levels):
-            if (other := filled.get((i, y1, k))) is not None:
-                faces[other, 1].append(i)
-        for (other, axis), studs in faces.items():
-            next_to = bricks[other].span
-            shared = max(bottom, next_to.bottom), min(top, next_to.top)
-            span = studs[0], studs[-1] + 1
-            at = (x1, y1)[axis]
-            out.append(SideContact(name, other, axis, at, span, shared))
-    return tuple(out)
+        x0, x1, y0, y1, *heights = item.span
+        xs, ys, levels = range(x0, x1), range(y0, y1), range(*heights)
+        beyond = [((x1, j, k), 0) for j, k in product(ys, levels)]
+        beyond += [((i, y1, k), 1) for i, k in product(xs, levels)]
+        for other, axis in dict.fromkeys((filled.get(p), axis) for p, axis in beyond):
+            if other is None:
+                continue
+            face = item.span.shared(bricks[other].span)
+            across = (
+                dict.fromkeys((face.x0, face.x1)),
+                dict.fromkeys((face.y0, face.y1)),
+            )
+            for x, y, level in product(*across, (face.bottom, face.top)):
+                at = (float(x), float(y), stud_height(level))
+                yield ContactForce(name, other, at, LEVEL[axis])
 
 
 def centre(item: PlacedBrick) -> Array:
@@ -224,7 +203,8 @@ class JointStrength:
 
     def pull(self, upper: PlacedBrick) -> float:
         """Return the friction T of a contact in a brick's cavity [N]."""
-        return self.narrow_pull if is_narrow(upper) else self.wide_pull
+        narrow = min(upper.brick.studs) == 1
+        return self.narrow_pull if narrow else self.wide_pull
 
 
 @dataclass(frozen=True)
@@ -260,15 +240,6 @@ def joint_contacts(
         axis = (stud[0] + 0.5, stud[1] + 0.5, height)
         for direction in LEVEL:
             yield ContactForce(*ends, axis, direction, within=sideways)
-
-
-def face_contacts(side: SideContact) -> Iterator[ContactForce]:
-    """Yield the contacts of two bricks side by side, the corners of their common face, in studs."""
-    for along in map(float, side.span):
-        x, y = (side.at, along) if side.axis == 0 else (along, side.at)
-        for height in map(stud_height, side.levels):
-            at = (float(x), float(y), height)
-            yield ContactForce(side.first, side.second, at, LEVEL[side.axis])
 
 
 def in_studs(load: Load) -> Load:

@@ -26,7 +26,6 @@ from planning.lego.stability.contacts import (
     ToolHold,
     by_name,
     centre,
-    face_contacts,
     filled_places,
     in_studs,
     joint_contacts,
@@ -79,19 +78,12 @@ def contains(region: Region, point: Point) -> bool:
     """Return True when a point lies in a convex region or on its edge."""
     if not region:
         return False
-    if len(region) == 1:
-        return _near(region[0], point)
-    if len(region) == 2:
-        a, b = region
-        along = (b[0] - a[0]) * (point[0] - a[0]) + (b[1] - a[1]) * (point[1] - a[1])
-        length = (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
-        return abs(_cross(a, b, point)) <= _EPS and -_EPS <= along <= length + _EPS
-    previous = region[-1]
-    for corner in region:
-        if _cross(previous, corner, point) < -_EPS:
+    for k in (0, 1):
+        along = [corner[k] for corner in region]
+        if not min(along) - _EPS <= point[k] <= max(along) + _EPS:
             return False
-        previous = corner
-    return True
+    edges = zip(region, (*region[1:], region[0]), strict=True)
+    return all(_cross(a, b, point) >= -_EPS for a, b in edges)
 
 
 def convex_hull(points: Collection[Point]) -> Region:
@@ -108,10 +100,6 @@ def convex_hull(points: Collection[Point]) -> Region:
 
 def _cross(a: Point, b: Point, c: Point) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def _near(a: Point, b: Point) -> bool:
-    return abs(a[0] - b[0]) <= _EPS and abs(a[1] - b[1]) <= _EPS
 
 
 Names = frozenset[str]
@@ -149,10 +137,10 @@ class PartialStructures:
         self.bricks = by_name(design)
         self.filled = filled_places(self.bricks)
         """The brick in each place of the grid."""
-        between = joints(self.bricks, self.filled)
+        self._joints = joints(self.bricks, self.filled)
         self._under: dict[str, list[KnobJoint]] = defaultdict(list)
         self._over: dict[str, list[KnobJoint]] = defaultdict(list)
-        for joint in between:
+        for joint in self._joints:
             self._under[joint.upper].append(joint)
             if joint.lower is not None:
                 self._over[joint.lower].append(joint)
@@ -161,17 +149,6 @@ class PartialStructures:
             for name, item in self.bricks.items()
             for x, y, _ in [centre(item)]
         }
-        sides = side_contacts(self.bricks, self.filled)
-        self._contacts = (
-            *(
-                contact
-                for joint in between
-                for contact in joint_contacts(
-                    joint, self.bricks[joint.upper], _STRENGTH
-                )
-            ),
-            *chain.from_iterable(map(face_contacts, sides)),
-        )
         self._from_low = sorted(self.bricks, key=lambda n: self.bricks[n].cell.level)
         self._shapes: dict[object, tuple[int, Region]] = {}
         self._regions: dict[Names, dict[str, Region]] = {}
@@ -186,10 +163,11 @@ class PartialStructures:
     def _program(self) -> Equilibrium:
         """The program in studs, made when it is asked for: many structures rest by pushing alone."""
         bricks = self.bricks
+        knobs = (joint_contacts(j, bricks[j.upper], _STRENGTH) for j in self._joints)
         return Equilibrium(
             {name: centre(item) for name, item in bricks.items()},
             {name: i.brick.mass * STANDARD_GRAVITY for name, i in bricks.items()},
-            self._contacts,
+            [*chain.from_iterable(knobs), *side_contacts(bricks, self.filled)],
         )
 
     def above(self, names: Names, name: str) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ from planning.lego.stability.contacts import (
     ToolHold,
     by_name,
     centre,
-    face_contacts,
     filled_places,
     in_studs,
     joint_contacts,
@@ -75,8 +74,7 @@ def stability(
         for contact in joint_contacts(joint, bricks[joint.upper], strength):
             free = joint.upper in loose or joint.lower in loose
             contacts.append(replace(contact, pull=0.0) if free else contact)
-    for side in side_contacts(bricks, filled):
-        contacts += face_contacts(side)
+    contacts += side_contacts(bricks, filled)
     return _least_pull(bricks, contacts, [in_studs(load) for load in loads])
 
 
