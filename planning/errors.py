@@ -78,3 +78,11 @@ def listed(names: Sequence[str], most: int = 6) -> str:
     """Return names for a message, and how many are left out where there are too many."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
+
+
+def told(faults: Sequence[str], most: int = 6, *, what: str = "") -> str:
+    """Return faults for a message, a line each, and how many are left out, and of what."""
+    more = len(faults) - most
+    return "\n".join(
+        [*faults[:most], *([f"and {more} more{what}"] if more > 0 else [])]
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import typer
 
@@ -38,8 +38,7 @@ def import_apex_mr_task(
         press_from: where the two ways to give a grip contradict each other: side
             (press_side, press_offset) or cell (press_x, press_ori).
     """
-    from planning.importers.apex_mr.brick_steps import READINGS
-    from planning.importers.apex_mr.importer import import_apex_mr
+    from planning.importers.apex_mr.importer import PressFrom, import_apex_mr
     from planning.lego.sequencing.stable_steps import stable_steps
     from planning.robots.registry import with_tool
     from twin.commands.sequence import choose_tool
@@ -50,14 +49,16 @@ def import_apex_mr_task(
     from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
 
-    if press_from not in READINGS:
-        raise RequestError(f"--press-from {press_from}", choices=tuple(READINGS))
+    readings: tuple[PressFrom, ...] = get_args(PressFrom)
+    reading = next((known for known in readings if known == press_from), None)
+    if reading is None:
+        raise RequestError(f"--press-from {press_from}", choices=readings)
     with_tool("gp4", tool)
     content = import_apex_mr(
         folder,
         task,
         prescribed_stock=prescribed_stock,
-        press_from=READINGS[press_from],
+        press_from=reading,
         note=_note,
     )
     note = f"Imported from the published APEX-MR task {task!r}."
@@ -93,9 +94,6 @@ apex_mr = command(
     press_from={"names": ("--press-from",)},
 )
 
-
-_SHOWN_STEPS = 6
-"""How many bricks that are out of reach are named."""
 
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
 
@@ -210,7 +208,7 @@ def _mend_path(robot: dict[str, Any], old: Path, new: Path) -> None:
 def _check_reach(scenario: Scenario, folder: Path) -> None:
     """Raise an error where no robot reaches a brick's place, or any of its type in stock."""
     from planning.lego.bricks.assembly import LegoStep
-    from planning.lego.sequencing.blocking import reach_faults
+    from planning.lego.sequencing.blocking import check_reach
     from twin.planning.build_workcell import build_workcell
     from twin.planning.lego import build_lego, build_structure
     from twin.scenario.sections.lego import LegoSection
@@ -220,15 +218,8 @@ def _check_reach(scenario: Scenario, folder: Path) -> None:
     placed = build_structure(section) or ()
     steps = tuple(LegoStep(item.brick, item.cell) for item in placed)
     assembly = replace(build_lego(section), steps=steps)
-    faults = [
-        f"{placed[number - 1].name} ({steps[number - 1].brick.name} at"
-        f" {steps[number - 1].cell.words}): {fault}"
-        for number, fault in reach_faults(build_workcell(scenario, folder), assembly)
-    ]
-    if faults:
-        more = len(faults) - _SHOWN_STEPS
-        shown = [*faults[:_SHOWN_STEPS], *([f"and {more} more"] if more > 0 else [])]
-        raise InfeasibleStepError("\n".join(shown))
+    names = [f"{b.name} ({b.brick.name} at {b.cell.words})" for b in placed]
+    check_reach(build_workcell(scenario, folder), assembly, names)
 
 
 bricks = command(

@@ -3,40 +3,33 @@
 Expected in the folder: ``assembly_tasks/<task>.json``, ``env_setup/env_setup_<task>.json``,
 ``lego_library.json``, ``plate_calibration.json`` and ``robot_properties/``; ``steps/`` only for
 the prescribed stock, ``user_config.json`` only for other twist angles than usual. The result is
-the plain content of a scenario file.
+the plain content of a scenario file. Steps may give their grips twice.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.importers.apex_mr.brick_steps import (
-    PressFrom,
-    PressReader,
-    brick_names,
-    published_bricks,
-    published_steps,
-    published_stock,
-)
 from planning.importers.apex_mr.task_files import (
+    NONE,
     TOOLS,
     Notes,
     Record,
     arm_base,
     check_arm,
-    integer,
-    number,
     read_json,
     tool_offset,
 )
-from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
+from planning.lego.bricks.grid import SIDES, offsets, press_cell
 from planning.transforms import Transform, from_rpy
 
 ROBOT_NAMES = ("left", "right")
@@ -49,6 +42,32 @@ _STUDS = 48
 _PLATE_KEYS = frozenset(
     ("x", "y", "z", "roll", "pitch", "yaw", "deg", "width", "height")
 )
+
+
+PressFrom = Literal["side", "cell"]
+"""What a grip is read from: ``press_side`` and ``press_offset``, or ``press_x`` and so on."""
+
+_CELL = ("x", "y", "z", "ori")
+_BRICK_KEYS = frozenset(("height", "width", "weight", "mass", "inventory"))
+_STOCK_KEYS = frozenset((*_CELL, "fixed"))
+_STEP_KEYS = frozenset(
+    (
+        *_CELL,
+        "brick_id",
+        "press_side",
+        "press_offset",
+        "manipulate_type",
+        "attack_dir",
+        *(f"press_{k}" for k in _CELL),
+        *(f"support_{k}" for k in _CELL),
+        "brick_seq",
+        "robot_id",
+        "sup_robot_id",
+    )
+)
+
+Types = Mapping[str, BrickType]
+"""Brick types by their published numbers."""
 
 
 def available_tasks(folder: Path) -> tuple[str, ...]:
@@ -93,22 +112,18 @@ def import_apex_mr(
         raise ScenarioError(f"no published task {task!r} in {folder}", choices=tasks)
     notes = Notes()
     library = read_json(folder / "lego_library.json")
-    names = brick_names(library)
+    types = _bricks(library)
     robots = _robots(folder)
     plates = _plates(folder, notes)
-    stock = published_stock(_stock_file(folder, task), names, notes)
+    stock = _stock(_stock_file(folder, task), types, notes)
+    for key in types:
+        notes.unused(library.child(key), _BRICK_KEYS)
     sequence = folder / "assembly_tasks" / f"{task}.json"
     chosen = folder / "steps" / f"{task}_seq.json"
     if prescribed_stock and chosen.exists():
         sequence = chosen
-    bricks = published_bricks(library, names, notes)
-    types = {
-        key: BrickType(name, tuple(bricks[name]["studs"]), bricks[name]["mass_kg"])
-        for key, name in names.items()
-    }
-    reader = PressReader(types, press_from, notes)
     prescribed = stock if prescribed_stock else None
-    steps = published_steps(sequence, names, prescribed, notes, reader)
+    steps = _steps(sequence, types, prescribed, press_from, notes)
     for line in notes.lines():
         note(line)
     return {
@@ -119,7 +134,10 @@ def import_apex_mr(
         "assembly": {
             "kind": "lego",
             **plates,
-            "bricks": bricks,
+            "bricks": {
+                kind.name: {"studs": list(kind.studs), "mass_kg": kind.mass}
+                for kind in types.values()
+            },
             "stock": stock,
             "steps": steps,
             **_twists(folder),
@@ -194,8 +212,8 @@ def _twists(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     config = read_json(path)
-    twist = number(config, "Twist_Deg", default=16.0)
-    handover = number(config, "Handover_Twist_Deg", default=18.0)
+    twist = config.number("Twist_Deg", default=16.0)
+    handover = config.number("Handover_Twist_Deg", default=18.0)
     if (twist, handover) == (16.0, 18.0):
         return {}
     skills = ("pick", "place-down", "place-up")
@@ -204,11 +222,11 @@ def _twists(folder: Path) -> dict[str, Any]:
 
 def _plate(plate: Record, world: Transform, notes: Notes) -> dict[str, Any]:
     notes.unused(plate, _PLATE_KEYS)
-    xyz = [number(plate, k) for k in ("x", "y", "z")]
-    yaw = math.radians(number(plate, "deg", default=0.0))
-    rpy = [number(plate, k, default=0.0) for k in ("roll", "pitch")]
-    rpy.append(number(plate, "yaw", default=yaw))
-    studs = [integer(plate, k, default=_STUDS) for k in ("width", "height")]
+    xyz = [plate.number(k) for k in ("x", "y", "z")]
+    yaw = math.radians(plate.number("deg", default=0.0))
+    rpy = [plate.number(k, default=0.0) for k in ("roll", "pitch")]
+    rpy.append(plate.number("yaw", default=yaw))
+    studs = [plate.integer(k, default=_STUDS) for k in ("width", "height")]
     return {"pose": _pose(world @ from_rpy(xyz, rpy)), "studs": studs}
 
 
@@ -229,3 +247,192 @@ def _upright(xyz: Sequence[float]) -> dict[str, Any]:
 def _tidy(value: float) -> float:
     """Drop what rounding has left behind, and the sign of zero."""
     return round(float(value), 12) + 0.0
+
+
+def _bricks(library: Record) -> dict[str, BrickType]:
+    """Return the brick types, with readable names: ``"2x4"``, or ``"1x4-7"`` if not unique."""
+    records = {key: library.child(key) for key in library.content}
+    studs = {k: (r.integer("height"), r.integer("width")) for k, r in records.items()}
+    count = Counter(studs.values())
+    out = {}
+    for key, brick in records.items():
+        own = studs[key]
+        name = f"{own[0]}x{own[1]}" + (f"-{key}" if count[own] > 1 else "")
+        mass = brick.number("mass" if "mass" in brick.content else "weight")
+        out[key] = BrickType(name, own, mass)
+    return out
+
+
+def _stock(path: Path, types: Types, notes: Notes) -> list[dict[str, Any]]:
+    """Return the entries of the stock, stations and scaffolding included."""
+    file = read_json(path)
+    out: list[dict[str, Any]] = []
+    for name, value in file.content.items():
+        match = re.fullmatch(r"b(\d+)_([A-Za-z0-9_-]+)", name)
+        if match is None and not isinstance(value, dict):
+            notes.unused_key(file, name)
+            continue
+        if match is None:
+            raise ScenarioError(
+                f"{path}: {name!r} does not name a brick",
+                choices=("b<brick>_<number>", "b<brick>_station<number>"),
+            )
+        item = file.child(name)
+        notes.unused(item, _STOCK_KEYS)
+        kind = _type(file, name, match[1], types)
+        entry = {"name": name, "brick": kind.name, **item.cell("").entry}
+        if item.content.get("fixed", False):
+            entry["fixed"] = True
+        if re.fullmatch(r"station\d*", match[2]):
+            if "fixed" in entry:
+                raise ScenarioError(
+                    f"{item.where('fixed')}: a feeding station cannot be fixed"
+                )
+            entry["station"] = True
+        out.append(entry)
+    return out
+
+
+def _steps(
+    path: Path,
+    types: Types,
+    stock: Sequence[Mapping[str, Any]] | None,
+    wanted: PressFrom,
+    notes: Notes,
+) -> list[dict[str, Any]]:
+    """Return the entries of the steps, in order.
+
+    Published numbers of stock bricks can be older than the stock: one that is scaffolding now,
+    or taken by an earlier step, is not taken over.
+
+    Args:
+        path: of the task, or of the sequence that was chosen for it.
+        types: of bricks.
+        stock: entries of the stock when steps prescribe it, None when they do not.
+        wanted: what a grip is read from where both are given.
+        notes: takes what is not used, and contradictions.
+    """
+    file = read_json(path)
+    keys = []
+    for key, value in file.content.items():
+        if isinstance(value, dict) or key.isdecimal():
+            keys.append(key)
+        else:
+            notes.unused_key(file, key)
+    expected = [str(k) for k in range(1, len(keys) + 1)]
+    if not keys or sorted(keys, key=lambda k: (len(k), k)) != expected:
+        last = max(1, len(expected))
+        raise ScenarioError(f"{path}: steps must be numbered 1 to {last}")
+    out = []
+    used: set[str] = set()
+    for key in expected:
+        step = file.child(key)
+        notes.unused(step, _STEP_KEYS)
+        number = str(step.integer("brick_id"))
+        kind = _type(file, key, number, types)
+        entry = {"brick": kind.name, **step.cell("").entry}
+        entry |= _ways(step, _press(step, kind, wanted, notes))
+        if stock is not None and step.content.get("brick_seq") not in (None, "", NONE):
+            source = _prescribed(step, number, stock)
+            if source.get("fixed") or source["name"] in used:
+                why = "scaffolding" if source.get("fixed") else "taken already"
+                notes.add(f"{step.where('brick_seq')}: {source['name']} is {why}")
+            else:
+                entry["stock"] = source["name"]
+                if not source.get("station"):
+                    used.add(source["name"])
+        out.append(entry)
+    return out
+
+
+def _ways(step: Record, press: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how a step is done, as far as it says, with the grip that was read."""
+    entry: dict[str, Any] = {"place": "up"} if _is_up(step) else {}
+    entry |= press
+    if step.integer("support_x", default=NONE) != NONE:
+        entry["support"] = {
+            "at": [step.integer(f"support_{k}") for k in "xyz"],
+            "orientation": step.choice("support_ori", (0, 1, 2, 3)),
+        }
+    if step.choice("attack_dir", (1, -1), default=1) == -1:
+        entry["attack"] = -1
+    return entry
+
+
+def _is_up(step: Record) -> bool:
+    return step.choice("manipulate_type", (0, 1), default=0) == 1
+
+
+def _press(
+    step: Record, kind: BrickType, wanted: PressFrom, notes: Notes
+) -> dict[str, Any]:
+    """Return the entries of a step's grip, none where the step gives none.
+
+    A place from below keeps the contact cell as well, unless side and offset are wanted and
+    contradict it.
+    """
+    side = step.choice("press_side", (1, 2, 3, 4, NONE), default=NONE)
+    offset = step.integer("press_offset", default=NONE)
+    given = None if NONE in (side, offset) else Press(side, offset)
+    up = _is_up(step)
+    entry = {} if given is None else _entry(given)
+    if step.integer("press_x", default=NONE) == NONE:
+        return entry
+    contact = {"press_cell": step.cell("press_").entry} if up else {}
+    found = _presses_at(step, kind, up=up)
+    if given in found:
+        return entry | contact
+    if given is None:
+        return entry | contact if not found else _entry(found[0]) | contact
+    where = f"{step.path}: {step.key}"
+    about = f"press side {side} and offset {offset}"
+    if not found:
+        notes.add(
+            f"{where}: {about} are taken: press_x, press_y, press_z and press_ori are no "
+            f"place on an edge of the {kind.name}"
+        )
+        return entry
+    this = (
+        f"press_x and press_ori say side {found[0].side} and offset {found[0].offset}"
+    )
+    if wanted == "cell":
+        notes.add(f"{where}: {this}, which is taken; it also gives {about}")
+        return _entry(found[0]) | contact
+    notes.add(f"{where}: {about} are taken; {this} (--press-from cell takes that)")
+    return entry
+
+
+def _presses_at(step: Record, kind: BrickType, *, up: bool) -> list[Press]:
+    """Return the grips whose contact is the published cell, that of the given side first."""
+    item, contact = PlacedBrick("", kind, step.cell("")), step.cell("press_")
+    sides = sorted(SIDES, key=lambda k: k != step.content.get("press_side"))
+    grips = (Press(side, offset) for side in sides for offset in offsets(kind, side))
+    return [press for press in grips if press_cell(item, press, up=up) == contact]
+
+
+def _entry(press: Press) -> dict[str, Any]:
+    return {"press": {"side": press.side, "offset": press.offset}}
+
+
+def _prescribed(
+    step: Record, number: str, stock: Sequence[Mapping[str, Any]]
+) -> Mapping[str, Any]:
+    # A station's brick is published as "station2.17": the station and the step it is for.
+    sequence = str(step.content["brick_seq"]).split(".")[0]
+    by_name = {str(item["name"]): item for item in stock}
+    name = f"b{number}_{sequence}"
+    if name not in by_name:
+        raise ScenarioError(
+            f"{step.where('brick_seq')}: there is no stock brick {name!r}",
+            choices=tuple(k for k in by_name if k.startswith(f"b{number}_")),
+        )
+    return by_name[name]
+
+
+def _type(file: Record, key: str, number: str, types: Types) -> BrickType:
+    if number not in types:
+        raise ScenarioError(
+            f"{file.path}: {key}: the library has no brick {number}",
+            choices=tuple(types),
+        )
+    return types[number]

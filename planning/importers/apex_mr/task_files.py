@@ -13,6 +13,7 @@ import numpy as np
 
 from planning.errors import ScenarioError
 from planning.files import read_file
+from planning.lego.bricks.assembly import Cell
 from planning.transforms import Array, Transform, inverse
 
 TOOLS: Mapping[str, str] = {
@@ -62,10 +63,52 @@ class Record:
 
     def child(self, key: str) -> Record:
         """Return the object at ``key``."""
-        value = _get(self, key)
+        value = self._get(key)
         if not isinstance(value, dict):
             raise ScenarioError(f"{self.where(key)}: must be an object")
         return Record(self.path, ".".join(k for k in (self.key, key) if k), value)
+
+    def number(self, key: str, *, default: float | None = None) -> float:
+        """Return a finite number, or the default where the key is missing and there is one."""
+        if default is not None and self.content.get(key) is None:
+            return default
+        value = self._get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ScenarioError(f"{self.where(key)}: {value!r} is not a number")
+        if not np.isfinite(value):
+            raise ScenarioError(f"{self.where(key)}: {value!r} is not finite")
+        return float(value)
+
+    def integer(self, key: str, *, default: int | None = None) -> int:
+        """Return a whole number, or the default where the key is missing and there is one."""
+        value = self.number(key, default=default)
+        if value != int(value):
+            raise ScenarioError(f"{self.where(key)}: {value!r} is not a whole number")
+        return int(value)
+
+    def choice(
+        self, key: str, valid: tuple[int, ...], *, default: int | None = None
+    ) -> int:
+        """Return one of some whole numbers, or the default where the key is missing."""
+        value = self.integer(key, default=default)
+        if value not in valid:
+            raise ScenarioError(
+                f"{self.where(key)}: {value} is not valid",
+                choices=tuple(str(v) for v in valid),
+            )
+        return value
+
+    def cell(self, prefix: str) -> Cell:
+        """Return a cell, whose keys begin with a prefix."""
+        x, y, z = (self.integer(f"{prefix}{k}") for k in "xyz")
+        return Cell(x, y, z, self.choice(f"{prefix}ori", (0, 1)) == 1)
+
+    def _get(self, key: str) -> Any:
+        if key not in self.content:
+            raise ScenarioError(
+                f"{self.where(key)}: is missing", choices=tuple(self.content)[:20]
+            )
+        return self.content[key]
 
 
 class Notes:
@@ -124,26 +167,6 @@ def read_json(path: Path) -> Record:
     return Record(path, "", content)
 
 
-def number(record: Record, key: str, *, default: float | None = None) -> float:
-    """Return a finite number, or the default where the key is missing and there is one."""
-    if default is not None and record.content.get(key) is None:
-        return default
-    value = _get(record, key)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError(f"{record.where(key)}: {value!r} is not a number")
-    if not np.isfinite(value):
-        raise ScenarioError(f"{record.where(key)}: {value!r} is not finite")
-    return float(value)
-
-
-def integer(record: Record, key: str, *, default: int | None = None) -> int:
-    """Return a whole number, or the default where the key is missing and there is one."""
-    value = number(record, key, default=default)
-    if value != int(value):
-        raise ScenarioError(f"{record.where(key)}: {value!r} is not a whole number")
-    return int(value)
-
-
 def check_arm(properties: Path) -> None:
     """Check that the published arm is the one that the model ``gp4`` describes.
 
@@ -153,27 +176,6 @@ def check_arm(properties: Path) -> None:
     path = properties / "gp4_DH.txt"
     if not np.allclose(_table(path, (6, 4)), _GP4, atol=1e-6):
         raise ScenarioError(f"{path}: describes another arm than the model 'gp4'")
-
-
-def choice(
-    record: Record, key: str, valid: tuple[int, ...], *, default: int | None = None
-) -> int:
-    """Return one of some whole numbers, or the default where the key is missing."""
-    value = integer(record, key, default=default)
-    if value not in valid:
-        raise ScenarioError(
-            f"{record.where(key)}: {value} is not valid",
-            choices=tuple(str(v) for v in valid),
-        )
-    return value
-
-
-def cell_entry(record: Record, prefix: str) -> dict[str, Any]:
-    """Return the entry of a cell, whose keys begin with a prefix."""
-    out: dict[str, Any] = {"at": [integer(record, f"{prefix}{k}") for k in "xyz"]}
-    if choice(record, f"{prefix}ori", (0, 1)) == 1:
-        out["turned"] = True
-    return out
 
 
 def tool_offset(properties: Path, robot: str, tool: str) -> list[float]:
@@ -242,12 +244,3 @@ def _table(path: Path, shape: tuple[int, int]) -> Array:
             f"{path}: has shape {table.shape}, must have {shape[0]} rows of {shape[1]}"
         )
     return np.asarray(table, dtype=np.float64)
-
-
-def _get(record: Record, key: str) -> Any:
-    try:
-        return record.content[key]
-    except KeyError:
-        raise ScenarioError(
-            f"{record.where(key)}: is missing", choices=tuple(record.content)[:20]
-        ) from None

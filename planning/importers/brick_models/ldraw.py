@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,39 +49,6 @@ _DEEPEST = 50
 
 _MOST_REFERENCES = 4 * MOST_BRICKS
 """Parts and models that are looked at."""
-
-
-@dataclass(frozen=True)
-class _LdrawPart:
-    """A part of the whole model.
-
-    Attributes:
-        line: of the file.
-        via: lines of the references that lead to it, the outermost first.
-        pose: in the whole model, shape (4, 4) [LDraw units].
-        name: of its file.
-        colour: as written, that of the model around it where it takes that.
-    """
-
-    line: int
-    via: tuple[int, ...]
-    pose: Array
-    name: str
-    colour: str
-
-    @property
-    def source(self) -> str:
-        """Where it stands, such as ``"line 12 by way of line 3"``."""
-        return f"line {self.line}{self._way}"
-
-    @property
-    def words(self) -> str:
-        """Its file and by which lines it came, such as ``"3001.dat by way of line 3"``."""
-        return f"{self.name}{self._way}"
-
-    @property
-    def _way(self) -> str:
-        return "".join(f" by way of line {k}" for k in reversed(self.via))
 
 
 def read_ldraw(path: Path) -> BrickModel:
@@ -133,12 +100,12 @@ def read_ldraw(path: Path) -> BrickModel:
     return finished_model(path, bricks, notes)
 
 
-def _parts(path: Path, document: Document) -> list[_LdrawPart]:
+def _parts(path: Path, document: Document) -> list[Reference]:
     """Return the parts of the whole model, those of models in it in their places."""
     main = next(iter(document.models))
-    out: list[_LdrawPart] = []
+    out: list[Reference] = []
     # Models that are still to be read, the one whose parts come first on top.
-    todo = [(_LdrawPart(0, (), np.eye(4), main, "16"), iter(document.models[main]))]
+    todo = [(Reference(0, np.eye(4), main, "16"), iter(document.models[main]))]
     references = 0
     while todo:
         at, pending = todo[-1]
@@ -153,31 +120,22 @@ def _parts(path: Path, document: Document) -> list[_LdrawPart]:
             )
         via = (*at.via, at.line) if at.line else ()
         colour = at.colour if item.colour in INHERITED else item.colour
-        part = _LdrawPart(item.line, via, at.pose @ item.pose, item.name, colour)
-        model = _model_of(document, item)
-        if model is None:
+        part = replace(item, pose=at.pose @ item.pose, colour=colour, via=via)
+        model = document.models.get(item.name)
+        # Some programs pack the library's parts into the file: those are bricks all the same.
+        if model is None or part_of(item.name) is not None:
             out.append(part)
         elif len(via) < _DEEPEST:
-            todo.append((part, iter(document.models[model])))
+            todo.append((part, iter(model)))
         else:
             raise ScenarioError(
-                f"{path}:{item.line}: models within models, more than {_DEEPEST} deep: {model!r}"
-                " may contain itself"
+                f"{path}:{item.line}: models within models, more than {_DEEPEST} deep:"
+                f" {item.name!r} may contain itself"
             )
     return out
 
 
-def _model_of(document: Document, item: Reference) -> str | None:
-    """Return the name of the model that a reference is to, None where it is to a part.
-
-    Some programs pack the library's parts into the file: those are bricks all the same.
-    """
-    if item.name in document.models and part_of(item.name) is None:
-        return item.name
-    return None
-
-
-def _kinds(path: Path, parts: Sequence[_LdrawPart]) -> list[BrickType]:
+def _kinds(path: Path, parts: Sequence[Reference]) -> list[BrickType]:
     """Return the brick type of each part."""
     faults, seen, kinds = FileFaults(path), set[tuple[int, str]](), []
     for part in parts:
@@ -193,7 +151,7 @@ def _kinds(path: Path, parts: Sequence[_LdrawPart]) -> list[BrickType]:
     return kinds
 
 
-def _quarters(path: Path, parts: Sequence[_LdrawPart]) -> list[int]:
+def _quarters(path: Path, parts: Sequence[Reference]) -> list[int]:
     """Return by how many quarter turns about the vertical each part is turned."""
     faults, quarters = FileFaults(path), []
     for part in parts:
@@ -227,7 +185,7 @@ def _quarter(turn: Array) -> int | str:
 
 
 def _corner(
-    part: _LdrawPart, kind: BrickType, turned: bool
+    part: Reference, kind: BrickType, turned: bool
 ) -> tuple[float, float, float]:
     """Return the least x and y of a part, and the height of its bottom [LDraw units]."""
     nx, ny = kind.studs[::-1] if turned else kind.studs
@@ -235,7 +193,7 @@ def _corner(
     return x - nx * STUD / 2, z - ny * STUD / 2, -down - kind.height * LEVEL
 
 
-def _cells(path: Path, parts: Sequence[_LdrawPart], corners: Array) -> list[list[int]]:
+def _cells(path: Path, parts: Sequence[Reference], corners: Array) -> list[list[int]]:
     """Return stud and level of each corner on the grid that most of them share.
 
     Raises:
@@ -278,11 +236,10 @@ def _away(offset: Array, unit: Array) -> Array:
     return away
 
 
-def _notes(document: Document, parts: Sequence[_LdrawPart]) -> Iterator[str]:
-    drawn = sum(document.drawn.values())
-    if drawn:
-        what = "line that draws" if drawn == 1 else "lines that draw"
-        yield f"{drawn} {what} edges and faces (types 2 to 5): left out"
+def _notes(document: Document, parts: Sequence[Reference]) -> Iterator[str]:
+    if document.drawn:
+        what = "line that draws" if document.drawn == 1 else "lines that draw"
+        yield f"{document.drawn} {what} edges and faces (types 2 to 5): left out"
     if document.steps:
         what = "step is" if document.steps == 1 else "steps are"
         yield f"{document.steps} {what} left out: the planner finds the order itself"

@@ -8,7 +8,6 @@ to 5), which only draw, too.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,12 +68,6 @@ def colour_of(text: str, defined: Mapping[int, Colour]) -> Colour | None:
     return _split(_VALUES[code]) if code in _VALUES else None
 
 
-def definition(line: str) -> tuple[int, Colour] | None:
-    """Return the colour that a line defines with its code, None where it defines none."""
-    found = _DEFINED.match(line.strip())
-    return None if found is None else (int(found[1]), _split(int(found[2], 16)))
-
-
 def _split(value: int) -> Colour:
     return value >> 16, value >> 8 & 255, value & 255
 
@@ -91,19 +84,35 @@ FORM = (
 
 @dataclass(frozen=True)
 class Reference:
-    """A part or a model in a model.
+    """A part or a model in a model, or in the whole one.
 
     Attributes:
         line: of the file, from 1.
         pose: in the model, shape (4, 4), lengths in LDraw units.
         name: of the file it refers to, in small letters.
-        colour: as written.
+        colour: as written; in the whole model that of the model around it where it takes that.
+        via: in the whole model, lines of the references that lead to it, the outermost first.
     """
 
     line: int
     pose: Array
     name: str
     colour: str
+    via: tuple[int, ...] = ()
+
+    @property
+    def source(self) -> str:
+        """Where it stands, such as ``"line 12 by way of line 3"``."""
+        return f"line {self.line}{self._way}"
+
+    @property
+    def words(self) -> str:
+        """Its file and by which lines it came, such as ``"3001.dat by way of line 3"``."""
+        return f"{self.name}{self._way}"
+
+    @property
+    def _way(self) -> str:
+        return "".join(f" by way of line {k}" for k in reversed(self.via))
 
 
 @dataclass
@@ -118,7 +127,7 @@ class Document:
     """
 
     models: dict[str, list[Reference]] = field(default_factory=dict)
-    drawn: Counter[str] = field(default_factory=Counter)
+    drawn: int = 0
     steps: int = 0
     colours: dict[int, Colour] = field(default_factory=dict)
 
@@ -146,7 +155,7 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
             elif here is not None:
                 here.append(found)
         elif words[0] in ("2", "3", "4", "5"):
-            document.drawn[words[0]] += 1
+            document.drawn += 1
         elif words[0] != "0":
             faults.add(number, f"{line.strip()[:30]!r} is no line of LDraw")
         elif len(words) > 1 and words[1].upper() in ("FILE", "NOFILE"):
@@ -158,9 +167,8 @@ def read_document(path: Path, lines: Sequence[str]) -> Document:
                 here = document.models.setdefault(name, [])
         elif len(words) > 1 and words[1].upper() == "STEP":
             document.steps += 1
-        elif (found_colour := definition(line)) is not None:
-            code, colour = found_colour
-            document.colours[code] = colour
+        elif (colour := _DEFINED.match(line.strip())) is not None:
+            document.colours[int(colour[1])] = _split(int(colour[2], 16))
     faults.check(form=FORM)
     if not document.models[""] and len(document.models) > 1:
         del document.models[""]

@@ -13,14 +13,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from planning.errors import ScenarioError, listed
+from planning.errors import ScenarioError, listed, told
 from planning.files import read_file
 from planning.lego.bricks.assembly import (
     BRICKS,
     BrickType,
     Cell,
     GridPlace,
-    GridSpan,
     OnGrid,
 )
 from planning.lego.bricks.drawing import type_of_size
@@ -28,9 +27,6 @@ from planning.lego.bricks.grid import joined_to_plate
 
 MOST_BRICKS = 20_000
 """Bricks that a model may have; far more than can be planned."""
-
-_MOST_FAULTS = 6
-"""How many faults of a file are told."""
 
 _REASONABLE = 100_000
 """Studs or levels from one end of a model to the other that can be meant."""
@@ -124,14 +120,9 @@ class FileFaults:
         """
         if not self._faults:
             return
-        faults = sorted(self._faults)
-        lines = [f"{self._path}:{at}: {message}" for at, message in faults]
-        shown = lines[:_MOST_FAULTS]
-        if len(lines) > len(shown):
-            shown.append(f"and {len(lines) - len(shown)} more")
-        if form:
-            shown.append(form)
-        raise ScenarioError("\n".join(shown), choices=tuple(choices))
+        lines = [f"{self._path}:{at}: {words}" for at, words in sorted(self._faults)]
+        shown = told(lines) + (f"\n{form}" if form else "")
+        raise ScenarioError(shown, choices=tuple(choices))
 
 
 def read_lines(path: Path) -> list[str]:
@@ -187,14 +178,13 @@ def finished_model(
         raise ScenarioError(
             f"{path}: the bricks are more than {_REASONABLE} studs apart"
         )
-    moved = tuple(_moved(item, s, low) for item, s in zip(bricks, spans, strict=True))
+    moved = []
+    for item, span in zip(bricks, spans, strict=True):
+        at = span.x0 - low[0], span.y0 - low[1], span.bottom - low[2]
+        cell = Cell.at_level(*at, turned=item.cell.turned)
+        moved.append(replace(item, cell=cell))
     _check_places(path, moved)
-    return BrickModel(moved, tuple(notes))
-
-
-def _moved(item: ModelBrick, span: GridSpan, low: Sequence[int]) -> ModelBrick:
-    x, y, level = span.x0 - low[0], span.y0 - low[1], span.bottom - low[2]
-    return replace(item, cell=Cell.at_level(x, y, level, turned=item.cell.turned))
+    return BrickModel(tuple(moved), tuple(notes))
 
 
 def _check_places(path: Path, bricks: Sequence[ModelBrick]) -> None:

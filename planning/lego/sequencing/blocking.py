@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from itertools import product
+from textwrap import indent
 from typing import TypeVar
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import InfeasibleStepError
+from planning.errors import InfeasibleStepError, told
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
@@ -78,10 +79,6 @@ def smallest_blocking_set(
     return core
 
 
-_MOST_REASONS = 6
-"""How many bricks are named."""
-
-
 class Refusal:
     """Says why bricks of a design cannot go in.
 
@@ -122,13 +119,8 @@ class Refusal:
             return rank, -bricks[name].cell.level, name
 
         ordered = sorted(whys, key=order)
-        shown = [
-            f"  {self.place(name)}: {reason}"
-            for (_, reason), name in ordered[:_MOST_REASONS]
-        ]
-        if len(ordered) > len(shown):
-            shown.append(f"  and {len(ordered) - len(shown)} more")
-        return "\n".join(shown)
+        lines = [f"{self.place(name)}: {reason}" for (_, reason), name in ordered]
+        return indent(told(lines), "  ")
 
     def _why_never(self, core: Names, name: str) -> tuple[int, str]:
         """Return why a brick cannot go in beside others, whatever else is there."""
@@ -204,45 +196,33 @@ def _thing(name: str) -> str:
     return name if name == "the plate" else f"brick {name!r}"
 
 
-_NAMED_BRICKS = 6
-"""How many steps that are out of reach are named."""
-
 _Attempt = tuple[PlacedRobot, SkillTargets]
 
 
-def check_reach(cell: Workcell, assembly: LegoAssembly) -> None:
+def check_reach(
+    cell: Workcell, assembly: LegoAssembly, names: Sequence[str] = ()
+) -> None:
     """Check that every step is within the reach of robots.
 
     Args:
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
+        names: what the steps are called, by default their numbers and what they do.
 
     Raises:
         InfeasibleStepError: no robot reaches where a brick goes or any brick of its type in
             stock, or no other robot reaches a place to support it; names each step, the reason
             and the robots.
     """
+    reach, steps = _Reach(BrickWorld(cell, assembly)), assembly.steps
+    names = names or [f"step {k} ({s.words})" for k, s in enumerate(steps, start=1)]
     faults = [
-        f"step {number} ({assembly.steps[number - 1].words}): {fault}"
-        for number, fault in reach_faults(cell, assembly)
+        f"{name}: {fault}"
+        for number, name in enumerate(names, start=1)
+        for fault in reach.faults(number)
     ]
     if faults:
-        more = len(faults) - _NAMED_BRICKS
-        shown = [*faults[:_NAMED_BRICKS], *([f"and {more} more"] if more > 0 else [])]
-        raise InfeasibleStepError("\n".join(shown))
-
-
-def reach_faults(cell: Workcell, assembly: LegoAssembly) -> Iterator[tuple[int, str]]:
-    """Yield what is out of reach, with the number of its step.
-
-    Args:
-        cell: its objects are the stock of the assembly.
-        assembly: the structure and its steps.
-    """
-    reach = _Reach(BrickWorld(cell, assembly))
-    for number in range(1, len(assembly.steps) + 1):
-        for fault in reach.faults(number):
-            yield number, fault
+        raise InfeasibleStepError(told(faults))
 
 
 class _Reach:

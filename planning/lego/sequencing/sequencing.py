@@ -138,25 +138,20 @@ class Removals:
         self._insertions = insertions
         self.urgency: Counter[str] = Counter()
 
-    def candidates(self, parts: Iterable[str]) -> list[str]:
-        """Return bricks in the order in which they are tried: urgent ones, then from the top."""
+    def of(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
+        """Yield the bricks that may be removed from some (and what is fixed).
+
+        Urgent ones come first, then those at the top.
+        """
+        names = parts | self._insertions.fixed
         bricks = self._insertions.structures.bricks
 
         def order(name: str) -> tuple[int, int, int, int, str]:
             cell = bricks[name].cell
             return -self.urgency[name], -cell.level, -cell.x, -cell.y, name
 
-        return sorted(parts, key=order)
-
-    def of(self, parts: Names) -> Iterator[Removal[str, Insertion]]:
-        """Yield the bricks that may be removed from some (and what is fixed)."""
-        names = parts | self._insertions.fixed
-        bricks = self._insertions.structures.bricks
-        groups = groupby(
-            self.candidates(parts),
-            key=lambda n: (self.urgency[n], bricks[n].cell.level),
-        )
-        for _, group in groups:
+        ordered = sorted(parts, key=order)
+        for _, group in groupby(ordered, key=lambda name: order(name)[:2]):
             for way, brick in product(InsertionWay, tuple(group)):
                 if way not in self._insertions.rules.ways_of(brick):
                     continue

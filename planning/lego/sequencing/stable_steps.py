@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, product
 
-from planning.errors import InfeasibleStepError, ScenarioError
+from planning.errors import InfeasibleStepError, ScenarioError, told
 from planning.files import KeptAnswers
 from planning.lego.bricks.assembly import (
     Cell,
@@ -42,9 +42,6 @@ from planning.tasks.work import AssemblyWork
 
 _HINTS = 3
 """How many grips or supports that would do are named."""
-
-_NAMED_STEPS = 6
-"""How many steps that will not do are named."""
 
 
 def stable_steps(
@@ -87,12 +84,7 @@ def stable_steps(
         else:
             steps.append(stable)
     if faults:
-        more = len(faults) - _NAMED_STEPS
-        shown = [
-            *faults[:_NAMED_STEPS],
-            *([f"and {more} more steps"] if more > 0 else []),
-        ]
-        raise InfeasibleStepError("\n".join(shown))
+        raise InfeasibleStepError(told(faults, what=" steps"))
     return replace(assembly, steps=tuple(steps))
 
 
