@@ -348,8 +348,6 @@ class InsertionSite:
         """Return where a supporting tool touches bricks that are there; nowhere for none."""
         if support is None:
             return ()
-        if self.up:
-            support = replace(support, from_above=True)
         touches = self.design.room.support(support).touches
         return tuple(
             h for n, holds in touches.items() if n in self.names for h in holds

@@ -29,8 +29,7 @@ from planning.lego.skills.targets import (
     STUD_HEIGHT,
     lever_reaches_below,
     place_targets,
-    support_bottom_targets,
-    support_top_targets,
+    support_targets,
 )
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillTargets, Subgoal
@@ -240,9 +239,7 @@ class ToolRoom:
         return self.supports.get(support, lambda: self._support(support))
 
     def _support(self, support: Support) -> SupportRoom:
-        top = support.from_above
-        find = support_top_targets if top else support_bottom_targets
-        subgoals = find(GRID, support)[0].subgoals
+        top, subgoals = support.from_above, support_targets(GRID, support)[0].subgoals
         pose = self._pose(subgoals[-1])
         (x0, y0, z0), (x1, y1, z1) = self.lever_end if top else self.tip
         ends = [[x0, y0, z1], [x1, y1, z1]] if top else [[x1, y0, z0], [x1, y1, z1]]

@@ -27,7 +27,7 @@ from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import InsertionWay
 from planning.lego.skills.brick_skills import BrickSkills
-from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH
+from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, support_targets
 from planning.lego.stability.partial_structures import Names
 from planning.steps.skill import (
     SkillPath,
@@ -303,9 +303,9 @@ class _Reach:
             yield robot, self._options.pick_targets(robot.name, stock, grasp)
 
     def _supports(self, number: int) -> Iterator[_Attempt]:
-        choices = range(len(self._world.step(number).supports))
-        for choice, robot in product(choices, self._world.cell.robots):
-            for targets in self._options.support_targets(number, choice):
+        supports, plate = self._world.step(number).supports, self._world.assembly.plate
+        for support, robot in product(supports, self._world.cell.robots):
+            for targets in support_targets(plate, support):
                 yield robot, targets
 
 

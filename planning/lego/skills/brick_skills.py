@@ -6,11 +6,12 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import wraps
 from itertools import product
-from typing import Any, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.kinematics.kinematics import inverse_kinematics
@@ -36,8 +37,7 @@ from planning.lego.skills.targets import (
     held_box,
     pick_targets,
     place_targets,
-    support_bottom_targets,
-    support_top_targets,
+    support_targets,
     supported_span,
 )
 from planning.steps.handovers import Handover, find_handover
@@ -58,59 +58,46 @@ from planning.transforms import Array, Transform, translation
 Found = ResolvedSkill | Obstruction
 """A skill that is free but for what will be gone, or why there is none."""
 
-Key = TypeVar("Key", bound=tuple[Any, ...])
+Key = ParamSpec("Key")
 Answer = TypeVar("Answer")
 
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
 
 
-class BrickSkills:
-    """Free picks, places and supports, or why there are none; each is worked out at most once.
+def _once(
+    find: Callable[Concatenate[BrickSkills, Key], Answer],
+) -> Callable[Concatenate[BrickSkills, Key], Answer]:
+    """Let a method work out each of its answers at most once."""
 
-    The scene is the stock at rest and the goals of the earlier steps, other robots at HOME.
+    @wraps(find)
+    def found(skills: BrickSkills, /, *key: Key.args, **named: Key.kwargs) -> Answer:
+        known, asked = skills.known[find.__name__], (*key, *named.values())
+        if asked not in known:
+            known[asked] = find(skills, *key, **named)
+        answer: Answer = known[asked]
+        return answer
+
+    return found
+
+
+class BrickSkills:
+    """Free picks, places, supports and handovers, or why there are none.
+
+    Each is worked out at most once. The scene is the stock at rest and the goals of the earlier
+    steps, other robots at HOME.
 
     Attributes:
         world: cell and assembly.
         home: HOME of each robot, shape (n,).
+        known: answers by what was asked, by the name of the method.
     """
 
     def __init__(self, world: BrickWorld) -> None:
         self.world = world
         self._tool = ToolContact(world.cell.clearances.contact_tolerance, PRESSED)
         self.home: dict[str, Array] = {r.name: r.home for r in world.cell.robots}
-        self._picks: dict[tuple[str, str, int], Found] = {}
-        self._places: dict[tuple[str, int, int, SupportCandidate | None], Found] = {}
-        self._supports: dict[tuple[str, int, int], Found] = {}
-        self._handovers: dict[tuple[str, str, int, int], Handover | Obstruction] = {}
-
-    def pick(self, robot: str, stock: str, grasp: int) -> Found:
-        """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
-        return _once(self._picks, (robot, stock, grasp), self._pick)
-
-    def place(
-        self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
-    ) -> Found:
-        """Return the place of a step (from 1) by a robot, with a grip.
-
-        Args:
-            robot: who places.
-            step: counted from 1.
-            grasp: number of the grip.
-            beside: who stands supporting meanwhile; None when all others are at HOME.
-        """
-        return _once(self._places, (robot, step, grasp, beside), self._place)
-
-    def support(self, robot: str, step: int, choice: int) -> Found:
-        """Return the support of a step by a robot, by its number, see ``LegoStep.supports``."""
-        return _once(self._supports, (robot, step, choice), self._support)
-
-    def handover(
-        self, giver: str, receiver: str, step: int, grasp: int
-    ) -> Handover | Obstruction:
-        """Return how the brick of a step goes from one robot to another, with a grip."""
-        key = giver, receiver, step, grasp
-        return _once(self._handovers, key, self._handover)
+        self.known: dict[str, dict[tuple[object, ...], Any]] = defaultdict(dict)
 
     def after(self, skill: ResolvedSkill) -> frozenset[str]:
         """Return the stock bricks that stand in the way of a skill until they have been used."""
@@ -129,23 +116,16 @@ class BrickSkills:
         other = BrickSkills(world)
         number = {step: step + 1, step + 1: step}
         name = {goal_name(a): goal_name(b) for a, b in number.items()}
-
-        def renamed(found: Found) -> Found:
-            return found if isinstance(found, Obstruction) else found.renamed(name)
-
-        other._picks = {key: renamed(found) for key, found in self._picks.items()}
-        for placed, found in self._places.items():
-            if placed[1] not in number:
-                other._places[placed] = renamed(found)
-        for held, found in self._supports.items():
-            if held[1] not in number:
-                other._supports[held] = renamed(found)
-        for way, handover in self._handovers.items():
-            if way[2] not in number:
-                other._handovers[way] = handover
+        for kind, at in (("pick", None), ("place", 1), ("support", 1), ("handover", 2)):
+            for key, found in self.known[kind].items():
+                if at is None or key[at] not in number:
+                    moves = isinstance(found, ResolvedSkill)
+                    other.known[kind][key] = found.renamed(name) if moves else found
         return other
 
-    def _pick(self, robot: str, stock: str, grasp: int) -> Found:
+    @_once
+    def pick(self, robot: str, stock: str, grasp: int) -> Found:
+        """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
         world = self.world
         item, top = world.stock[stock], world.start_top(stock)
         near = world.stock_neighbours(stock)
@@ -169,7 +149,8 @@ class BrickSkills:
                 leaned_on(item, near),
             ),
         )
-        loose = self._loose_in_picks - above - {stock}
+        # What may be gone, or not be there yet, when the brick is picked.
+        loose = world.loose_stock.union(world.goal_numbers) - above - {stock}
         option = resolve_skill(
             world.cell.robot(robot),
             self.pick_targets(robot, stock, grasp),
@@ -257,27 +238,25 @@ class BrickSkills:
         brick, top = world.step(step).brick, world.goal_top(step)
         return world.frames(robot), brick, top, press_of(grasp)
 
-    @cached_property
-    def _loose_in_picks(self) -> frozenset[str]:
-        """What may be gone, or not be there yet, when a brick is picked."""
-        steps = range(1, len(self.world.assembly.steps) + 1)
-        return self.world.loose_stock.union(map(goal_name, steps))
-
-    def around(self, step: int) -> dict[str, Placed]:
-        """Return the stock at rest and the goals of the earlier steps."""
-        return {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
-
-    def _place(
+    @_once
+    def place(
         self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
     ) -> Found:
+        """Return the place of a step (from 1) by a robot, with a grip.
+
+        Args:
+            robot: who places.
+            step: counted from 1.
+            grasp: number of the grip.
+            beside: who stands supporting meanwhile; None when all others are at HOME.
+        """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
-        item, near = (
-            world.goal_bricks[step - 1],
-            world.cells_near(room_at_rest(work), step),
+        item, near = world.goal_bricks[step - 1], room_at_rest(work)
+        press, others = press_of(grasp), world.cells_near(near, step)
+        touching = contacts_at_rest(
+            robot, item, at_goal.pose, press, others, world.cell.fixtures
         )
-        press, fixtures = press_of(grasp), world.cell.fixtures
-        touching = contacts_at_rest(robot, item, at_goal.pose, press, near, fixtures)
         standing = dict(self.home)
         if beside is not None:
             held = self.support(beside.robot, step, beside.pose)
@@ -316,18 +295,11 @@ class BrickSkills:
         own = {goal_name(step): world.step(step)}
         return supporting(robot, support, {**bricks, **own})
 
-    def support_targets(self, step: int, choice: int) -> tuple[SkillTargets, ...]:
-        """Return the support of a step as subgoals, from each of its pre-poses."""
-        work = self.world.step(step)
-        support = work.supports[choice]
-        top = work.up or support.from_above
-        find = support_top_targets if top else support_bottom_targets
-        return find(self.world.assembly.plate, support)
+    @_once
+    def support(self, robot: str, step: int, choice: int) -> Found:
+        """Return the support of a step by a robot, by its number, see ``LegoStep.supports``.
 
-    def _support(self, robot: str, step: int, choice: int) -> Found:
-        """Return a support from the first pre-pose that works.
-
-        Where bricks beside the pre-pose are too near for a transit to end there, the skill
+        It is from the first pre-pose that works. Where bricks beside the pre-pose are too near for a transit to end there, the skill
         starts further back along the tool.
         """
         world = self.world
@@ -336,6 +308,7 @@ class BrickSkills:
         held = self.supported(robot, step, choice)
         contacts = SkillContacts(NOTHING, held, held)
         standing = world.standing(step)
+        ways = support_targets(world.assembly.plate, world.step(step).supports[choice])
         scene = SkillScene(
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
@@ -346,15 +319,14 @@ class BrickSkills:
                 scene,
                 world.loose_stock,
             )
-            for back, targets in product(
-                _DRAWN_BACK, self.support_targets(step, choice)
-            )
+            for back, targets in product(_DRAWN_BACK, ways)
         )
 
-    def _handover(
+    @_once
+    def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> Handover | Obstruction:
-        """Return a handover at the first place that works."""
+        """Return how the brick of a step goes from one robot to another, at the first place that works."""
         cell = self.world.cell
         robots = source, _ = cell.robot(giver), cell.robot(receiver)
         resting = giver_rest(source.base)
@@ -362,21 +334,16 @@ class BrickSkills:
         if not rests:
             return Obstruction(f"{resting.name} of {giver} is out of reach")
         taken = self.held_for_place(receiver, step, grasp)
+        around = {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
         reason: Obstruction | None = None
         for meeting in brick_meetings(
             self.world, robots, step, press_of(grasp), taken, rests[0]
         ):
-            found = find_handover(cell, self.around(step), meeting)
+            found = find_handover(cell, around, meeting)
             if isinstance(found, Handover):
                 return found
             reason = reason or found
         return reason or Obstruction(f"receive is out of reach of {receiver}")
-
-
-def _once(known: dict[Key, Answer], key: Key, find: Callable[..., Answer]) -> Answer:
-    if key not in known:
-        known[key] = find(*key)
-    return known[key]
 
 
 def _first_free(tried: Iterable[Found]) -> Found:

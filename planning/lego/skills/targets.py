@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from planning.errors import RobotModelError, ScenarioError
+from planning.errors import RobotModelError
 from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
@@ -312,57 +313,43 @@ _LEVEL = np.array(
 _DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def support_bottom_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
-    """Return the poses of a support from below.
+def support_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
+    """Return the poses of a support, along the plate's axes.
 
-    The top of the tool's tip, 16 mm wide, touches the bottom of the bricks in layer z + 1.
-
-    Args:
-        plate: the plate whose grid the support is given in.
-        support: its cell and orientation, along the plate's axes. (The published code takes
-            those of the first robot's base.)
-
-    Returns:
-        The support from each of nine pre-poses 1 mm lower: straight below first, then shifted
-        by 1 mm.
-    """
-    frame = _axes(plate)
-    up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
-    pose = frame @ rotation("z", _YAW[_index(support)]) @ _LEVEL
-    pose[:3, 3] = _contact(plate, support, support.cell.z - 1)[:3, 3] + up
-    pose = pose @ translation(0.0, 0.0, -LEVER_WALL)
-    shifts = [(0.0, 0.0)] + [
-        (i * BOTTOM_LEAD, j * BOTTOM_LEAD)
-        for i in (0, 1, -1)
-        for j in (0, 1, -1)
-        if (i, j) != (0, 0)
-    ]
-    return tuple(
-        _support("support-bottom", pose, frame, (dx, dy, -BOTTOM_LEAD))
-        for dx, dy in shifts
-    )
-
-
-def support_top_targets(plate: Plate, support: Support) -> tuple[SkillTargets, ...]:
-    """Return the poses of a support from above.
-
-    The tool stands on the studs of the bricks in layer z - 1, pointing down.
+    From below, the top of the tool's tip, 16 mm wide, touches the bottom of the bricks in layer
+    z + 1. From above, the tool stands on the studs of the bricks in layer z - 1, pointing down.
+    (The published code takes the axes of the first robot's base.)
 
     Args:
         plate: the plate whose grid the support is given in.
         support: its cell and orientation.
 
     Returns:
-        The support from one pre-pose, 5 mm above it.
+        From above, the support from one pre-pose, 5 mm above it. From below, from each of nine
+        pre-poses 1 mm lower: straight below first, then shifted by 1 mm.
     """
-    frame = _axes(plate)
-    heading = rotation("z", _YAW[_index(support)])
-    contact = _contact(plate, support, support.cell.z)
-    shift = (frame @ heading)[:3, 0] * TOP_SHIFT
-    lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
-    pose = frame @ heading @ _DOWN
-    pose[:3, 3] = contact[:3, 3] + shift + lift
-    return (_support("support-top", pose, frame, (0.0, 0.0, TOP_LEAD)),)
+    frame = plate_corner(plate).copy()
+    frame[:3, 3] = 0.0
+    heading, z = frame @ rotation("z", _YAW[support.orientation]), support.cell.z
+    if support.from_above:
+        shift = heading[:3, 0] * TOP_SHIFT
+        lift = frame[:3, 2] * (LEVER_WALL + STUD_HEIGHT - LAYER_HEIGHT)
+        pose = heading @ _DOWN
+        pose[:3, 3] = _contact(plate, support, z)[:3, 3] + shift + lift
+        return (_support("support-top", pose, frame, (0.0, 0.0, TOP_LEAD)),)
+    up = frame[:3, 2] * (LAYER_HEIGHT - STUD_PITCH)
+    pose = heading @ _LEVEL
+    pose[:3, 3] = _contact(plate, support, z - 1)[:3, 3] + up
+    pose = pose @ translation(0.0, 0.0, -LEVER_WALL)
+    return tuple(
+        _support(
+            "support-bottom",
+            pose,
+            frame,
+            (i * BOTTOM_LEAD, j * BOTTOM_LEAD, -BOTTOM_LEAD),
+        )
+        for i, j in product((0, 1, -1), repeat=2)
+    )
 
 
 def lever_reaches_below(brick: BrickType) -> bool:
@@ -372,22 +359,16 @@ def lever_reaches_below(brick: BrickType) -> bool:
 
 def supported_span(support: Support) -> GridSpan:
     """Return the room on the grid that the supporting tip takes up, two studs and a brick high."""
-    cell = replace(support.cell, turned=_index(support) in (1, 2))
+    cell = replace(support.cell, turned=support.orientation in (1, 2))
     return PlacedBrick("", BRICKS["1x2"], cell).span
 
 
 def _contact(plate: Plate, support: Support, layer: int) -> Transform:
-    k, at = _index(support), support.cell
+    k, at = support.orientation, support.cell
     dx, dy = _BEHIND[k]
     cell = replace(at, x=at.x + dx, y=at.y + dy, z=layer, turned=k in (1, 2))
     pair = PlacedBrick("", BRICKS["1x2"], cell)
     return grip_pose(top_pose(plate, pair), pair.brick, Press(_SIDE[k], 0))
-
-
-def _axes(plate: Plate) -> Transform:
-    out = plate_corner(plate).copy()
-    out[:3, 3] = 0.0
-    return out
 
 
 def _support(
@@ -398,12 +379,3 @@ def _support(
     pre[:3, 3] += frame[:3, :3] @ np.asarray(offset)
     subgoals = (Subgoal("pre", "tool", pre), Subgoal("support", "tool", pose))
     return SkillTargets(skill, subgoals)
-
-
-def _index(support: Support) -> int:
-    if support.orientation not in ORIENTATIONS:
-        raise ScenarioError(
-            f"support orientation {support.orientation} does not exist",
-            choices=tuple(str(k) for k in ORIENTATIONS),
-        )
-    return support.orientation

@@ -34,8 +34,7 @@ from planning.lego.skills.targets import (
     place_down_targets,
     place_up_targets,
     received_top,
-    support_bottom_targets,
-    support_top_targets,
+    support_targets,
 )
 from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
@@ -89,7 +88,7 @@ class Published:
     def support(self) -> Support:
         keys = ("support_x", "support_y", "support_z", "support_ori")
         x, y, z, orientation = (self.step[k] for k in keys)
-        return Support(Cell(x, y, z), orientation)
+        return Support(Cell(x, y, z), orientation, from_above=self.up)
 
     def q(self, mode: int, robot: int) -> Array:
         """Return the joint values [rad] of a robot in the row of a mode, counted from 1."""
@@ -217,7 +216,7 @@ def test_supports_from_below(task: str) -> None:
     supported = [s for s in steps(task) if s.helper and not s.up]
     assert supported
     for s in supported:
-        targets = support_bottom_targets(_in_world_axes(s.plate, s.support), s.support)
+        targets = support_targets(_in_world_axes(s.plate, s.support), s.support)
         assert_reached(s, s.helper, targets[0].subgoals[1:], [8])
         # The published search settles on one of the shifted pre-poses.
         tip = dh_product(
@@ -248,8 +247,8 @@ def test_handovers_and_place_ups(task: str) -> None:
         top = received_top(s.frames, place[1].pose, s.goal, contact)
         give = handover_targets(s.frames, s.brick, top, s.press)
         assert_reached(s, s.helper, give.subgoals, [10, 11, 12, 13])
-        (above,) = support_top_targets(_in_world_axes(s.plate, s.support), s.support)
-        (own,) = support_top_targets(s.plate, s.support)
+        (above,) = support_targets(_in_world_axes(s.plate, s.support), s.support)
+        (own,) = support_targets(s.plate, s.support)
         for there, turned in zip(above.subgoals, own.subgoals, strict=True):
             there.pose[:3, :3] = turned.pose[:3, :3]
         assert_reached(s, s.helper, above.subgoals, [19, 20])

@@ -33,7 +33,7 @@ from planning.lego.bricks.grid import (
     side_contact_pose,
     top_pose,
 )
-from planning.lego.skills.targets import support_bottom_targets, support_top_targets
+from planning.lego.skills.targets import support_targets
 from planning.lego.stability.contacts import (
     by_name,
     filled_places,
@@ -183,11 +183,12 @@ def test_a_wall_of_plates_stands_as_the_wall_of_bricks() -> None:
 @pytest.mark.parametrize("orientation", range(4))
 def test_supports_follow_their_level(level: int, orientation: int) -> None:
     """Each level is 3.2 mm, whole layers are those that layers name."""
-    support = Support(Cell.at_level(10, 12, level), orientation)
-    base = Support(Cell(10, 12, 1), orientation)
-    for find in (support_bottom_targets, support_top_targets):
+    for top in (False, True):
+        support = Support(Cell.at_level(10, 12, level), orientation, top)
+        base = Support(Cell(10, 12, 1), orientation, top)
         here, below = (
-            find(GRID, s)[0].subgoals[-1].pose[:3, 3] for s in (support, base)
+            support_targets(GRID, s)[0].subgoals[-1].pose[:3, 3]
+            for s in (support, base)
         )
         np.testing.assert_allclose(here - below, [0, 0, level * LEVEL], atol=1e-12)
 

@@ -122,8 +122,7 @@ def _force(brick, there, *, up):
 
 def _holds(there, step):
     """Return where the support touches, found by sampling its face."""
-    support = replace(step.support, from_above=step.up)
-    (x0, y0, _), (x1, y1, _) = tool_room("gp4").support(support).face
+    (x0, y0, _), (x1, y1, _) = tool_room("gp4").support(step.support).face
     level = step.support.cell.level + (-1 if step.up else 3)
     filled = {p: i.name for i in there for p in i.places}
     n = 9
@@ -344,7 +343,8 @@ def test_published_sequences_have_support_exactly_where_it_is_needed(task, force
         assert alone == ("support" not in step), item
         if "support" in step:
             entry = step["support"]
-            support = Support(Cell(*entry["at"]), entry["orientation"])
+            cell, up = Cell(*entry["at"]), step.get("place") == "up"
+            support = Support(cell, entry["orientation"], from_above=up)
             assert site.bears(press, support).stable
 
 

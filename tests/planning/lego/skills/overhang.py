@@ -74,7 +74,7 @@ STEPS = (
         Cell(23, 24, 9),
         up=True,
         presses=(Press(4, 0),),
-        supports=(Support(Cell(23, 25, 11), 2),),
+        supports=(Support(Cell(23, 25, 11), 2, from_above=True),),
     ),
 )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planning.errors import RobotModelError, ScenarioError
+from planning.errors import RobotModelError
 from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
@@ -34,8 +33,7 @@ from planning.lego.skills.targets import (
     place_down_targets,
     place_up_targets,
     received_top,
-    support_bottom_targets,
-    support_top_targets,
+    support_targets,
     supported_span,
 )
 from planning.steps.skill import SkillTargets
@@ -123,7 +121,7 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     down = place_down_targets(FRAMES, BRICK, TOP, Press(1, 1))
     up = place_up_targets(FRAMES, side_contact_pose(TOP, BRICK, Press(1, 1)))
     give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
-    held = support_bottom_targets(Plate(np.eye(4)), Support(Cell(9, 9, 9), 0))[3]
+    held = support_targets(Plate(np.eye(4)), Support(Cell(9, 9, 9), 0))[3]
     for skill, names, change_at, lead in (
         (pick, "approach, above, attach, twist, leave", 2, 1),
         (down, "approach, above, attach, half twist, twist, leave", 2, 1),
@@ -250,12 +248,12 @@ def test_the_giver_waits_in_front_of_itself_pointing_down(base: Transform) -> No
 
 HEADING = {0: (1, 0), 1: (0, -1), 2: (0, 1), 3: (-1, 0)}
 QUARTER_TURN = {0: 2, 2: 3, 3: 1, 1: 0}
-Build = Callable[[Plate, Support], tuple[SkillTargets, ...]]
-BUILDERS: tuple[Build, ...] = (support_bottom_targets, support_top_targets)
 
 places = st.tuples(st.integers(4, 40), st.integers(4, 40), st.integers(2, 20))
 orientations = st.sampled_from([0, 1, 2, 3])
-builders = st.sampled_from(BUILDERS)
+supports = st.builds(
+    Support, places.map(lambda at: Cell(*at)), orientations, st.booleans()
+)
 
 
 def _turned_by_a_quarter(support: Support, studs: int = 48) -> Support:
@@ -263,17 +261,14 @@ def _turned_by_a_quarter(support: Support, studs: int = 48) -> Support:
     far = supported_span(support).y1
     orientation = QUARTER_TURN[support.orientation]
     cell = replace(support.cell, x=studs - far, y=support.cell.x)
-    return Support(cell, orientation)
+    return Support(cell, orientation, support.from_above)
 
 
-@given(places, orientations, builders)
-def test_orientations_are_quarter_turns_of_each_other(
-    place: tuple[int, int, int], orientation: int, build: Build
-) -> None:
+@given(supports)
+def test_orientations_are_quarter_turns_of_each_other(support: Support) -> None:
     plate = Plate(np.eye(4))
-    support = Support(Cell(*place), orientation)
-    here = build(plate, support)[0].subgoals
-    there = build(plate, _turned_by_a_quarter(support))[0].subgoals
+    here = support_targets(plate, support)[0].subgoals
+    there = support_targets(plate, _turned_by_a_quarter(support))[0].subgoals
     quarter = rotation("z", np.pi / 2)
     for a, b in zip(here, there, strict=True):
         np.testing.assert_allclose(b.pose, quarter @ a.pose, atol=1e-12)
@@ -285,7 +280,7 @@ def test_the_tip_lies_under_the_supported_studs(
 ) -> None:
     plate = Plate(np.eye(4))
     support = Support(Cell(*place), orientation)
-    pose = support_bottom_targets(plate, support)[0].subgoals[-1].pose
+    pose = support_targets(plate, support)[0].subgoals[-1].pose
     heading = np.array([*HEADING[orientation], 0.0])
     np.testing.assert_allclose(pose[:3, 2], heading, atol=1e-12)
     # The tip is two studs high: it fills up to the bottom of layer z + 1.
@@ -301,9 +296,8 @@ def test_the_tip_lies_under_the_supported_studs(
 def test_the_wall_stands_on_the_studs_from_above(
     place: tuple[int, int, int], orientation: int
 ) -> None:
-    (targets,) = support_top_targets(
-        Plate(np.eye(4)), Support(Cell(*place), orientation)
-    )
+    support = Support(Cell(*place), orientation, from_above=True)
+    (targets,) = support_targets(Plate(np.eye(4)), support)
     pose = targets.subgoals[-1].pose
     np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(pose[:2, 0], HEADING[orientation], atol=1e-12)
@@ -311,20 +305,17 @@ def test_the_wall_stands_on_the_studs_from_above(
     assert pose[2, 3] - LEVER_WALL == pytest.approx(top_of_studs)
 
 
-@given(places, orientations, st.floats(-3, 3), builders)
-def test_support_poses_move_with_the_plate(
-    place: tuple[int, int, int], orientation: int, yaw: float, build: Build
-) -> None:
-    support = Support(Cell(*place), orientation)
+@given(supports, st.floats(-3, 3))
+def test_support_poses_move_with_the_plate(support: Support, yaw: float) -> None:
     moved = from_rpy((0.3, -0.2, 1.0), (0.0, 0.0, yaw))
-    a = build(Plate(np.eye(4)), support)[0].subgoals[-1].pose
-    b = build(Plate(moved), support)[0].subgoals[-1].pose
+    a = support_targets(Plate(np.eye(4)), support)[0].subgoals[-1].pose
+    b = support_targets(Plate(moved), support)[0].subgoals[-1].pose
     np.testing.assert_allclose(inverse(moved) @ b, a, atol=1e-9)
 
 
 def test_pre_poses_are_apart_and_the_first_is_straight() -> None:
     plate = Plate(np.eye(4))
-    bottom = support_bottom_targets(plate, Support(Cell(20, 20, 5), 0))
+    bottom = support_targets(plate, Support(Cell(20, 20, 5), 0))
     moves = [
         tuple(np.round((pre.pose - support.pose)[:3, 3] * 1e3, 6) + 0.0)
         for pre, support in (way.subgoals for way in bottom)
@@ -333,12 +324,8 @@ def test_pre_poses_are_apart_and_the_first_is_straight() -> None:
     assert len(set(moves)) == 9
     assert {m[2] for m in moves} == {-1.0}
     ((pre, support),) = (
-        way.subgoals for way in support_top_targets(plate, Support(Cell(20, 20, 5), 1))
+        way.subgoals
+        for way in support_targets(plate, Support(Cell(20, 20, 5), 1, from_above=True))
     )
     lift = (pre.pose - support.pose)[:3, 3]
     np.testing.assert_allclose(lift, [0, 0, 0.005], atol=1e-12)
-
-
-def test_an_unknown_orientation_is_refused() -> None:
-    with pytest.raises(ScenarioError, match="orientation 4"):
-        support_bottom_targets(Plate(np.eye(4)), Support(Cell(1, 1, 1), 4))
