@@ -20,7 +20,7 @@ from planning.lego.bricks.assembly import (
 )
 from planning.lego.bricks.brick_world import brick_colour
 from planning.lego.bricks.grid import presses, top_pose
-from planning.lego.skills.targets import lever_reaches_below, pick_targets
+from planning.lego.skills.targets import BrickGrip, lever_reaches_below, pick_targets
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath, skill_postures
 from planning.transforms import from_rpy, translation
@@ -109,14 +109,13 @@ def _places(
 def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
     """Tell whether a robot reaches a station with every grip."""
     top, frames = top_pose(plate, station), robot.model.frames
+    grips = (BrickGrip(frames, station.brick, top, p) for p in presses(station.brick))
     return all(
         any(
             isinstance(found, SkillPath)
-            for found in skill_postures(
-                robot, pick_targets(frames, station.brick, top, press)
-            )
+            for found in skill_postures(robot, pick_targets(grip))
         )
-        for press in presses(station.brick)
+        for grip in grips
     )
 
 

@@ -27,6 +27,7 @@ from planning.lego.bricks.grid import box_size, brick_height, grip_pose, top_pos
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     STUD_HEIGHT,
+    BrickGrip,
     lever_reaches_below,
     place_targets,
     support_targets,
@@ -273,11 +274,8 @@ class ToolRoom:
         attack: int = 1,
         height: float = APPROACH_HEIGHT,
     ) -> SkillTargets:
-        top = top_pose(GRID, item)
-        frames, kind = self.frames, item.brick
-        return place_targets(
-            frames, kind, top, press, up=up, attack=attack, height=height
-        )
+        grip = BrickGrip(self.frames, item.brick, top_pose(GRID, item), press)
+        return place_targets(grip, up=up, attack=attack, height=height)
 
     def _below_lever(self, item: PlacedBrick, press: Press) -> Array:
         """Return the room of the knobs that the tool's wall would stand on beside a plate."""

@@ -7,7 +7,7 @@ the robot, the step and the grip (the place): their product is never checked pai
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import wraps
 from itertools import product
@@ -15,14 +15,12 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from planning.cell.workcell import Attachment
 from planning.kinematics.kinematics import inverse_kinematics
-from planning.lego.bricks.assembly import BrickType, Press
 from planning.lego.bricks.brick_world import (
     BrickWorld,
     Placed,
     goal_name,
     press_of,
 )
-from planning.lego.bricks.grid import grip_pose, side_contact_pose
 from planning.lego.skills.allowed_contacts import (
     PRESSED,
     contacts_at_rest,
@@ -34,7 +32,7 @@ from planning.lego.skills.handovers import brick_meetings, giver_rest
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
-    held_box,
+    BrickGrip,
     pick_targets,
     place_targets,
     support_targets,
@@ -53,7 +51,7 @@ from planning.steps.skill import (
 )
 from planning.steps.skill_scene import ResolvedSkill, SkillScene, resolve_skill
 from planning.tasks.assignment import SupportCandidate
-from planning.transforms import Array, Transform, translation
+from planning.transforms import Array, translation
 
 Found = ResolvedSkill | Obstruction
 """A skill that is free but for what will be gone, or why there is none."""
@@ -127,20 +125,17 @@ class BrickSkills:
     def pick(self, robot: str, stock: str, grasp: int) -> Found:
         """Return the pick of a brick of the stock (name) by a robot (name), with a grip (number)."""
         world = self.world
-        item, top = world.stock[stock], world.start_top(stock)
+        item, grip = world.stock[stock], self._picked(robot, stock, grasp)
         near = world.stock_neighbours(stock)
         pose, fixtures = world.stock_at_rest[stock][1].pose, world.cell.fixtures
-        press = press_of(grasp)
-        touching = contacts_at_rest(robot, item, pose, press, near, fixtures)
-        tool = grip_pose(top, item.brick, press)
-        held = held_box(world.frames(robot), "tool", tool, top, item.brick)
+        touching = contacts_at_rest(robot, item, pose, grip.press, near, fixtures)
         above = world.above[stock]
         scene = SkillScene(
             world.cell,
             {stock: world.stock_at_rest[stock]},
             self.home,
             SkillContacts(NOTHING, touching, gripped(robot, stock)),
-            (stock, Attachment(robot, held)),
+            (stock, Attachment(robot, grip.held())),
             self._refill(stock),
             world.all_standing.without([*above, stock]),
             ToolContact(
@@ -186,15 +181,14 @@ class BrickSkills:
         self, robot: str, stock: str, grasp: int, *, by_halves: bool = False
     ) -> SkillTargets:
         """Return the subgoals of picking a stock brick with a grip, its twist by halves or not."""
-        world = self.world
-        return pick_targets(
-            world.frames(robot),
-            world.stock[stock].brick,
-            world.start_top(stock),
-            press_of(grasp),
-            twist=world.assembly.twist["pick"],
-            by_halves=by_halves,
-        )
+        twist = self.world.assembly.twist["pick"]
+        grip = self._picked(robot, stock, grasp)
+        return pick_targets(grip, twist=twist, by_halves=by_halves)
+
+    def _picked(self, robot: str, stock: str, grasp: int) -> BrickGrip:
+        """Return a robot's grip of a stock brick where it is picked."""
+        item, top = self.world.stock[stock], self.world.start_top(stock)
+        return BrickGrip(self.world.frames(robot), item.brick, top, press_of(grasp))
 
     def place_targets(
         self,
@@ -215,28 +209,17 @@ class BrickSkills:
         """
         work, twist = self.world.step(step), self.world.assembly.twist
         return place_targets(
-            *self._handled(robot, step, grasp),
+            self._placed(robot, step, grasp),
             up=work.up,
             attack=attack or work.attack,
             height=height,
             twist=twist,
         )
 
-    def held_for_place(self, robot: str, step: int, grasp: int) -> Attachment:
-        """Return the attachment of the brick that a robot is about to place."""
-        frames, kind, top, press = self._handled(robot, step, grasp)
-        if self.world.step(step).up:
-            contact = side_contact_pose(top, kind, press)
-            return Attachment(robot, held_box(frames, "alt", contact, top, kind))
-        tool = grip_pose(top, kind, press)
-        return Attachment(robot, held_box(frames, "tool", tool, top, kind))
-
-    def _handled(
-        self, robot: str, step: int, grasp: int
-    ) -> tuple[Mapping[str, Transform], BrickType, Transform, Press]:
-        world = self.world
-        brick, top = world.step(step).brick, world.goal_top(step)
-        return world.frames(robot), brick, top, press_of(grasp)
+    def _placed(self, robot: str, step: int, grasp: int) -> BrickGrip:
+        """Return a robot's grip of the brick of a step in its place."""
+        kind, top = self.world.step(step).brick, self.world.goal_top(step)
+        return BrickGrip(self.world.frames(robot), kind, top, press_of(grasp))
 
     @_once
     def place(
@@ -259,14 +242,14 @@ class BrickSkills:
         )
         standing = dict(self.home)
         if beside is not None:
-            held = self.support(beside.robot, step, beside.pose)
-            assert isinstance(held, ResolvedSkill), held
-            standing[beside.robot] = held.path.path[-1]
+            support = self.support(beside.robot, step, beside.pose)
+            assert isinstance(support, ResolvedSkill), support
+            standing[beside.robot] = support.path.path[-1]
             touching |= self.supported(beside.robot, step, beside.pose)
-        held_goal = (goal, self.held_for_place(robot, step, grasp))
+        held = self._placed(robot, step, grasp).held(up=work.up)
         scene = SkillScene(
             world.cell,
-            {name: held_goal},
+            {name: (goal, Attachment(robot, held))},
             standing,
             SkillContacts(gripped(robot, name), touching, NOTHING),
             (name, at_goal),
@@ -333,11 +316,10 @@ class BrickSkills:
         rests = inverse_kinematics(source, resting.frame, resting.pose, source.home)
         if not rests:
             return Obstruction(f"{resting.name} of {giver} is out of reach")
-        taken = self.held_for_place(receiver, step, grasp)
         around = {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
         reason: Obstruction | None = None
         for meeting in brick_meetings(
-            self.world, robots, step, press_of(grasp), taken, rests[0]
+            self.world, robots, step, press_of(grasp), rests[0]
         ):
             found = find_handover(cell, around, meeting)
             if isinstance(found, Handover):

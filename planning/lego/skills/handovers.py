@@ -15,8 +15,8 @@ import numpy as np
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.lego.bricks.assembly import Press
 from planning.lego.bricks.brick_world import BrickWorld
-from planning.lego.bricks.grid import box_from_top, grip_pose, side_contact_pose
-from planning.lego.skills.targets import handover_targets, held_box, received_top
+from planning.lego.bricks.grid import box_from_top
+from planning.lego.skills.targets import BrickGrip, handover_targets, received_top
 from planning.steps.handovers import MeetingPlace
 from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, rotation, translation
@@ -108,7 +108,6 @@ def brick_meetings(
     robots: tuple[PlacedRobot, PlacedRobot],
     step: int,
     press: Press,
-    taken: Attachment,
     rest: Array,
 ) -> Iterator[MeetingPlace]:
     """Yield where the brick of a step may be handed over, in the order to try.
@@ -118,25 +117,24 @@ def brick_meetings(
         robots: who gives, and who receives.
         step: of the brick, counted from 1.
         press: the grip.
-        taken: how the receiver holds the brick then.
         rest: where the giver stands before and after, shape (n,).
     """
     giver, receiver = robots
-    kind, goal = world.step(step).brick, world.goal_top(step)
-    frames, twist = giver.model.frames, world.assembly.twist["handover"]
-    contact = side_contact_pose(goal, kind, press)
+    kind, twist = world.step(step).brick, world.assembly.twist["handover"]
+    goal = BrickGrip(receiver.model.frames, kind, world.goal_top(step), press)
+    taken = Attachment(receiver.name, goal.held(up=True))
     for pre, receive in receive_poses(receiver.base, giver.base):
-        top = received_top(receiver.model.frames, receive.pose, goal, contact)
-        held = held_box(frames, "tool", grip_pose(top, kind, press), top, kind)
+        top = received_top(goal, receive.pose)
+        grip = BrickGrip(giver.model.frames, kind, top, press)
         yield MeetingPlace(
             giver,
             receiver,
             world.goal(step)[0],
-            Attachment(giver.name, held),
+            Attachment(giver.name, grip.held()),
             taken,
             box_from_top(top, kind),
             pre,
             receive,
-            handover_targets(frames, kind, top, press, twist=twist),
+            handover_targets(grip, twist=twist),
             rest,
         )

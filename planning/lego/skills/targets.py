@@ -8,7 +8,7 @@ and angles are those of the published demonstrations, checked against its shippe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -54,39 +54,80 @@ _LIFT = 0.015
 """Way straight up after a twist [m]."""
 
 
+@dataclass(frozen=True)
+class BrickGrip:
+    """A brick that a tool holds by its edge, somewhere.
+
+    Attributes:
+        frames: tool frames of the robot in its flange frame, ``RobotModel.frames``.
+        brick: type of the brick.
+        top: pose of the centre of its top face in the world.
+        press: the grip, the same from pick to place.
+    """
+
+    frames: Mapping[str, Transform]
+    brick: BrickType
+    top: Transform
+    press: Press
+
+    @property
+    def tool(self) -> Transform:
+        """Pose of the frame ``"tool"`` that grips it from above."""
+        return grip_pose(self.top, self.brick, self.press)
+
+    @property
+    def alt(self) -> Transform:
+        """Pose of the frame ``"alt"`` that carries it on the side studs."""
+        return side_contact_pose(self.top, self.brick, self.press)
+
+    def held(self, *, up: bool = False) -> Transform:
+        """Return the pose of its box centre in the flange frame, gripped or on the side studs."""
+        tool = self.alt if up else self.tool
+        flange = tool @ inverse(self.frame("alt" if up else "tool"))
+        return inverse(flange) @ box_from_top(self.top, self.brick)
+
+    def via(self, pose: Transform, start: str, end: str) -> Transform:
+        """Return the pose of tool frame ``end`` when ``start`` of the same tool is at ``pose``."""
+        return pose @ inverse(self.frame(start)) @ self.frame(end)
+
+    def frame(self, name: str) -> Transform:
+        """Return a tool frame in the flange frame.
+
+        Raises:
+            RobotModelError: the robot does not have it.
+        """
+        if name not in self.frames:
+            raise RobotModelError(
+                f"the robot has no tool frame {name!r}, which the LEGO skills need",
+                choices=tuple(sorted(self.frames)),
+            )
+        return self.frames[name]
+
+
 def pick_targets(
-    frames: Mapping[str, Transform],
-    brick: BrickType,
-    top: Transform,
-    press: Press,
-    *,
-    twist: float = DEFAULT_TWIST["pick"],
-    by_halves: bool = False,
+    grip: BrickGrip, *, twist: float = DEFAULT_TWIST["pick"], by_halves: bool = False
 ) -> SkillTargets:
     """Return the subgoals of picking a brick up: approach, above, attach, twist, leave.
 
     Args:
-        frames: the robot's tool frames in its flange frame, ``RobotModel.frames``.
-        brick: type of the brick.
-        top: pose of the centre of its top face in the world.
-        press: the grip.
+        grip: of the brick where it is picked.
         twist: angle of the twist that loosens it [rad].
         by_halves: whether half way through the twist is a subgoal of its own: joints turning
             evenly lean the tool further over what stands beside the brick.
     """
-    grip = grip_pose(top, brick, press)
+    tool = grip.tool
     # The twist is about the bottom edge of a brick; that of a plate is nearer to the tool.
-    nearer = LAYER_HEIGHT - brick_height(brick)
-    axis = _via(frames, grip, "tool", "disassemble") @ translation(0.0, 0.0, -nearer)
+    nearer = LAYER_HEIGHT - brick_height(grip.brick)
+    axis = grip.via(tool, "tool", "disassemble") @ translation(0.0, 0.0, -nearer)
     half, turned = (
         axis @ rotation("y", angle) @ translation(0.0, 0.0, nearer)
         for angle in (twist / 2, twist)
     )
     between = (Subgoal("half twist", "disassemble", half),) if by_halves else ()
     subgoals = (
-        Subgoal("approach", "tool", grip @ translation(-0.005, 0.005, -0.0056)),
-        Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.0028)),
-        Subgoal("attach", "tool", grip),
+        Subgoal("approach", "tool", tool @ translation(-0.005, 0.005, -0.0056)),
+        Subgoal("above", "tool", tool @ translation(0.0, 0.0, -0.0028)),
+        Subgoal("attach", "tool", tool),
         *between,
         Subgoal("twist", "disassemble", turned),
         Subgoal("leave", "disassemble", _lifted(turned)),
@@ -94,185 +135,88 @@ def pick_targets(
     return SkillTargets("pick", subgoals, change_at=2)
 
 
-def place_down_targets(
-    frames: Mapping[str, Transform],
-    brick: BrickType,
-    top: Transform,
-    press: Press,
-    *,
-    attack: int = 1,
-    height: float = APPROACH_HEIGHT,
-    twist: float = DEFAULT_TWIST["place-down"],
-) -> SkillTargets:
-    """Return the subgoals of a place-down: approach, above, attach, half twist, twist, leave.
-
-    Half way through the twist is a subgoal of its own: joints turning evenly from one end to the
-    other would press the tool deeper into the brick on the way than at either end.
-
-    Args:
-        frames: the robot's tool frames in its flange frame.
-        brick: type of the brick.
-        top: goal pose of the centre of its top face in the world.
-        press: the grip, the same as in the pick.
-        attack: +1 or -1, the side of the tool's y axis that the approach comes from.
-        height: of the approach above the goal [m].
-        twist: angle of the twist that releases it [rad].
-    """
-    grip = grip_pose(top, brick, press)
-    axis = _via(frames, grip, "tool", "assemble")
-    turned = axis @ rotation("y", -twist)
-    subgoals = (
-        Subgoal(
-            "approach", "tool", grip @ translation(-0.005, 0.005 * attack, -height)
-        ),
-        Subgoal("above", "tool", grip @ translation(0.0, 0.0, -0.005)),
-        Subgoal("attach", "tool", grip),
-        Subgoal("half twist", "assemble", axis @ rotation("y", -twist / 2)),
-        Subgoal("twist", "assemble", turned),
-        Subgoal("leave", "assemble", _lifted(turned)),
-    )
-    return SkillTargets("place-down", subgoals, change_at=2)
-
-
-def place_up_targets(
-    frames: Mapping[str, Transform],
-    contact: Transform,
-    *,
-    attack: int = 1,
-    twist: float = DEFAULT_TWIST["place-up"],
-) -> SkillTargets:
-    """Return the subgoals of a place-up of a brick held from below on the side studs.
-
-    They are pre (20 mm before the approach), approach, below, place, twist, leave; the first
-    two are transit goals in turn.
-
-    Args:
-        frames: the robot's tool frames in its flange frame.
-        contact: goal pose of the frame ``"alt"`` in the world, see ``grips.side_contact_pose``.
-        attack: +1 or -1, sign of the sideways offset of the approach.
-        twist: angle of the twist that releases it [rad].
-    """
-    turned = _via(frames, contact, "alt", "alt_assemble") @ rotation("y", twist)
-    aside = -0.005 * attack
-    subgoals = (
-        Subgoal("pre", "alt", contact @ translation(0.0056, aside, -0.025)),
-        Subgoal("approach", "alt", contact @ translation(0.0056, aside, -0.005)),
-        Subgoal("below", "alt", contact @ translation(0.0028, 0.0, 0.0)),
-        Subgoal("place", "alt", contact),
-        Subgoal("twist", "alt_assemble", turned),
-        Subgoal("leave", "alt_assemble", turned @ translation(_LIFT, 0.0, -_LIFT)),
-    )
-    return SkillTargets("place-up", subgoals, change_at=3, lead=2)
-
-
 def place_targets(
-    frames: Mapping[str, Transform],
-    brick: BrickType,
-    top: Transform,
-    press: Press,
+    grip: BrickGrip,
     *,
     up: bool,
     attack: int = 1,
     height: float = APPROACH_HEIGHT,
     twist: Mapping[str, float] = DEFAULT_TWIST,
 ) -> SkillTargets:
-    """Return the subgoals of a place-down, or of a place-up, of a brick by its grip in the pick.
+    """Return the subgoals of pressing a brick on, from above or from below.
 
-    See ``place_down_targets``; ``up`` is True for a place-up, whose approach is always as high, and
-    ``twist`` has the angles by skill.
+    A place-down has approach, above, attach, half twist, twist, leave. Half way through the twist
+    is a subgoal of its own: joints turning evenly from one end to the other would press the tool
+    deeper into the brick on the way than at either end. A place-up, of a brick held from below on
+    the side studs, has pre (20 mm before the approach), approach, below, place, twist, leave; the
+    first two are transit goals in turn.
+
+    Args:
+        grip: of the brick in its place.
+        up: True for a place-up.
+        attack: +1 or -1, the side of the tool's y axis that the approach comes from.
+        height: of the approach of a place-down above the goal [m].
+        twist: angles of the twists that release it, by skill [rad].
     """
     if up:
-        contact, turn = side_contact_pose(top, brick, press), twist["place-up"]
-        return place_up_targets(frames, contact, attack=attack, twist=turn)
-    turn = twist["place-down"]
-    return place_down_targets(
-        frames, brick, top, press, attack=attack, height=height, twist=turn
+        alt, aside = grip.alt, -0.005 * attack
+        axis = grip.via(alt, "alt", "alt_assemble")
+        turned = axis @ rotation("y", twist["place-up"])
+        subgoals = (
+            Subgoal("pre", "alt", alt @ translation(0.0056, aside, -0.025)),
+            Subgoal("approach", "alt", alt @ translation(0.0056, aside, -0.005)),
+            Subgoal("below", "alt", alt @ translation(0.0028, 0.0, 0.0)),
+            Subgoal("place", "alt", alt),
+            Subgoal("twist", "alt_assemble", turned),
+            Subgoal("leave", "alt_assemble", turned @ translation(_LIFT, 0.0, -_LIFT)),
+        )
+        return SkillTargets("place-up", subgoals, change_at=3, lead=2)
+    tool, angle = grip.tool, -twist["place-down"]
+    axis = grip.via(tool, "tool", "assemble")
+    turned = axis @ rotation("y", angle)
+    aside = 0.005 * attack
+    subgoals = (
+        Subgoal("approach", "tool", tool @ translation(-0.005, aside, -height)),
+        Subgoal("above", "tool", tool @ translation(0.0, 0.0, -0.005)),
+        Subgoal("attach", "tool", tool),
+        Subgoal("half twist", "assemble", axis @ rotation("y", angle / 2)),
+        Subgoal("twist", "assemble", turned),
+        Subgoal("leave", "assemble", _lifted(turned)),
     )
+    return SkillTargets("place-down", subgoals, change_at=2)
 
 
 def handover_targets(
-    frames: Mapping[str, Transform],
-    brick: BrickType,
-    top: Transform,
-    press: Press,
-    *,
-    twist: float = DEFAULT_TWIST["handover"],
+    grip: BrickGrip, *, twist: float = DEFAULT_TWIST["handover"]
 ) -> SkillTargets:
     """Return the giver's subgoals of a handover: approach, press, twist, leave.
 
     Args:
-        frames: the giver's tool frames in its flange frame.
-        brick: type of the brick.
-        top: pose of the centre of its top face once it sits on the receiver's side studs, in
-            the world; see ``received_top``.
-        press: the grip, the same as in the pick.
+        grip: the giver's, of the brick where it sits on the receiver's side studs; see
+            ``received_top``.
         twist: angle of the twist that releases it [rad].
     """
-    grip = grip_pose(top, brick, press)
-    turned = _via(frames, grip, "tool", "handover_assemble")
+    tool = grip.tool
     # The published twist also draws the tool back by 1 mm, and once more on leaving.
     back = translation(0.0, 0.0, -0.001)
-    turned = turned @ rotation("y", -twist) @ back
+    turned = grip.via(tool, "tool", "handover_assemble") @ rotation("y", -twist) @ back
     subgoals = (
-        Subgoal("approach", "tool", grip @ translation(0.0, 0.0, -0.015)),
-        Subgoal("press", "tool", grip),
+        Subgoal("approach", "tool", tool @ translation(0.0, 0.0, -0.015)),
+        Subgoal("press", "tool", tool),
         Subgoal("twist", "handover_assemble", turned),
         Subgoal("leave", "handover_assemble", _lifted(turned @ back)),
     )
     return SkillTargets("handover", subgoals, change_at=1)
 
 
-def received_top(
-    frames: Mapping[str, Transform], tool: Transform, top: Transform, contact: Transform
-) -> Transform:
+def received_top(grip: BrickGrip, tool: Transform) -> Transform:
     """Return where the top face of a handed-over brick is while the receiver stands ready.
 
     Args:
-        frames: the receiver's tool frames in its flange frame.
+        grip: the receiver's, of the brick in its place.
         tool: pose of the receiver's frame ``"tool"`` in the world as it receives.
-        top: goal pose of the centre of the brick's top face in the world.
-        contact: goal pose of the receiver's frame ``"alt"``, see ``grips.side_contact_pose``.
     """
-    return _via(frames, tool, "tool", "alt") @ inverse(contact) @ top
-
-
-def held_box(
-    frames: Mapping[str, Transform],
-    frame: str,
-    tool: Transform,
-    top: Transform,
-    brick: BrickType,
-) -> Transform:
-    """Return the pose of a held brick's box centre in the flange frame of its holder.
-
-    Args:
-        frames: the holder's tool frames in its flange frame.
-        frame: the tool frame whose pose is given.
-        tool: pose of that frame in the world.
-        top: pose of the centre of the brick's top face in the world at that moment.
-        brick: its type.
-    """
-    flange = tool @ inverse(_frame(frames, frame))
-    return inverse(flange) @ box_from_top(top, brick)
-
-
-def _frame(frames: Mapping[str, Transform], name: str) -> Transform:
-    if name == "flange" and name not in frames:
-        return np.eye(4)
-    try:
-        return frames[name]
-    except KeyError:
-        raise RobotModelError(
-            f"the robot has no tool frame {name!r}, which the LEGO skills need",
-            choices=tuple(sorted(frames)),
-        ) from None
-
-
-def _via(
-    frames: Mapping[str, Transform], pose: Transform, start: str, end: str
-) -> Transform:
-    """Return the pose of tool frame ``end`` when ``start`` of the same tool is at ``pose``."""
-    return pose @ inverse(_frame(frames, start)) @ _frame(frames, end)
+    return grip.via(tool, "tool", "alt") @ inverse(grip.alt) @ grip.top
 
 
 def _lifted(pose: Transform) -> Transform:

@@ -25,14 +25,14 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import press_cell, side_contact_pose, top_pose
+from planning.lego.bricks.grid import press_cell, top_pose
 from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.targets import (
+    BrickGrip,
     _contact,
     handover_targets,
     pick_targets,
-    place_down_targets,
-    place_up_targets,
+    place_targets,
     received_top,
     support_targets,
 )
@@ -67,6 +67,9 @@ class Published:
     @property
     def press(self) -> Press:
         return Press(self.step["press_side"], self.step["press_offset"])
+
+    def grip(self, top: Transform) -> BrickGrip:
+        return BrickGrip(self.frames, self.brick, top, self.press)
 
     @property
     def up(self) -> bool:
@@ -183,7 +186,7 @@ def assert_reached(
 @pytest.mark.parametrize("task", TASKS)
 def test_picks(task: str) -> None:
     for s in steps(task):
-        targets = pick_targets(s.frames, s.brick, s.stock, s.press)
+        targets = pick_targets(s.grip(s.stock))
         robot = s.helper if s.up else s.main
         assert_reached(s, robot, targets.subgoals, [1, 2, 3, 4, 5])
 
@@ -193,9 +196,7 @@ def test_place_downs(task: str) -> None:
     for s in steps(task):
         if s.up:
             continue
-        targets = place_down_targets(
-            s.frames, s.brick, s.goal, s.press, attack=s.attack
-        )
+        targets = place_targets(s.grip(s.goal), up=False, attack=s.attack)
         # Half way through the twist the published rows have no waypoint.
         subgoals = [g for g in targets.subgoals if g.name != "half twist"]
         assert_reached(s, s.main, subgoals, [9, 10, 11, 12, 13])
@@ -237,15 +238,14 @@ def test_handovers_and_place_ups(task: str) -> None:
     assert len(raised) == 1
     for s in raised:
         receiver, giver = s.bases[s.main], s.bases[s.helper]
-        contact = side_contact_pose(s.goal, s.brick, s.press)
-        up = place_up_targets(s.frames, contact, attack=s.attack)
+        goal = s.grip(s.goal)
+        up = place_targets(goal, up=True, attack=s.attack)
         assert_reached(s, s.main, up.subgoals, [17, 18, 21, 22, 23, 24])
         # The first candidate is the published place of the handover.
         place = receive_poses(receiver, giver)[0]
         assert_reached(s, s.main, place, [7, 9])
         assert_reached(s, s.helper, (giver_rest(giver),), [8])
-        top = received_top(s.frames, place[1].pose, s.goal, contact)
-        give = handover_targets(s.frames, s.brick, top, s.press)
+        give = handover_targets(s.grip(received_top(goal, place[1].pose)))
         assert_reached(s, s.helper, give.subgoals, [10, 11, 12, 13])
         (above,) = support_targets(_in_world_axes(s.plate, s.support), s.support)
         (own,) = support_targets(s.plate, s.support)

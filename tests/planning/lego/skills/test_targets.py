@@ -15,23 +15,21 @@ from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
     STUD_PITCH,
-    BrickType,
     Cell,
     Plate,
     Press,
     Support,
 )
-from planning.lego.bricks.grid import presses, side_contact_pose
+from planning.lego.bricks.grid import box_from_top, presses
 from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.targets import (
     DEFAULT_TWIST,
     LEVER_WALL,
     STUD_HEIGHT,
+    BrickGrip,
     handover_targets,
-    held_box,
     pick_targets,
-    place_down_targets,
-    place_up_targets,
+    place_targets,
     received_top,
     support_targets,
     supported_span,
@@ -57,10 +55,13 @@ tops = st.builds(
     st.floats(0, 1),
     st.floats(-3, 3),
 )
-grips = st.sampled_from(sorted(BRICKS)).flatmap(
+presses_of = st.sampled_from(sorted(BRICKS)).flatmap(
     lambda name: st.tuples(
         st.just(BRICKS[name]), st.sampled_from(presses(BRICKS[name]))
     )
+)
+grips = st.builds(
+    lambda top, grip: BrickGrip(FRAMES, grip[0], top, grip[1]), tops, presses_of
 )
 
 
@@ -70,63 +71,55 @@ def flange(targets: SkillTargets, k: int) -> Transform:
     return subgoal.pose @ inverse(FRAMES[subgoal.frame])
 
 
+def held(targets: SkillTargets, grip: BrickGrip) -> Transform:
+    """Return the pose of a brick's box in the flange frame where it changes hands in a skill."""
+    assert targets.change_at is not None
+    box = box_from_top(grip.top, grip.brick)
+    return inverse(flange(targets, targets.change_at)) @ box
+
+
 def angle(a: Transform, b: Transform) -> float:
     """Return the angle between two orientations [rad]."""
     trace = np.trace(a[:3, :3].T @ b[:3, :3])
     return float(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
-@given(tops, tops, grips)
+@given(grips, tops)
 def test_a_brick_is_held_the_same_from_pick_to_place(
-    start: Transform, goal: Transform, grip: tuple[BrickType, Press]
+    start: BrickGrip, goal: Transform
 ) -> None:
-    brick, press = grip
-    pick = pick_targets(FRAMES, brick, start, press)
-    place = place_down_targets(FRAMES, brick, goal, press)
-    assert pick.change_at is not None
-    assert place.change_at is not None
-    taken = pick.subgoals[pick.change_at]
-    put = place.subgoals[place.change_at]
-    np.testing.assert_allclose(
-        held_box(FRAMES, taken.frame, taken.pose, start, brick),
-        held_box(FRAMES, put.frame, put.pose, goal, brick),
-        atol=1e-12,
-    )
+    there = replace(start, top=goal)
+    picked = held(pick_targets(start), start)
+    np.testing.assert_allclose(picked, start.held(), atol=1e-12)
+    placed = held(place_targets(there, up=False), there)
+    np.testing.assert_allclose(picked, placed, atol=1e-12)
 
 
-@given(tops, tops, grips)
+@given(tops, grips)
 def test_a_brick_passes_through_two_hands_to_its_goal(
-    ready: Transform, goal: Transform, grip: tuple[BrickType, Press]
+    ready: Transform, goal: BrickGrip
 ) -> None:
     """Giver's press, receiver's carry and place-up agree on where the brick is."""
-    brick, press = grip
-    contact = side_contact_pose(goal, brick, press)
-    top = received_top(FRAMES, ready, goal, contact)
-    give = handover_targets(FRAMES, brick, top, press)
-    up = place_up_targets(FRAMES, contact)
-    assert give.change_at is not None
-    assert up.change_at is not None
-    in_giver = held_box(FRAMES, "tool", give.subgoals[give.change_at].pose, top, brick)
-    pick = pick_targets(FRAMES, brick, TOP, press)
-    assert pick.change_at is not None
-    from_pick = held_box(FRAMES, "tool", pick.subgoals[pick.change_at].pose, TOP, brick)
-    np.testing.assert_allclose(in_giver, from_pick, atol=1e-12)
-    in_receiver = held_box(FRAMES, "tool", ready, top, brick)
-    at_goal = held_box(FRAMES, "alt", up.subgoals[up.change_at].pose, goal, brick)
+    given_up = replace(goal, top=received_top(goal, ready))
+    in_giver = held(handover_targets(given_up), given_up)
+    start = replace(goal, top=TOP)
+    np.testing.assert_allclose(in_giver, held(pick_targets(start), start), atol=1e-12)
+    box = box_from_top(given_up.top, goal.brick)
+    in_receiver = inverse(ready @ inverse(FRAMES["tool"])) @ box
+    np.testing.assert_allclose(in_receiver, goal.held(up=True), atol=1e-12)
+    at_goal = held(place_targets(goal, up=True), goal)
     np.testing.assert_allclose(in_receiver, at_goal, atol=1e-12)
 
 
 def test_waypoints_and_handlings_of_each_skill() -> None:
-    pick = pick_targets(FRAMES, BRICK, TOP, Press(1, 1))
-    down = place_down_targets(FRAMES, BRICK, TOP, Press(1, 1))
-    up = place_up_targets(FRAMES, side_contact_pose(TOP, BRICK, Press(1, 1)))
-    give = handover_targets(FRAMES, BRICK, TOP, Press(1, 1))
+    grip = BrickGrip(FRAMES, BRICK, TOP, Press(1, 1))
+    down, up = (place_targets(grip, up=up) for up in (False, True))
     held = support_targets(Plate(np.eye(4)), Support(Cell(9, 9, 9), 0))[3]
     for skill, names, change_at, lead in (
-        (pick, "approach, above, attach, twist, leave", 2, 1),
+        (pick_targets(grip), "approach, above, attach, twist, leave", 2, 1),
         (down, "approach, above, attach, half twist, twist, leave", 2, 1),
         (up, "pre, approach, below, place, twist, leave", 3, 2),
-        (give, "approach, press, twist, leave", 1, 1),
+        (handover_targets(grip), "approach, press, twist, leave", 1, 1),
         (held, "pre, support", None, 1),
     ):
         assert ", ".join(subgoal.name for subgoal in skill.subgoals) == names
@@ -134,36 +127,33 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     assert held.skill == "support-bottom"
 
 
-@given(tops, grips, st.floats(0.05, 0.5))
+@given(grips, st.floats(0.05, 0.5))
 def test_every_twist_turns_by_its_angle_about_its_axis(
-    top: Transform, grip: tuple[BrickType, Press], twist: float
+    grip: BrickGrip, twist: float
 ) -> None:
-    brick, press = grip
-    contact = side_contact_pose(top, brick, press)
+    twists = dict.fromkeys(DEFAULT_TWIST, twist)
+    down, up = (place_targets(grip, up=up, twist=twists) for up in (False, True))
     for targets, before, after, axis in (
-        (pick_targets(FRAMES, brick, top, press, twist=twist), 2, 3, "disassemble"),
-        (place_down_targets(FRAMES, brick, top, press, twist=twist), 2, 4, "assemble"),
-        (place_up_targets(FRAMES, contact, twist=twist), 3, 4, "alt_assemble"),
+        (pick_targets(grip, twist=twist), 2, 3, "disassemble"),
+        (down, 2, 4, "assemble"),
+        (up, 3, 4, "alt_assemble"),
     ):
         a, b = flange(targets, before), flange(targets, after)
         assert angle(a, b) == pytest.approx(twist, abs=1e-6)
         # The axis of the twist stays where it is, its direction too.
         # That of a pick is near the bottom of a brick, and as near to that of a plate.
-        nearer = 0.0032 * (3 - brick.height) if axis == "disassemble" else 0.0
+        nearer = 0.0032 * (3 - grip.brick.height) if axis == "disassemble" else 0.0
         at = FRAMES[axis] @ translation(0.0, 0.0, -nearer)
         still_a, still_b = a @ at, b @ at
         np.testing.assert_allclose(still_a[:3, 3], still_b[:3, 3], atol=1e-12)
         np.testing.assert_allclose(still_a[:3, 1], still_b[:3, 1], atol=1e-12)
 
 
-@given(tops, grips)
-def test_the_tool_comes_straight_down_and_leaves_straight_up(
-    top: Transform, grip: tuple[BrickType, Press]
-) -> None:
-    brick, press = grip
+@given(grips)
+def test_the_tool_comes_straight_down_and_leaves_straight_up(grip: BrickGrip) -> None:
     for targets, drop in (
-        (pick_targets(FRAMES, brick, top, press), 0.0028),
-        (place_down_targets(FRAMES, brick, top, press), 0.005),
+        (pick_targets(grip), 0.0028),
+        (place_targets(grip, up=False), 0.005),
     ):
         down = flange(targets, 2)[:3, 3] - flange(targets, 1)[:3, 3]
         np.testing.assert_allclose(down, [0, 0, -drop], atol=1e-12)
@@ -171,17 +161,10 @@ def test_the_tool_comes_straight_down_and_leaves_straight_up(
         np.testing.assert_allclose(leave, [0, 0, 0.015], atol=1e-12)
 
 
-@given(tops, grips)
-def test_attack_mirrors_the_approach(
-    top: Transform, grip: tuple[BrickType, Press]
-) -> None:
-    brick, press = grip
-    contact = side_contact_pose(top, brick, press)
-    pairs = (
-        [place_down_targets(FRAMES, brick, top, press, attack=a) for a in (1, -1)],
-        [place_up_targets(FRAMES, contact, attack=a) for a in (1, -1)],
-    )
-    for plus, minus in pairs:
+@given(grips)
+def test_attack_mirrors_the_approach(grip: BrickGrip) -> None:
+    for up in (False, True):
+        plus, minus = (place_targets(grip, up=up, attack=a) for a in (1, -1))
         for a, b in zip(plus.subgoals, minus.subgoals, strict=True):
             moved = (inverse(a.pose) @ b.pose)[:3, 3]
             sideways = 0.010 if a.name in ("approach", "pre") else 0.0
@@ -191,7 +174,7 @@ def test_attack_mirrors_the_approach(
 
 def test_a_robot_without_the_tool_is_named() -> None:
     with pytest.raises(RobotModelError, match="disassemble") as caught:
-        pick_targets({"tool": np.eye(4)}, BRICK, TOP, Press(1, 0))
+        pick_targets(BrickGrip({"tool": np.eye(4)}, BRICK, TOP, Press(1, 0)))
     assert caught.value.choices == ("tool",)
 
 
