@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ _DH_ROWS = (
     "0 -0.29 0 1.57079632679",
     "0 0 0 -1.57079632679",
 )
-_TOOLS = {
+_TOOLS: Mapping[str, tuple[float, float]] = {
     "": (-0.072, 0.0),
     "_tool": (-0.18, 0.0),
     "_tool_assemble": (-0.18, 0.008),
@@ -57,11 +58,13 @@ def write_task(folder: Path, levels: int = 4) -> Path:
     return folder
 
 
-def write_robots(folder: Path) -> None:
-    """Write where both robots stand and what their tools are."""
+def write_robots(
+    folder: Path, tools: Mapping[str, tuple[float, float]] = _TOOLS
+) -> None:
+    """Write where both robots stand, and d and a of their tools [m] by the ends of file names."""
     properties = folder / "robot_properties"
-    properties.mkdir(exist_ok=True)
-    for name, (d, a) in _TOOLS.items():
+    properties.mkdir(parents=True, exist_ok=True)
+    for name, (d, a) in tools.items():
         rows = [*_DH_ROWS, f"0 {d} {a} {_HALF_TURN}"]
         (properties / f"gp4{name}_DH.txt").write_text("\n".join(rows))
     upright = "1 0 0 0\n0 1 0 0\n0 0 1 {}\n0 0 0 1\n"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 from planning.lego.bricks.assembly import (
     BRICKS,
@@ -144,27 +145,14 @@ class Design:
         bricks = self.structures.bricks
         return sorted(self.parts, key=lambda n: (-bricks[n].cell.level, n))
 
-    def columns(
-        self, names: Iterable[str], *, most: int = 1000, carriers: bool = False
-    ) -> list[PlacedBrick]:
-        """Return the bricks of columns under some bricks.
-
-        Args:
-            names: the bricks.
-            most: so many columns at most.
-            carriers: whether, where there is nothing free below a brick, the nearest one below
-                it that has room for a column is carried.
-        """
+    def columns(self, names: Iterable[str]) -> list[PlacedBrick]:
+        """Return the bricks of columns under some bricks."""
         filled = dict(self.structures.filled)
         out: list[PlacedBrick] = []
         for name in names:
-            column = self._column(name, filled, carriers)
-            for part in column:
-                filled |= dict.fromkeys(part.places, part.name)
+            column = self._column(name, filled)
+            filled |= {place: part.name for part in column for place in part.places}
             out += column
-            most -= bool(column)
-            if most == 0:
-                break
         return out
 
     def column(self, names: Sequence[str]) -> list[PlacedBrick]:
@@ -172,13 +160,15 @@ class Design:
 
         Where none has, it is under the nearest one that carries one of them.
         """
-        below = self.columns(names, most=1)
-        return below or self.columns(names, most=1, carriers=True)
+        filled = self.structures.filled
+        tries = product((False, True), names)
+        columns = (self._column(name, filled, carriers=more) for more, name in tries)
+        return list(next(filter(None, columns), ()))
 
     def _column(
-        self, name: str, filled: Mapping[GridPlace, str], carriers: bool
+        self, name: str, filled: Mapping[GridPlace, str], *, carriers: bool = False
     ) -> tuple[PlacedBrick, ...]:
-        """Return a column under a brick, or under what carries it."""
+        """Return a column under a brick, or under the nearest of its ``carriers`` with room for one."""
         bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
         types = self.rules.types or tuple(BRICKS.values())
         seen, front = {name}, [name]

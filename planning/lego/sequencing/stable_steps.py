@@ -15,15 +15,15 @@ checked by. What the arms can do with the two steps then is found anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import islice, product
+from typing import Any
 
 from planning.errors import InfeasibleStepError, ScenarioError, told
 from planning.files import KeptAnswers
 from planning.lego.bricks.assembly import (
-    Cell,
     LegoAssembly,
     LegoStep,
     PlacedBrick,
@@ -154,7 +154,7 @@ class StepChoices:
 
     def _better_grips(self) -> list[str]:
         found = (
-            f"{{side: {press.side}, offset: {press.offset}}}"
+            _entry(asdict(press))
             for press in presses(self.site.item.brick)
             if press not in self.grips and self._bears(press, self.supports[0])
         )
@@ -165,8 +165,7 @@ class StepChoices:
             return []
         way = InsertionWay.UP if self.step.up else InsertionWay.DOWN_HELD_BELOW
         found = (
-            f"{{at: [{s.cell.x}, {s.cell.y}, {s.cell.z}], {_raised(s.cell)}"
-            f"orientation: {s.orientation}}}"
+            _entry({**s.cell.entry, "orientation": s.orientation})
             for press in self.grips
             for insertion in self.site.insertions(press, way)
             if (s := insertion.support) is not None
@@ -174,8 +173,9 @@ class StepChoices:
         return list(islice(dict.fromkeys(found), _HINTS))
 
 
-def _raised(cell: Cell) -> str:
-    return f"raised: {cell.raised}, " if cell.raised else ""
+def _entry(keys: Mapping[str, Any]) -> str:
+    """Return what a scenario file would say."""
+    return "{" + ", ".join(f"{key}: {value}" for key, value in keys.items()) + "}"
 
 
 def _weakness(report: StabilityReport, structures: PartialStructures) -> str:

@@ -3,40 +3,55 @@
 from __future__ import annotations
 
 import json
+import os
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
+from benchmarks.fuzz.task_files import write_robots
 from planning.cell.workcell import Workcell
 from planning.lego.bricks.assembly import (
+    BrickType,
     Cell,
     LegoAssembly,
     LegoStep,
     Plate,
-    StockBrick,
 )
 from planning.lego.bricks.grid import press_cell
 from planning.transforms import Array, inverse, translation
 
 _SHOULDER = translation(0.0, 0.0, 0.33)
-_ROWS = (
-    "0 0 0 -1.57079632679489662",
-    "-1.57079632679489662 0 0.26 3.14159265358979323",
-    "0 0 0.015 -1.57079632679489662",
-    "0 -0.29 0 1.57079632679489662",
-    "0 0 0 -1.57079632679489662",
-)
-_FILES = {
-    "flange": "gp4_DH.txt",
-    "tool": "gp4_tool_DH.txt",
-    "assemble": "gp4_tool_assemble_DH.txt",
-    "disassemble": "gp4_tool_disassemble_DH.txt",
-    "handover_assemble": "gp4_tool_handover_assemble_DH.txt",
-    "alt": "gp4_tool_alt_DH.txt",
-    "alt_assemble": "gp4_tool_alt_assemble_DH.txt",
+_FILES = {"flange": "", "tool": "_tool"} | {
+    frame: f"_tool_{frame}"
+    for frame in ("assemble", "disassemble", "handover_assemble", "alt", "alt_assemble")
 }
+
+DATA = Path(
+    os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
+    or Path(__file__).parents[3] / "../shared/data/apex-mr"
+)
+"""What the authors published, where it is there."""
+
+needs_data = pytest.mark.skipif(
+    not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
+)
+
+
+def types_of(content: Mapping[str, Any]) -> dict[str, BrickType]:
+    """Return the brick types of an imported assembly."""
+    return {
+        name: BrickType(name, tuple(kind["studs"]), kind["mass_kg"])
+        for name, kind in content["bricks"].items()
+    }
+
+
+def cell_of(entry: Mapping[str, Any]) -> Cell:
+    """Return the cell of an imported brick."""
+    return Cell(*entry["at"], entry.get("turned", False))
 
 
 def write_published(
@@ -60,41 +75,23 @@ def write_published(
     Returns:
         The published name of each stock brick by its own.
     """
-    numbers = {
-        kind.name: str(k)
-        for k, kind in enumerate(
-            sorted(
-                {s.brick for s in (*assembly.stock, *assembly.steps)},
-                key=lambda b: b.name,
-            ),
-            start=2,
-        )
-    }
-    _write_cell(folder, cell, assembly)
     kinds = {s.brick.name: s.brick for s in (*assembly.stock, *assembly.steps)}
-    _write(
-        folder / "lego_library.json",
-        {
-            numbers[name]: {
-                "height": kind.studs[0],
-                "width": kind.studs[1],
-                "inventory": 99,
-                "weight": kind.mass,
-            }
-            for name, kind in kinds.items()
-        },
-    )
+    numbers = {name: str(k) for k, name in enumerate(sorted(kinds), start=2)}
+    _write_cell(folder, cell, assembly)
+    library = {
+        numbers[name]: {
+            **{"height": kind.studs[0], "width": kind.studs[1]},
+            **{"inventory": 99, "weight": kind.mass},
+        }
+        for name, kind in kinds.items()
+    }
+    _write(folder / "lego_library.json", library)
     names = _stock_names(assembly, numbers)
-    _write(
-        folder / f"env_setup/env_setup_{task}.json",
-        {
-            names[item.name]: {
-                **_cell("", item.cell),
-                **({"fixed": True} if item.fixed else {}),
-            }
-            for item in assembly.stock
-        },
-    )
+    stock = {
+        names[item.name]: _cell("", item.cell) | ({"fixed": True} if item.fixed else {})
+        for item in assembly.stock
+    }
+    _write(folder / f"env_setup/env_setup_{task}.json", stock)
     left = [item for item in assembly.stock if not item.fixed]
     steps = {}
     for k, step in enumerate(assembly.steps, start=1):
@@ -141,47 +138,34 @@ def _step(step: LegoStep, numbers: Mapping[str, str], *, terse: bool) -> dict[st
 def _stock_names(assembly: LegoAssembly, numbers: Mapping[str, str]) -> dict[str, str]:
     """Stations count by type, near the left arm first; other bricks are numbered through."""
     out: dict[str, str] = {}
-    stations: dict[str, int] = {}
-
-    def near(item: StockBrick) -> int:
-        return item.cell.x
-
-    for item in sorted(assembly.stock, key=near):
+    stations = Counter[str]()
+    for item in sorted(assembly.stock, key=lambda item: item.cell.x):
         if item.station:
-            stations[item.brick.name] = stations.get(item.brick.name, 0) + 1
+            stations[item.brick.name] += 1
             out[item.name] = f"station{stations[item.brick.name]}"
-    for k, item in enumerate(assembly.stock, start=1):
-        out.setdefault(item.name, str(k))
     return {
-        item.name: f"b{numbers[item.brick.name]}_{out[item.name]}"
-        for item in assembly.stock
+        item.name: f"b{numbers[item.brick.name]}_{out.get(item.name, k)}"
+        for k, item in enumerate(assembly.stock, start=1)
     }
 
 
 def _cell(prefix: str, cell: Cell) -> dict[str, int]:
-    return {
-        f"{prefix}x": cell.x,
-        f"{prefix}y": cell.y,
-        f"{prefix}z": cell.z,
-        f"{prefix}ori": int(cell.turned),
-    }
+    values = zip("xyz", (cell.x, cell.y, cell.z), strict=True)
+    return {f"{prefix}{k}": v for k, v in (*values, ("ori", int(cell.turned)))}
 
 
 def _write_cell(folder: Path, cell: Workcell, assembly: LegoAssembly) -> None:
     left, right = cell.robots
-    world = left.base @ translation(0.0, 0.0, 0.0)
-    properties = folder / "robot_properties"
-    properties.mkdir(parents=True, exist_ok=True)
+    world, properties = left.base, folder / "robot_properties"
+    tools = {}
+    for frame, name in _FILES.items():
+        pose = np.eye(4) if frame == "flange" else left.model.frames[frame]
+        tools[name] = float(-0.072 - pose[2, 3]), float(pose[0, 3])
+    write_robots(folder, tools)
     np.savetxt(properties / "world_base.txt", world)
-    np.savetxt(properties / "gp4_base.txt", _SHOULDER)
     for k, robot in enumerate((left, right), start=1):
         base = inverse(world) @ robot.base @ _SHOULDER
         np.savetxt(properties / f"r{k}_base.txt", base)
-    for frame, name in _FILES.items():
-        pose = np.eye(4) if frame == "flange" else left.model.frames[frame]
-        d, a = float(-0.072 - pose[2, 3]), float(pose[0, 3])
-        row = f"0 {d!r} {a!r} 3.14159265358979323"
-        (properties / name).write_text("\n".join([*_ROWS, row]))
     plates = {"assemble_plate": _plate(assembly.plate, world)}
     plates["storage_plate"] = _plate(assembly.storage or assembly.plate, world)
     _write(folder / "plate_calibration.json", plates)
@@ -193,8 +177,7 @@ def _plate(plate: Plate, world: Array) -> dict[str, float]:
     yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
     return {
         **{"x": x, "y": y, "z": z, "roll": 0.0, "pitch": 0.0, "yaw": yaw},
-        "width": plate.studs[0],
-        "height": plate.studs[1],
+        **{"width": plate.studs[0], "height": plate.studs[1]},
         "deg": float(np.degrees(yaw)),
     }
 

@@ -7,10 +7,8 @@ Denavit-Hartenberg tables, must meet our subgoals: written without our robot mod
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,17 +36,17 @@ from planning.lego.skills.targets import (
 )
 from planning.steps.skill import Subgoal
 from planning.transforms import Array, Transform, from_rpy, translation
-
-DATA = Path(
-    os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
-    or Path(__file__).parents[3] / "../shared/data/apex-mr"
+from tests.planning.importers.published_form import (
+    DATA,
+    cell_of,
+    needs_data,
+    types_of,
 )
+
 TASKS = ("cliff", "faucet", "bridge")
 ROWS_DOWN, ROWS_UP = 16, 27
 
-pytestmark = pytest.mark.skipif(
-    not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
-)
+pytestmark = needs_data
 
 
 @dataclass(frozen=True)
@@ -133,10 +131,7 @@ def steps(task: str) -> Iterator[Published]:
     scenario = import_apex_mr(DATA, task, prescribed_stock=True)
     assembly = scenario["assembly"]
     plate = Plate(pose(assembly["plate"]["pose"]), tuple(assembly["plate"]["studs"]))
-    bricks = {
-        name: BrickType(name, tuple(b["studs"]), b["mass_kg"])
-        for name, b in assembly["bricks"].items()
-    }
+    bricks = types_of(assembly)
     stock = {s["name"]: s for s in assembly["stock"]}
     robots = scenario["cell"]["robots"]
     bases = {k: pose(r["base"]) for k, r in enumerate(robots, start=1)}
@@ -154,19 +149,13 @@ def steps(task: str) -> Iterator[Published]:
             rows=rows[at : at + count],
             plate=plate,
             brick=brick,
-            goal=top_pose(plate, PlacedBrick("", brick, cell(ours))),
-            stock=top_pose(plate, PlacedBrick("", brick, cell(where))),
+            goal=top_pose(plate, PlacedBrick("", brick, cell_of(ours))),
+            stock=top_pose(plate, PlacedBrick("", brick, cell_of(where))),
             bases=bases,
             frames=frames,
         )
         at += count
     assert at == len(rows)
-
-
-def cell(section: dict[str, Any]) -> Cell:
-    """Return the cell of an imported section."""
-    x, y, z = section["at"]
-    return Cell(x, y, z, section.get("turned", False))
 
 
 def assert_reached(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -32,15 +30,14 @@ from planning.lego.insertion.tool_room import GRID, tool_room
 from planning.lego.sequencing.sequencing import SequencedStructure, sequence_structure
 from planning.lego.stability.contacts import ToolHold
 from planning.statics.equilibrium import Load
+from tests.planning.importers.published_form import (
+    DATA,
+    cell_of,
+    needs_data,
+    types_of,
+)
 from tests.planning.lego.structures import brick, dropped
 from tests.planning.lego.whole_stability import stability
-
-_DATA = Path(
-    os.environ.get(
-        "ASSEMBLY_TWIN_APEX_DATA",
-        Path(__file__).parents[4] / "../shared/data/apex-mr",
-    )
-)
 
 
 def _tower(height: int, x: int = 20, y: int = 20) -> list[PlacedBrick]:
@@ -295,15 +292,11 @@ def test_a_wall_of_120_bricks():
 
 def _published(task):
     """Return the steps of a published task by name, its structure and its scaffold."""
-    assembly = import_apex_mr(_DATA, task)["assembly"]
-    types = {
-        name: BrickType(name, tuple(b["studs"]), b["mass_kg"])
-        for name, b in assembly["bricks"].items()
-    }
+    assembly = import_apex_mr(DATA, task)["assembly"]
+    types = types_of(assembly)
 
     def placed(name, entry):
-        cell = Cell(*entry["at"], entry.get("turned", False))
-        return PlacedBrick(name, types[entry["brick"]], cell)
+        return PlacedBrick(name, types[entry["brick"]], cell_of(entry))
 
     steps = {f"s{k}": entry for k, entry in enumerate(assembly["steps"])}
     structure = [placed(name, entry) for name, entry in steps.items()]
@@ -311,7 +304,7 @@ def _published(task):
     return steps, structure, scaffold
 
 
-@pytest.mark.skipif(not _DATA.exists(), reason="published task files not found")
+@needs_data
 @pytest.mark.parametrize("task", ["cliff", "faucet"])
 def test_published_structures_get_the_published_ways(task):
     steps, structure, scaffold = _published(task)
@@ -325,7 +318,7 @@ def test_published_structures_get_the_published_ways(task):
         assert Press(side, offset) in item.step.presses
 
 
-@pytest.mark.skipif(not _DATA.exists(), reason="published task files not found")
+@needs_data
 @pytest.mark.parametrize("task", ["cliff", "faucet", "bridge"])
 @pytest.mark.parametrize("force", [15.0, 18.0])
 def test_published_sequences_have_support_exactly_where_it_is_needed(task, force):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,13 +19,9 @@ from planning.steps.skill import Obstruction, SkillPath
 from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.assignment import SupportCandidate
 from planning.tasks.highs_solver import assign_steps
+from tests.planning.importers.published_form import DATA, needs_data
 from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
 from tests.planning.tasks.plan_oracle import plan_violations
-
-DATA = Path(
-    os.environ.get("ASSEMBLY_TWIN_APEX_DATA")
-    or Path(__file__).parents[4] / "../shared/data/apex-mr"
-)
 
 
 @pytest.fixture(scope="module")
@@ -176,9 +170,7 @@ def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
     assert blocked.by.startswith("left/")
 
 
-@pytest.mark.skipif(
-    not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
-)
+@needs_data
 def test_the_published_cliff_gets_the_published_robots() -> None:
     from planning.importers.apex_mr.importer import import_apex_mr
     from twin.planning.build_workcell import build_workcell
