@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 from scipy.optimize import linprog
 
-from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import PlacedBrick
 from planning.lego.stability.contacts import (
     JointStrength,
-    KnobJoint,
     ToolHold,
     by_name,
     centre,
@@ -52,25 +49,13 @@ def stability(
         loose: bricks that are just being pressed into place; their joints push but do not
             pull yet.
         strength: what joints bear.
-
-    Raises:
-        ScenarioError: bricks overlap or a name is used twice; a load or a hold names a brick
-            that the structure does not have.
     """
     bricks = by_name(structure)
-    for name in chain((v.body for v in loads), (v.brick for v in holds), loose):
-        if name not in bricks:
-            raise ScenarioError(
-                f"the structure has no brick {name!r}", choices=tuple(bricks)
-            )
     filled = filled_places(bricks)
-    knobs = joints(bricks, filled)
     if not bricks:
         return StabilityReport(0.0, None)
-    if not holds and (loose_end := _floating(bricks, knobs)) is not None:
-        return StabilityReport(math.inf, loose_end)
     contacts = [tool_push(hold) for hold in holds]
-    for joint in knobs:
+    for joint in joints(bricks, filled):
         for contact in joint_contacts(joint, bricks[joint.upper], strength):
             free = joint.upper in loose or joint.lower in loose
             contacts.append(replace(contact, pull=0.0) if free else contact)
@@ -127,21 +112,3 @@ def _least_pull(
     worst = max(price, key=lambda name: price[name] > 0.999999 * max(price.values()))
     score = 0.0 if found.fun < 1e-9 else float(found.fun)
     return StabilityReport(score, worst if score else None)
-
-
-def _floating(
-    bricks: Mapping[str, PlacedBrick], knobs: Sequence[KnobJoint]
-) -> str | None:
-    """Return the first brick that no chain of joints connects to the plate."""
-    linked: dict[str | None, set[str | None]] = {name: set() for name in bricks}
-    linked[None] = set()
-    for joint in knobs:
-        linked[joint.lower].add(joint.upper)
-        linked[joint.upper].add(joint.lower)
-    held: set[str | None] = {None}
-    front: list[str | None] = [None]
-    while front:
-        for name in linked[front.pop()] - held:
-            held.add(name)
-            front.append(name)
-    return next((name for name in bricks if name not in held), None)

@@ -143,13 +143,3 @@ def test_what_is_drawn_is_read_back(structure):
     assert sorted(back, key=str) == sorted(
         ((b.cell, b.brick.name) for b in structure), key=str
     )
-
-
-@settings(max_examples=60, deadline=None)
-@given(STRUCTURES)
-def test_every_drawn_character_belongs_to_one_brick(structure):
-    """Count of letters and of studs agree, layer by layer."""
-    _, layers = draw_layers(structure)
-    for z, text in enumerate(layers, start=1):
-        studs = sum(len(b.studs) for b in structure if b.cell.z == z)
-        assert sum(ch not in ".\n" for ch in text) == studs

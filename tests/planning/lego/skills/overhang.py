@@ -6,6 +6,8 @@ right robot, and one pushed up from below under the edge of the second.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell
@@ -20,6 +22,7 @@ from planning.lego.bricks.assembly import (
     Support,
 )
 from planning.lego.bricks.brick_world import plate_fixture, stock_objects
+from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.robots.registry import robot_model
 from planning.transforms import from_rpy, translation
@@ -77,6 +80,12 @@ STEPS = (
         supports=(Support(Cell(23, 25, 11), 2, from_above=True),),
     ),
 )
+
+
+@cache
+def found_overhang() -> LegoCandidates:
+    """Return the candidates of all three steps."""
+    return find_candidates(*overhang())
 
 
 def overhang(

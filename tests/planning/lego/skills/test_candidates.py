@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -20,13 +21,20 @@ from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.assignment import SupportCandidate
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.importers.published_form import DATA, needs_data
-from tests.planning.lego.skills.overhang import STEPS, STOCK, overhang
+from tests.planning.lego.skills.overhang import (
+    STEPS,
+    STOCK,
+    found_overhang,
+    overhang,
+)
 from tests.planning.tasks.plan_oracle import plan_violations
 
+found = pytest.fixture(scope="module")(found_overhang)
 
-@pytest.fixture(scope="module")
-def found() -> LegoCandidates:
-    return find_candidates(*overhang())
+
+def resolved(option: ResolvedSkill | Obstruction) -> ResolvedSkill:
+    assert isinstance(option, ResolvedSkill), option
+    return option
 
 
 def robots_of(found: LegoCandidates, step: int) -> set[tuple[str, str, str | None]]:
@@ -67,17 +75,9 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
     for item in found.problem.primaries:
         if item.partner is not None:
             continue
-        support = found.skills.support(other[item.robot], item.step, 0)
-        assert isinstance(support, ResolvedSkill)
-        place = found.skills.place(
-            item.robot,
-            item.step,
-            item.grasp,
-            SupportCandidate(item.step, other[item.robot], 0, 0.0),
-        )
-        assert isinstance(place, ResolvedSkill)
-        pick = found.skills.pick(item.robot, item.object, item.grasp)
-        assert isinstance(pick, ResolvedSkill)
+        beside = SupportCandidate(item.step, other[item.robot], 0, 0.0)
+        place = resolved(found.skills.place(item.robot, item.step, item.grasp, beside))
+        pick = resolved(found.skills.pick(item.robot, item.object, item.grasp))
         attach = pick.path.waypoints[2]
         top = found.world.start_top(item.object)
         kind = found.world.stock[item.object].brick
@@ -92,16 +92,14 @@ def test_costs_are_joint_distances_from_home(found: LegoCandidates) -> None:
 
 def test_postures_stay_within_limits_and_do_not_flip(found: LegoCandidates) -> None:
     paths: list[SkillPath] = []
-    for step in (1, 2, 3):
-        for robot in ("left", "right"):
-            option = found.skills.support(robot, step, 0)
-            if isinstance(option, ResolvedSkill):
-                paths.append(option.path)
+    for step, robot in product((1, 2, 3), ("left", "right")):
+        option = found.skills.support(robot, step, 0)
+        if isinstance(option, ResolvedSkill):
+            paths.append(option.path)
     for item in found.problem.primaries:
         picker = item.partner or item.robot
         pick = found.skills.pick(picker, item.object, item.grasp)
-        assert isinstance(pick, ResolvedSkill)
-        paths.append(pick.path)
+        paths.append(resolved(pick).path)
     for path in paths:
         model = found.world.cell.robot(path.robot).model
         every = np.vstack([path.lead, path.path])
@@ -119,10 +117,8 @@ def test_all_grips_are_tried_where_none_is_prescribed() -> None:
     kept = {c.grasp for c in some.problem.primaries if c.step == 1}
     assert kept < tried
     assert tried <= {grasp_number(p) for p in presses(STEPS[0].brick)}
-    assert {press_of(grasp_number(p)) for p in (Press(1, 0), Press(4, 6))} == {
-        Press(1, 0),
-        Press(4, 6),
-    }
+    for press in (Press(1, 0), Press(4, 6)):
+        assert press_of(grasp_number(press)) == press
 
 
 def test_a_brick_out_of_reach_is_explained() -> None:
@@ -150,21 +146,16 @@ def test_a_blocked_goal_waits_until_the_brick_in_the_way_is_used() -> None:
     assert plan[1].object == "near_left" or plan[2].object == "near_left"
 
 
-def test_an_arm_that_stands_in_the_way_is_an_obstruction() -> None:
+def test_an_arm_that_stands_in_the_way_is_an_obstruction(found: LegoCandidates) -> None:
     """The same place with the other arm at its support, and with that arm right there."""
-    cell, assembly = overhang()
-    found = find_candidates(cell, assembly)
-    support = found.skills.support("left", 1, 0)
-    assert isinstance(support, ResolvedSkill)
-    grasp = grasp_number(Press(1, 0))
-    beside = found.skills.place("right", 1, grasp, SupportCandidate(1, "left", 0, 0.0))
-    assert isinstance(beside, ResolvedSkill)
-    own = found.skills.place("left", 1, grasp, None)
-    assert isinstance(own, ResolvedSkill)
+    support = resolved(found.skills.support("left", 1, 0))
+    grasp, left = grasp_number(Press(1, 0)), SupportCandidate(1, "left", 0, 0.0)
+    resolved(found.skills.place("right", 1, grasp, left))
+    own = resolved(found.skills.place("left", 1, grasp, None))
     stuck = replace(support.path, path=own.path.path[1:2])
     again = BrickSkills(found.world)
     again.support = lambda robot, step, choice: replace(support, path=stuck)
-    blocked = again.place("right", 1, grasp, SupportCandidate(1, "left", 0, 0.0))
+    blocked = again.place("right", 1, grasp, left)
     assert isinstance(blocked, Obstruction)
     assert blocked.by is not None
     assert blocked.by.startswith("left/")

@@ -11,7 +11,7 @@ from planning.kinematics.kinematics import frame_pose
 from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
 from planning.lego.bricks.grid import box_pose, grip_pose
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
-from planning.lego.skills.expansion import lego_work
+from planning.lego.skills.expansion import PLACES, SUPPORTS, lego_work
 from planning.tasks.assignment import StepChoice, TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import (
@@ -24,7 +24,7 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import StepExpansions
 from planning.transforms import Transform
-from tests.planning.lego.skills.overhang import overhang
+from tests.planning.lego.skills.overhang import found_overhang, overhang
 from tests.planning.tasks.plan_oracle import task_order
 
 
@@ -38,9 +38,7 @@ def expand_plan(candidates: LegoCandidates, plan: TaskPlan) -> list[StepTasks]:
     return out
 
 
-@pytest.fixture(scope="module")
-def found() -> LegoCandidates:
-    return find_candidates(*overhang())
+found = pytest.fixture(scope="module")(found_overhang)
 
 
 @pytest.fixture(scope="module")
@@ -147,8 +145,7 @@ def test_support_comes_before_the_place_and_leaves_after_it(
     tasks: list[Task], waits: set[tuple[int, int]]
 ) -> None:
     for step in (1, 2, 3):
-        held = of_kind(tasks, step, "support-bottom", "support-top")
-        placed = of_kind(tasks, step, "place-down", "place-up")
+        held, placed = of_kind(tasks, step, *SUPPORTS), of_kind(tasks, step, *PLACES)
         assert held.robot != placed.robot
         back = next(t for t in tasks if t.robot == held.robot and t.index > held.index)
         assert (held.index, placed.index) in waits
@@ -160,8 +157,8 @@ def test_places_and_supports_follow_the_place_before(
 ) -> None:
     graph = task_order(tasks, waits)
     for step in (2, 3):
-        before = of_kind(tasks, step - 1, "place-down", "place-up")
-        for kinds in (("place-down", "place-up"), ("support-bottom", "support-top")):
+        before = of_kind(tasks, step - 1, *PLACES)
+        for kinds in (PLACES, SUPPORTS):
             later = of_kind(tasks, step, *kinds)
             assert nx.has_path(graph, before.index, later.index)
 
@@ -227,15 +224,10 @@ def test_a_tool_touches_its_brick_from_pick_to_place(
         picked = of_kind(tasks, step, "pick")
         placed = of_kind(tasks, step, "place-down")
         names = {f"{picked.robot}/tool", picked.object}
-        (contact,) = [
-            c for c in steps[step - 1].allowed if {c.first, c.second} == names
-        ]
-        own = {
-            t.index
-            for t in tasks
-            if t.robot == picked.robot and picked.index <= t.index <= placed.index
-        }
-        assert own <= contact.tasks
+        allowed = steps[step - 1].allowed
+        (contact,) = [c for c in allowed if {c.first, c.second} == names]
+        between = tasks[picked.index : placed.index + 1]
+        assert {t.index for t in between if t.robot == picked.robot} <= contact.tasks
 
 
 def test_other_ways_of_a_step_differ_and_are_remembered(
@@ -264,19 +256,15 @@ def test_everything_can_be_planned_in_sequence(
     speeds = {robot.name: L1Speed(1.0) for robot in robots}
     work = lego_work(found)
     expansions = StepExpansions(work, plan)
+    planners = {
+        r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name]) for r in robots
+    }
+    durations = dict.fromkeys(SKILLS, 8.0)
     motion = plan_sequential(
         found.world.cell,
         expansions.callables(),
         work.link,
-        MotionSettings(
-            {
-                r.name: RrtConnect(r.model.lower, r.model.upper, speeds[r.name])
-                for r in robots
-            },
-            speeds,
-            0.05,
-            dict.fromkeys(SKILLS, 8.0),
-        ),
+        MotionSettings(planners, speeds, 0.05, durations),
     )
     assert len(motion.tasks) == len(motion.motions)
     assert motion.motions[-1].time[-1] > 8.0 * 3
