@@ -50,12 +50,17 @@ def write_task(folder: Path, levels: int = 4) -> Path:
         "env_setup/env_setup_tower.json": stock,
         "assembly_tasks/tower.json": steps,
     }
+    write_files(folder, files)
+    write_robots(folder)
+    return folder
+
+
+def write_files(folder: Path, files: Mapping[str, Any]) -> None:
+    """Write contents as JSON, by the names of their files."""
     for name, content in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(content))
-    write_robots(folder)
-    return folder
 
 
 def write_robots(

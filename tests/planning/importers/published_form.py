@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.fuzz.task_files import write_robots
+from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.cell.workcell import Workcell
 from planning.lego.bricks.assembly import (
     BrickType,
@@ -39,6 +38,18 @@ DATA = Path(
 needs_data = pytest.mark.skipif(
     not (DATA / "steps").is_dir(), reason="the published APEX-MR data are not there"
 )
+
+
+def published_cell(
+    x: int, y: int, z: int, ori: int, prefix: str = ""
+) -> dict[str, int]:
+    """Return a cell as it is published."""
+    keys = (f"{prefix}{k}" for k in ("x", "y", "z", "ori"))
+    return dict(zip(keys, (x, y, z, ori), strict=True))
+
+
+def _cell(prefix: str, cell: Cell) -> dict[str, int]:
+    return published_cell(cell.x, cell.y, cell.z, int(cell.turned), prefix)
 
 
 def types_of(content: Mapping[str, Any]) -> dict[str, BrickType]:
@@ -85,13 +96,11 @@ def write_published(
         }
         for name, kind in kinds.items()
     }
-    _write(folder / "lego_library.json", library)
     names = _stock_names(assembly, numbers)
     stock = {
         names[item.name]: _cell("", item.cell) | ({"fixed": True} if item.fixed else {})
         for item in assembly.stock
     }
-    _write(folder / f"env_setup/env_setup_{task}.json", stock)
     left = [item for item in assembly.stock if not item.fixed]
     steps = {}
     for k, step in enumerate(assembly.steps, start=1):
@@ -107,7 +116,12 @@ def write_published(
             number = names[source.name].split("_", 1)[1]
             entry["brick_seq"] = f"{number}.{k}" if source.station else int(number)
         steps[str(k)] = entry
-    _write(folder / f"assembly_tasks/{task}.json", steps)
+    files = {
+        "lego_library.json": library,
+        f"env_setup/env_setup_{task}.json": stock,
+        f"assembly_tasks/{task}.json": steps,
+    }
+    write_files(folder, files)
     return names
 
 
@@ -122,14 +136,11 @@ def _step(step: LegoStep, numbers: Mapping[str, str], *, terse: bool) -> dict[st
         if step.up or not terse:
             contact = press_cell(step, step.press, up=step.up)
             entry |= _cell("press_", contact)
-    held = step.support
-    if held is None:
-        none = {"support_x": -1, "support_y": -1, "support_z": 0, "support_ori": -1}
-        entry |= {} if terse else none
-    else:
-        at = held.cell
-        entry |= {"support_x": at.x, "support_y": at.y, "support_z": at.z}
-        entry["support_ori"] = held.orientation
+    if step.support is not None:
+        entry |= _cell("support_", step.support.cell)
+        entry["support_ori"] = step.support.orientation
+    elif not terse:
+        entry |= published_cell(-1, -1, 0, -1, "support_")
     if step.attack == -1 or not terse:
         entry["attack_dir"] = step.attack
     return entry
@@ -149,11 +160,6 @@ def _stock_names(assembly: LegoAssembly, numbers: Mapping[str, str]) -> dict[str
     }
 
 
-def _cell(prefix: str, cell: Cell) -> dict[str, int]:
-    values = zip("xyz", (cell.x, cell.y, cell.z), strict=True)
-    return {f"{prefix}{k}": v for k, v in (*values, ("ori", int(cell.turned)))}
-
-
 def _write_cell(folder: Path, cell: Workcell, assembly: LegoAssembly) -> None:
     left, right = cell.robots
     world, properties = left.base, folder / "robot_properties"
@@ -168,7 +174,7 @@ def _write_cell(folder: Path, cell: Workcell, assembly: LegoAssembly) -> None:
         np.savetxt(properties / f"r{k}_base.txt", base)
     plates = {"assemble_plate": _plate(assembly.plate, world)}
     plates["storage_plate"] = _plate(assembly.storage or assembly.plate, world)
-    _write(folder / "plate_calibration.json", plates)
+    write_files(folder, {"plate_calibration.json": plates})
 
 
 def _plate(plate: Plate, world: Array) -> dict[str, float]:
@@ -180,8 +186,3 @@ def _plate(plate: Plate, world: Array) -> dict[str, float]:
         **{"width": plate.studs[0], "height": plate.studs[1]},
         "deg": float(np.degrees(yaw)),
     }
-
-
-def _write(path: Path, content: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1))

@@ -10,17 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.fuzz.task_files import write_robots
+from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.errors import ScenarioError
 from planning.importers.apex_mr.importer import available_tasks, import_apex_mr
+from tests.planning.importers.published_form import published_cell as cell
 
-
-def cell(x: int, y: int, z: int, ori: int, prefix: str = "") -> dict[str, int]:
-    """Return a cell as it is published."""
-    return dict(zip((f"{prefix}{k}" for k in _CELL), (x, y, z, ori), strict=True))
-
-
-_CELL = ("x", "y", "z", "ori")
 PLATE = {
     **{"x": 0.4, "y": 0.1, "z": 0.2, "roll": 0, "pitch": 0, "yaw": 0.5},
     **{"width": 32, "height": 48},
@@ -59,17 +53,10 @@ FILES = {
 }
 
 
-def write(path: Path, content: Any) -> None:
-    """Write JSON, making the folders above it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content))
-
-
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Write one task, ``shed``, in the published shape."""
-    for name, content in FILES.items():
-        write(tmp_path / name, content)
+    write_files(tmp_path, FILES)
     write_robots(tmp_path)
     return tmp_path
 
@@ -144,7 +131,7 @@ def test_prescribed_stock_is_an_option(folder: Path) -> None:
 
 
 def test_the_published_choice_wins_over_the_prescription(folder: Path) -> None:
-    write(folder / "steps/shed_seq.json", {"1": {**STEP, "press_offset": 2}})
+    write_files(folder, {"steps/shed_seq.json": {"1": {**STEP, "press_offset": 2}}})
     (step,) = steps_of(folder, prescribed_stock=True)
     assert step["press"]["offset"] == 2
     assert len(steps_of(folder)) == 3
@@ -162,7 +149,7 @@ def test_grips_that_contradict_themselves_are_named_and_either_is_taken(
     ):
         step = {**STEP, "press_side": given[0], "press_offset": given[1]}
         step |= contact
-        write(folder / TASK, {"1": step})
+        write_files(folder, {TASK: {"1": step}})
         for source, taken in (("side", given), ("cell", expected or given)):
             notes: list[str] = []
             (step,) = steps_of(folder, press_from=source, note=notes.append)
@@ -173,7 +160,7 @@ def test_grips_that_contradict_themselves_are_named_and_either_is_taken(
 
 
 def test_a_contact_cell_alone_is_a_grip(folder: Path) -> None:
-    write(folder / TASK, {"1": {**FREE, **cell(4, 8, 2, 1, "press_")}})
+    write_files(folder, {TASK: {"1": {**FREE, **cell(4, 8, 2, 1, "press_")}}})
     (found,) = steps_of(folder)
     assert found["press"] == {"side": 2, "offset": 0}
 
@@ -290,7 +277,7 @@ def test_what_may_be_missing(folder: Path) -> None:
         edit(folder / PLATES, ("assemble_plate", key), None)
     edit(folder / PLATES, ("assemble_plate", "yaw"), None)
     edit(folder / PLATES, ("assemble_plate", "deg"), 30)
-    write(folder / TASK, {"1": FREE})
+    write_files(folder, {TASK: {"1": FREE}})
     assembly = import_apex_mr(folder, "shed")["assembly"]
     assert assembly["plate"]["pose"]["rpy_deg"] == pytest.approx([0, 0, 30])
     assert assembly["plate"]["studs"] == [48, 48]
@@ -301,7 +288,9 @@ def test_what_may_be_missing(folder: Path) -> None:
 def test_minus_one_stands_for_nothing(folder: Path) -> None:
     """Supports, grips and contact cells are published as -1 where there is none."""
     none = dict.fromkeys(("press_side", "press_offset", "press_x", "brick_seq"), -1)
-    write(folder / TASK, {"1": {**STEP, **none, "support_x": -1, "support_ori": -1}})
+    write_files(
+        folder, {TASK: {"1": {**STEP, **none, "support_x": -1, "support_ori": -1}}}
+    )
     (step,) = steps_of(folder, prescribed_stock=True)
     assert step == {"brick": "2x4", "at": [4, 5, 1]}
 
@@ -316,7 +305,7 @@ def test_prescriptions_older_than_the_stock_are_left_to_the_planner(
         str(k): {**step, "brick_id": 9 if k > 3 else 2, "brick_seq": n}
         for k, n in enumerate(numbers, start=1)
     }
-    write(folder / TASK, work)
+    write_files(folder, {TASK: work})
     heard: list[str] = []
     steps = steps_of(folder, prescribed_stock=True, note=heard.append)
     fed = ["b9_station2"] * 2
@@ -350,7 +339,7 @@ def test_unknown_keys_are_tolerated_and_noted(folder: Path) -> None:
 
 def test_published_keys_are_all_known(folder: Path) -> None:
     choice = {**STEP, "press_offset": 0, "robot_id": 1, "sup_robot_id": 0}
-    write(folder / "steps/shed_seq.json", {"1": choice})
+    write_files(folder, {"steps/shed_seq.json": {"1": choice}})
     heard: list[str] = []
     import_apex_mr(folder, "shed", prescribed_stock=True, note=heard.append)
     import_apex_mr(folder, "shed", note=heard.append)
@@ -368,9 +357,11 @@ def test_an_arm_may_have_tools_of_its_own(folder: Path) -> None:
 
 
 def test_twist_angles_come_from_the_configuration(folder: Path) -> None:
-    write(folder / "user_config.json", {"Twist_Deg": 16, "Handover_Twist_Deg": 18})
+    write_files(
+        folder, {"user_config.json": {"Twist_Deg": 16, "Handover_Twist_Deg": 18}}
+    )
     assert "twist_deg" not in import_apex_mr(folder, "shed")["assembly"]
-    write(folder / "user_config.json", {"Twist_Deg": 12, "Use_yk": 0})
+    write_files(folder, {"user_config.json": {"Twist_Deg": 12, "Use_yk": 0}})
     twist = dict.fromkeys(("pick", "place-down", "place-up"), 12.0)
     found = import_apex_mr(folder, "shed")["assembly"]["twist_deg"]
     assert found == {**twist, "handover": 18.0}

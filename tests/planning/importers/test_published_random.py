@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -10,17 +9,14 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fuzz.task_files import write_robots
+from benchmarks.fuzz.task_files import write_files, write_robots
 from planning.importers.apex_mr.importer import import_apex_mr
+from tests.planning.importers.published_form import published_cell as cell
 from twin.scenario.document.yaml_text import scenario_text
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 SIZES = {"2": (2, 4), "5": (1, 4), "7": (1, 4), "9": (1, 2), "10": (1, 1), "20": (2, 6)}
-
-
-def cell(x: int, y: int, z: int, ori: int) -> dict[str, Any]:
-    return {"x": x, "y": y, "z": z, "ori": ori}
 
 
 @st.composite
@@ -48,16 +44,13 @@ def steps(draw: st.DrawFn, number: int) -> tuple[dict[str, Any], bool]:
         out["press_side"] = side
         out["press_offset"] = draw(st.integers(0, max(0, along - 2)))
     if draw(st.booleans()):
-        out["manipulate_type"] = 0
-        out |= {"press_x": 44, "press_y": 20, "press_z": number + 1, "press_ori": 0}
+        out |= {"manipulate_type": 0, **cell(44, 20, number + 1, 0, "press_")}
     if draw(st.booleans()):
         out["attack_dir"] = draw(st.sampled_from([1, -1]))
     if draw(st.booleans()):
-        none = {"support_x": -1, "support_y": -1, "support_z": 0, "support_ori": -1}
-        out |= none
+        out |= cell(-1, -1, 0, -1, "support_")
     elif number > 2 and draw(st.booleans()):
-        support = {"support_x": 47, "support_y": 20, "support_z": number - 2}
-        out |= {**support, "support_ori": draw(st.integers(0, 3))}
+        out |= cell(47, 20, number - 2, draw(st.integers(0, 3)), "support_")
     if draw(st.booleans()):
         out["remark"] = "of no use"
     return out, draw(st.booleans())
@@ -96,14 +89,6 @@ def tasks(draw: st.DrawFn) -> dict[str, Any]:
     }
 
 
-def write(folder: Path, files: dict[str, Any]) -> None:
-    for name, content in files.items():
-        path = folder / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(json.dumps(content))
-    write_robots(folder)
-
-
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(files=tasks(), prescribed=st.booleans())
 def test_any_task_in_the_published_shape_is_a_valid_scenario(
@@ -111,7 +96,8 @@ def test_any_task_in_the_published_shape_is_a_valid_scenario(
 ) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write(folder, files)
+        write_files(folder, files)
+        write_robots(folder)
         notes: list[str] = []
         content = import_apex_mr(
             folder, "tall", prescribed_stock=prescribed, note=notes.append

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from hypothesis import strategies as st
 
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
+from planning.transforms import from_rpy
 
 CELLS = st.builds(
     Cell,
@@ -17,6 +18,15 @@ CELLS = st.builds(
     st.integers(0, 2),
 )
 """Anywhere on a plate."""
+
+TOPS = st.builds(
+    lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+    st.floats(0, 1),
+    st.floats(-3, 3),
+)
+"""Poses of the top face of a brick, or of a plate."""
 
 
 def brick(

@@ -30,7 +30,7 @@ from planning.lego.bricks.grid import (
     top_pose,
 )
 from planning.transforms import Array, Transform, from_rpy, inverse, rotation
-from tests.planning.lego.structures import CELLS
+from tests.planning.lego.structures import CELLS, TOPS
 
 near_cells = st.builds(
     Cell,
@@ -48,13 +48,7 @@ def placed(cells: st.SearchStrategy[Cell]) -> st.SearchStrategy[PlacedBrick]:
     return st.builds(PlacedBrick, st.just(""), kinds, cells)
 
 
-plates = st.builds(
-    lambda x, y, z, yaw: Plate(from_rpy((x, y, z), (0.0, 0.0, yaw))),
-    st.floats(-2, 2),
-    st.floats(-2, 2),
-    st.floats(0, 2),
-    st.floats(-3, 3),
-)
+plates = st.builds(Plate, TOPS)
 
 
 def cell_at(plate: Plate, top: Transform, brick: BrickType) -> Cell:

@@ -30,18 +30,10 @@ from planning.lego.bricks.grid import (
     side_studs,
     top_pose,
 )
-from planning.transforms import Transform, from_rpy, rotation, translation
-from tests.planning.lego.structures import CELLS
+from planning.transforms import Transform, rotation, translation
+from tests.planning.lego.structures import CELLS, TOPS
 
 OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}
-
-tops = st.builds(
-    lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
-    st.floats(-1, 1),
-    st.floats(-1, 1),
-    st.floats(0, 1),
-    st.floats(-3, 3),
-)
 
 
 @st.composite
@@ -51,7 +43,7 @@ def gripped(draw: st.DrawFn) -> tuple[BrickType, Press]:
     return brick, draw(st.sampled_from(presses(brick)))
 
 
-@given(tops, gripped())
+@given(TOPS, gripped())
 def test_the_tool_stands_on_the_edge_and_looks_down(
     top: Transform, grip: tuple[BrickType, Press]
 ) -> None:
@@ -65,7 +57,7 @@ def test_the_tool_stands_on_the_edge_and_looks_down(
     assert np.dot(local[:3, 3], outward) == pytest.approx(np.abs(outward) @ half)
 
 
-@given(tops, gripped())
+@given(TOPS, gripped())
 def test_half_a_turn_swaps_opposite_sides(
     top: Transform, grip: tuple[BrickType, Press]
 ) -> None:
@@ -80,7 +72,7 @@ def test_half_a_turn_swaps_opposite_sides(
     )
 
 
-@given(tops, gripped())
+@given(TOPS, gripped())
 def test_the_next_offset_is_one_stud_along_the_edge(
     top: Transform, grip: tuple[BrickType, Press]
 ) -> None:
@@ -127,7 +119,7 @@ def test_the_contact_cell_is_where_the_tool_presses(
     )
 
 
-@given(tops, gripped())
+@given(TOPS, gripped())
 def test_the_side_studs_hold_level_from_outside(
     top: Transform, grip: tuple[BrickType, Press]
 ) -> None:

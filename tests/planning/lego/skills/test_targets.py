@@ -36,6 +36,7 @@ from planning.lego.skills.targets import (
 )
 from planning.steps.skill import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
+from tests.planning.lego.structures import TOPS
 
 FRAMES = {
     "tool": translation(0.0, 0.0, 0.111),
@@ -48,20 +49,13 @@ FRAMES = {
 BRICK = BRICKS["2x4"]
 TOP = from_rpy((0.4, 0.1, 1.2), (0.0, 0.0, 0.3))
 
-tops = st.builds(
-    lambda x, y, z, yaw: from_rpy((x, y, z), (0.0, 0.0, yaw)),
-    st.floats(-1, 1),
-    st.floats(-1, 1),
-    st.floats(0, 1),
-    st.floats(-3, 3),
-)
 presses_of = st.sampled_from(sorted(BRICKS)).flatmap(
     lambda name: st.tuples(
         st.just(BRICKS[name]), st.sampled_from(presses(BRICKS[name]))
     )
 )
 grips = st.builds(
-    lambda top, grip: BrickGrip(FRAMES, grip[0], top, grip[1]), tops, presses_of
+    lambda top, grip: BrickGrip(FRAMES, grip[0], top, grip[1]), TOPS, presses_of
 )
 
 
@@ -84,7 +78,7 @@ def angle(a: Transform, b: Transform) -> float:
     return float(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
-@given(grips, tops)
+@given(grips, TOPS)
 def test_a_brick_is_held_the_same_from_pick_to_place(
     start: BrickGrip, goal: Transform
 ) -> None:
@@ -95,7 +89,7 @@ def test_a_brick_is_held_the_same_from_pick_to_place(
     np.testing.assert_allclose(picked, placed, atol=1e-12)
 
 
-@given(tops, grips)
+@given(TOPS, grips)
 def test_a_brick_passes_through_two_hands_to_its_goal(
     ready: Transform, goal: BrickGrip
 ) -> None:
@@ -183,15 +177,7 @@ def test_default_twists_are_the_published_ones() -> None:
     assert degrees == {"pick": 16, "place-down": 16, "place-up": 16, "handover": 18}
 
 
-bases = st.builds(
-    lambda x, y, yaw: from_rpy((x, y, 0.9), (0.0, 0.0, yaw)),
-    st.floats(-1, 1),
-    st.floats(-1, 1),
-    st.floats(-3, 3),
-)
-
-
-@given(bases, st.floats(0.5, 2.0), st.floats(-3, 3))
+@given(TOPS, st.floats(0.5, 2.0), st.floats(-3, 3))
 def test_a_handover_is_held_out_towards_the_giver(
     receiver: Transform, distance: float, bearing: float
 ) -> None:
@@ -219,7 +205,7 @@ def test_a_handover_is_held_out_towards_the_giver(
         np.testing.assert_array_equal(a.pose, b.pose)
 
 
-@given(bases)
+@given(TOPS)
 def test_the_giver_waits_in_front_of_itself_pointing_down(base: Transform) -> None:
     rest = giver_rest(base)
     assert rest.frame == "flange"
