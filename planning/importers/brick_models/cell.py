@@ -124,25 +124,20 @@ STUDS = 48
 
 _MODEL = "gp4"
 _BASE_Z = 0.9246
-_BETWEEN = 0.88
 _PLATE = (0.44, 0.0, 1.1145)
 _TABLE = {
     "name": "table",
     "size_m": [0.6, 1.2, 0.02],
     "pose": {"xyz_m": [0.44, 0, 1.1045]},
 }
-_ROBOTS = (
-    ("left", (0.0, 0.0, _BASE_Z), 0.0),
-    ("right", (_BETWEEN, 0.0, _BASE_Z), 180.0),
-)
+_ROBOTS = (("left", 0.0, 0.0), ("right", 0.88, 180.0))
+"""Name, x of the base [m], and yaw [deg]."""
+
 _MOST_WIDE = STUDS - 2 * (APART + 2 + AWAY)
 
 
 def model_cell(model: BrickModel) -> dict[str, Any]:
-    """Return the content of a scenario that builds a model, in a cell that is chosen for it.
-
-    Args:
-        model: stands in the middle of the plate.
+    """Return the content of a scenario that builds a model in the middle of a cell chosen for it.
 
     Raises:
         ScenarioError: it is too large, or there is no room for the feeding stations.
@@ -157,24 +152,17 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
     plate = Plate(translation(*_PLATE), (STUDS, STUDS))
     span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
     arm = robot_model(_MODEL)
-    stock: list[dict[str, Any]] = []
-    for (name, xyz, yaw), far in zip(_ROBOTS, (False, True), strict=True):
-        base = from_rpy(xyz, (0.0, 0.0, np.radians(yaw)))
-        robot = PlacedRobot(name, arm, base, arm.home)
-        for station in stations(robot, plate, span, list(model.kinds), far=far):
+    robots, stock = [], list[dict[str, Any]]()
+    for name, x, yaw in _ROBOTS:
+        xyz = [x, 0.0, _BASE_Z]
+        base = {"xyz_m": xyz, "rpy_deg": [0, 0, yaw]}
+        robots.append({"name": name, "model": _MODEL, "base": base})
+        pose = from_rpy(xyz, (0.0, 0.0, np.radians(yaw)))
+        robot = PlacedRobot(name, arm, pose, arm.home)
+        for station in stations(robot, plate, span, list(model.kinds), far=x > 0.0):
             stock += _stock(name, station)
     return {
-        "cell": {
-            "robots": [
-                {
-                    "name": name,
-                    "model": _MODEL,
-                    "base": {"xyz_m": list(xyz), "rpy_deg": [0, 0, yaw]},
-                }
-                for name, xyz, yaw in _ROBOTS
-            ],
-            "fixtures": [_TABLE],
-        },
+        "cell": {"robots": robots, "fixtures": [_TABLE]},
         "assembly": {
             "kind": "lego",
             "plate": {"pose": {"xyz_m": list(_PLATE)}, "studs": [STUDS, STUDS]},
@@ -222,12 +210,7 @@ def _colour(item: ModelBrick) -> dict[str, Any]:
 def free_corner(
     model: BrickModel, studs: tuple[int, int], taken: Mapping[tuple[int, int], str]
 ) -> tuple[int, int]:
-    """Return where a model stands free on a plate, as near to its middle as can be.
-
-    Args:
-        model: the model.
-        studs: of the plate.
-        taken: what stands on studs of the plate.
+    """Return where a model stands free on a plate of some studs, as near to its middle as can be.
 
     Raises:
         ScenarioError: it fits nowhere; says what stands in its way in the middle.

@@ -52,13 +52,7 @@ _MOST_REFERENCES = 4 * MOST_BRICKS
 
 
 def read_ldraw(path: Path) -> BrickModel:
-    """Read a model of LDraw, ``.ldr`` or ``.mpd``.
-
-    Args:
-        path: the file.
-
-    Returns:
-        The model, moved to the corner of the grid and down to its plate.
+    """Read a model of LDraw, ``.ldr`` or ``.mpd``, moved to the corner of the grid and its plate.
 
     Raises:
         ScenarioError: lines are no LDraw; parts are no bricks or plates, do not stand upright, or

@@ -133,11 +133,7 @@ class Document:
 
 
 def read_document(path: Path, lines: Sequence[str]) -> Document:
-    """Return the models of a file.
-
-    Args:
-        path: of the file, for messages.
-        lines: of the file.
+    """Return the models of a file, given its lines.
 
     Raises:
         ScenarioError: lines that are no LDraw, or two models of one name; each by its number.

@@ -109,11 +109,7 @@ class FileFaults:
         self._faults.append((line, message))
 
     def check(self, *, choices: Sequence[str] = (), form: str = "") -> None:
-        """Raise an error where there are faults.
-
-        Args:
-            choices: valid alternatives for all of them.
-            form: the valid form of a line.
+        """Raise an error where there are faults, with valid alternatives or the form of a line.
 
         Raises:
             ScenarioError: names the first faults by line, and how many more there are.
@@ -157,11 +153,6 @@ def finished_model(
     path: Path, bricks: Sequence[ModelBrick], notes: Iterable[str] = ()
 ) -> BrickModel:
     """Return a model of bricks that may be anywhere on the grid, moved to its corner.
-
-    Args:
-        path: of the file, for messages.
-        bricks: in the order of the file.
-        notes: what was not taken over.
 
     Raises:
         ScenarioError: there are no bricks or too many, two are in one place, or some are
@@ -218,13 +209,9 @@ _BRICK = re.compile(
 
 
 def read_brick_list(path: Path) -> BrickModel:
-    """Read a brick list. Blank lines and what follows a ``#`` are left out.
+    """Read a brick list, whose lowest layer stands on the plate.
 
-    Args:
-        path: the file.
-
-    Returns:
-        The model; bricks stand on the plate where the lowest layer is.
+    Blank lines and what follows a ``#`` are left out.
 
     Raises:
         ScenarioError: lines are no bricks, or of a size that there is not, each by its number;

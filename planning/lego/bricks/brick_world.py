@@ -53,12 +53,7 @@ def source_of(name: str, stations: Collection[str]) -> str:
 
 
 def object_names(sources: Iterable[str], stations: Collection[str]) -> list[str]:
-    """Return the objects that steps use, given the stock bricks and stations they draw on.
-
-    Args:
-        sources: names in the stock, in the order of the steps.
-        stations: names of the stations among them.
-    """
+    """Return the objects that steps use, in their order, given what of the stock they draw on."""
     picked: Counter[str] = Counter()
     names = []
     for source in sources:
@@ -225,17 +220,9 @@ class BrickWorld:
         """Return a step, counted from 1."""
         return self.assembly.steps[number - 1]
 
-    def frames(self, robot: str) -> Mapping[str, Transform]:
-        """Return a robot's tool frames in its flange frame."""
-        return self.cell.robot(robot).model.frames
-
     def goal(self, number: int) -> Placed:
         """Return the brick of a step in its place."""
         return self._goals[number - 1]
-
-    def goals(self, numbers: Iterable[int]) -> dict[str, Placed]:
-        """Return the bricks of some steps in their places, by name."""
-        return {goal_name(k): self.goal(k) for k in numbers}
 
     @cached_property
     def goal_numbers(self) -> Mapping[str, int]:

@@ -96,9 +96,7 @@ def joined_to_plate(
 ) -> set[Key]:
     """Return the bricks that are joined to the plate, or to others that are, one on the other.
 
-    Args:
-        places: the places on the grid that each brick fills.
-        base: places that are filled by what stands in any case.
+    Each is given with the places that it fills; what stands in any case fills those of the base.
     """
     owner = {place: key for key, own in places.items() for place in own}
     held = {
@@ -137,12 +135,7 @@ class BrickTiles:
                 self._tiles[tile].append(item)
 
     def near(self, span: GridSpan, before: int) -> dict[str, PlacedBrick]:
-        """Return the bricks on, under and within a stud beside some room, in their order.
-
-        Args:
-            span: the room.
-            before: only bricks that are before this in the order.
-        """
+        """Return the bricks within a stud of some room that are before a place in their order."""
         found = {
             (number, item.name): item
             for tile in _tiles(span)
@@ -219,7 +212,7 @@ def grip_pose(top: Transform, brick: BrickType, press: Press) -> Transform:
     """Return the pose of the frame ``"tool"`` that grips or presses a brick from above.
 
     Args:
-        top: pose of the centre of the brick's top face, see ``grid.top_pose``.
+        top: pose of the centre of the brick's top face, see ``top_pose``.
         brick: its type.
         press: side and offset.
 
@@ -246,12 +239,7 @@ def side_contact_pose(top: Transform, brick: BrickType, press: Press) -> Transfo
 
     The tool lies level under the edge, its side studs in the brick from below: the frame's
     origin is where the top grip's would be on a brick three levels high, its z points level into
-    the brick, its x down.
-
-    Args:
-        top: pose of the centre of the brick's top face.
-        brick: its type.
-        press: side and offset.
+    the brick, its x down. What it is given is that of ``grip_pose``.
     """
     higher = translation(0.0, 0.0, LAYER_HEIGHT - brick_height(brick))
     return grip_pose(top @ higher, brick, press) @ _TO_SIDE_STUDS

@@ -92,16 +92,10 @@ class DesignRoom:
         self._supports: dict[Support, SupportPlace] = {}
 
     def in_the_way(self, brick: str, press: Press, names: Names, *, up: bool) -> Names:
-        """Return which of some bricks stand in the way of a press; none where it has room.
+        """Return which of the bricks that are there, or the plate, stand in the way of a press.
 
         A brick that goes in from above may come from either side, low or high over its
         neighbours: one way that is free will do.
-
-        Args:
-            brick: that is pressed on.
-            press: the grip.
-            names: the bricks that are there; the plate always is.
-            up: True for a place-up.
         """
         there = (names - {brick}) | {PLATE}
         found = self._blockers(brick, press, up) & there
@@ -157,13 +151,8 @@ class DesignRoom:
     ) -> tuple[ToolHold, ...]:
         """Return pushes that are worth any supporting tool that has room, and all of them at once.
 
-        Wherever a tool touches a brick, it does no more than pushes on the corners of its face.
-
-        Args:
-            brick: that is pressed on, which no supporting tool may touch.
-            touchable: bricks that may be held.
-            obstacles: bricks that a tool may not run into.
-            way: how the brick goes in.
+        Wherever a tool touches a brick, it does no more than pushes on the corners of its face. No
+        tool may touch the brick that is pressed on, or run into obstacles.
         """
         top = way.holds_from_above
         return tuple(

@@ -152,13 +152,7 @@ class Insertions:
         return self.rules.press_force(self.structures.engaged(brick, others))
 
     def at(self, names: Names, brick: str, *, up: bool) -> InsertionSite:
-        """Return the insertion site of a brick in a partial structure.
-
-        Args:
-            names: the partial structure with the brick in place.
-            brick: the brick.
-            up: True for a place-up.
-        """
+        """Return the insertion site of a brick in a partial structure, which has it in place."""
         return InsertionSite(self, names, self.structures.bricks[brick], up)
 
 
@@ -222,9 +216,7 @@ class InsertionSite:
     def bears(self, press: Press, support: Support | None = None) -> PressBearing:
         """Tell whether the structure bears a press, room for the tools set aside.
 
-        Args:
-            press: the grip.
-            support: the supporting tool; one that touches no brick is as good as none.
+        A support that touches no brick is as good as none.
         """
         return self._pressed(press, self.holds(support))
 

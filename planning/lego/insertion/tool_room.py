@@ -112,9 +112,6 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> lis
         boxes: shape (k, 2, 3) in the plate's frame [m].
         bricks: the bricks.
         clearance: distance that must be left [m]; by default touching is not meeting.
-
-    Returns:
-        Names; none when there is room.
     """
     shrink = -clearance if clearance > 0.0 else TOUCH
     low, high = boxes[:, 0] + shrink, boxes[:, 1] - shrink
@@ -186,8 +183,7 @@ class ToolRoom:
     def boxes_at(self, pose: Transform) -> Array:
         """Return boxes along the world's axes around the pieces, shape (m, 2, 3) [m].
 
-        Args:
-            pose: of the frame ``"tool"``.
+        The pose is that of the frame ``"tool"``.
         """
         corners = self.pieces @ pose[:3, :3].T + pose[:3, 3]
         return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
@@ -195,14 +191,7 @@ class ToolRoom:
     def place_blocked(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
     ) -> list[str]:
-        """Return the obstacles to pressing a brick on; from above, however it comes there.
-
-        Args:
-            item: the brick and its goal.
-            press: the grip.
-            others: boxes of other bricks.
-            up: True for a place-up.
-        """
+        """Return the obstacles to pressing a brick on at its goal; from above, however it comes."""
         goals = self._targets(item, press, up=up).subgoals
         if up:
             boxes = self._boxes(goals)
@@ -221,12 +210,6 @@ class ToolRoom:
         """Return the obstacles to bringing a brick to where it is pressed on from above.
 
         Planning keeps off all bricks there, those beside its place included.
-
-        Args:
-            item: the brick and its goal.
-            press: the grip.
-            others: boxes of other bricks.
-            way: that it comes.
         """
         attack, height = way
         targets = self._targets(item, press, up=False, attack=attack, height=height)
@@ -250,14 +233,7 @@ class ToolRoom:
     def attack_side(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
     ) -> int:
-        """Return +1 or -1: the side to come from, past no neighbour if there is one, else +1.
-
-        Args:
-            item: the brick and its goal.
-            press: the grip.
-            others: boxes of the bricks that are there already.
-            up: True for a place-up.
-        """
+        """Return +1 or -1: the side to come from, past no other brick if there is one, else +1."""
         for attack in (1, -1):
             targets = self._targets(item, press, up=up, attack=attack)
             at, goals = targets.change_at or 0, targets.subgoals

@@ -6,8 +6,8 @@ the last.
 
 Reachability check of every step, before the search for candidates.
 
-Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands around; what is within reach may still turn out
-to be obstructed when candidates are sought (``candidates``).
+Nothing but the robot itself is looked at. What is out of reach here stays so whatever stands
+around; what is within reach may still turn out to be obstructed when candidates are sought.
 """
 
 from __future__ import annotations

@@ -25,11 +25,6 @@ def columns_below(
 ) -> Iterator[tuple[PlacedBrick, ...]]:
     """Yield columns that would carry a brick where there is nothing below it, the widest first.
 
-    Args:
-        item: the brick.
-        filled: the brick in each place of the grid.
-        types: of bricks that there are.
-
     Yields:
         The bricks of a column from the top down, named after the brick and their layer.
     """
@@ -168,7 +163,7 @@ class Design:
     def _column(
         self, name: str, filled: Mapping[GridPlace, str], *, carriers: bool = False
     ) -> tuple[PlacedBrick, ...]:
-        """Return a column under a brick, or under the nearest of its ``carriers`` with room for one."""
+        """Return a column under a brick, or under the nearest of its carriers with room for one."""
         bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
         types = self.rules.types or tuple(BRICKS.values())
         seen, front = {name}, [name]

@@ -167,12 +167,9 @@ _FIRST_TRY = 30
 def _search(
     design: Design, limit: int, progress: Progress
 ) -> DisassemblySearch[str, Insertion]:
-    """Search for an order in which bricks can be put together.
+    """Search for an order in which the bricks of a finished structure can be put together.
 
-    Args:
-        design: the finished structure.
-        limit: largest number of partial structures to look at, beyond one for each brick.
-        progress: told after each try how many were looked at, and of how many at most.
+    The limit is the largest number of partial structures to look at, beyond one for each brick.
     """
     parts, insertions = design.parts, design.insertions
     removals, failed = Removals(insertions), set[Names]()
@@ -294,8 +291,8 @@ def sequence_structure(
         if found.complete:
             raise InfeasibleStepError(
                 f"no order of assembly exists: all {found.visited} partial structures that can be "
-                f"reached lead nowhere, held at any of {MOST_SPOTS} spots near a press. In the smallest of them {words}"
-                + _remedies(start)
+                f"reached lead nowhere, held at any of {MOST_SPOTS} spots near a press. In the "
+                f"smallest of them {words}" + _remedies(start)
             )
         raise UndecidedError(
             f"not decided: no order of assembly was found among {found.visited} partial "

@@ -283,11 +283,8 @@ def movable_work(
 ) -> AssemblyWork:
     """Return the work of an assembly whose steps may be exchanged.
 
-    Args:
-        candidates: of the assembly.
-        rules: of its sequence.
-        names: of the bricks of the steps, where the sequence was found; the ways in which they go
-            in are sought anew then. Without, steps are done as they are written.
+    Where the sequence was found, names are those of the bricks of its steps; the ways in which they
+    go in are sought anew then. Without, steps are done as they are written.
     """
     exchange = StepExchange.of(candidates.world.assembly, rules, names)
     return exchange.work(candidates, tuple(range(1, len(exchange.bricks) + 1)))
@@ -338,10 +335,7 @@ class StepExchange:
     ) -> AssemblyWork | None:
         """Return the work with a step and the next one exchanged, None where that cannot be.
 
-        Args:
-            candidates: before.
-            order: of the steps, by their first numbers, before.
-            at: the first of the two steps, counted from 1 in that order.
+        The first of them is counted from 1 in the order before, which has the steps' first numbers.
         """
         if not 1 <= at < len(order):
             return None

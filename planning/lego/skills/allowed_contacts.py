@@ -79,11 +79,8 @@ def leaned_on(item: OnGrid, others: Bricks) -> frozenset[str]:
 
     The tool reaches one stud over the edge that it grips: it stands a tenth of a millimetre beside
     them, and the twist that loosens the brick leans it onto their upper edge, by 2.1 mm for 16
-    degrees, and by some tenths more on the way where joints turn evenly. Published tasks pick bricks that stand so.
-
-    Args:
-        item: the brick that is picked.
-        others: all other bricks at rest.
+    degrees, and by some tenths more on the way where joints turn evenly. Published tasks pick bricks
+    that stand so.
     """
     near = _bordering(item.span, others, levels=0)
     around = _bordering(item.span.widened(1), others, levels=0)
@@ -101,10 +98,7 @@ def room_at_rest(item: OnGrid) -> GridSpan:
 def supporting(robot: str, support: Support, bricks: Bricks) -> Pairs:
     """Return the contacts of a supporting tool with the bricks it holds, and those beside it.
 
-    Args:
-        robot: who supports.
-        support: where; a support-top presses on layer z - 1, a support-bottom on z + 1.
-        bricks: all bricks, the one being placed included.
+    A support-top presses on layer z - 1, a support-bottom on z + 1.
     """
     tip = supported_span(support)
     return touching(entity(robot, "tool"), _bordering(tip, bricks, levels=1))

@@ -188,7 +188,8 @@ class BrickSkills:
     def _picked(self, robot: str, stock: str, grasp: int) -> BrickGrip:
         """Return a robot's grip of a stock brick where it is picked."""
         item, top = self.world.stock[stock], self.world.start_top(stock)
-        return BrickGrip(self.world.frames(robot), item.brick, top, press_of(grasp))
+        frames = self.world.cell.robot(robot).model.frames
+        return BrickGrip(frames, item.brick, top, press_of(grasp))
 
     def place_targets(
         self,
@@ -219,19 +220,16 @@ class BrickSkills:
     def _placed(self, robot: str, step: int, grasp: int) -> BrickGrip:
         """Return a robot's grip of the brick of a step in its place."""
         kind, top = self.world.step(step).brick, self.world.goal_top(step)
-        return BrickGrip(self.world.frames(robot), kind, top, press_of(grasp))
+        frames = self.world.cell.robot(robot).model.frames
+        return BrickGrip(frames, kind, top, press_of(grasp))
 
     @_once
     def place(
         self, robot: str, step: int, grasp: int, beside: SupportCandidate | None
     ) -> Found:
-        """Return the place of a step (from 1) by a robot, with a grip.
+        """Return the place of a step (from 1) by a robot, with a grip (number).
 
-        Args:
-            robot: who places.
-            step: counted from 1.
-            grasp: number of the grip.
-            beside: who stands supporting meanwhile; None when all others are at HOME.
+        ``beside`` is who stands supporting meanwhile; None when all others are at HOME.
         """
         world, name, work = self.world, goal_name(step), self.world.step(step)
         goal, at_goal = world.goal(step)
@@ -309,14 +307,15 @@ class BrickSkills:
     def handover(
         self, giver: str, receiver: str, step: int, grasp: int
     ) -> Handover | Obstruction:
-        """Return how the brick of a step goes from one robot to another, at the first place that works."""
+        """Return how the brick of a step is handed over, at the first place that works."""
         cell = self.world.cell
         robots = source, _ = cell.robot(giver), cell.robot(receiver)
         resting = giver_rest(source.base)
         rests = inverse_kinematics(source, resting.frame, resting.pose, source.home)
         if not rests:
             return Obstruction(f"{resting.name} of {giver} is out of reach")
-        around = {**self.world.stock_at_rest, **self.world.goals(range(1, step))}
+        goals = {goal_name(k): self.world.goal(k) for k in range(1, step)}
+        around = {**self.world.stock_at_rest, **goals}
         reason: Obstruction | None = None
         for meeting in brick_meetings(
             self.world, robots, step, press_of(grasp), rests[0]

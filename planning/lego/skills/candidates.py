@@ -81,12 +81,8 @@ def exchange_steps(
 ) -> LegoCandidates:
     """Return the candidates where a step and the next one are exchanged.
 
-    Those of other steps find the same around them, and are kept.
-
-    Args:
-        known: the candidates before.
-        steps: all steps in their new order; those exchanged may be done in another way.
-        at: the first of the two, counted from 1.
+    Those of other steps find the same around them, and are kept. The steps are in their new order;
+    those exchanged, ``at`` (from 1) and the next, may be done in another way.
     """
     assembly = replace(known.world.assembly, steps=steps)
     skills = known.skills.exchanged(BrickWorld(known.world.cell, assembly), at)

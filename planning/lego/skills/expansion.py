@@ -204,11 +204,7 @@ class _ChosenBrickStep:
         return found[True], found[False]
 
     def _standing(self, near: Bricks) -> dict[str, OnGrid]:
-        """Return bricks by what they are called and where they are when the brick has been picked.
-
-        Args:
-            near: some bricks of the stock, and of the goals of earlier steps.
-        """
+        """Return bricks of stock and earlier goals by their names once the brick has been picked."""
         stations, numbers = self.world.stations, self.world.goal_numbers
         out: dict[str, OnGrid] = {}
         for name, brick in near.items():

@@ -48,11 +48,7 @@ _LEVEL = rotation("y", np.pi / 2)
 def receive_poses(
     receiver: Transform, giver: Transform
 ) -> tuple[tuple[Subgoal, Subgoal], ...]:
-    """Return places to receive a brick, in the order in which they should be tried.
-
-    Args:
-        receiver: base pose of the receiving robot in the world.
-        giver: base pose of the giving robot in the world.
+    """Return places to receive a brick, in the order to try, given both base poses in the world.
 
     Returns:
         Candidates (pre, receive), the same list for the same bases: the tool drawn back, where
@@ -61,7 +57,8 @@ def receive_poses(
         and 0.35 m up, towards the giver. Where the base's x axis points to the giver within 10
         degrees, it gives the direction, as published; the exact bearing follows.
     """
-    bearing = _bearing(receiver, giver)
+    away = receiver[:3, :3].T @ (giver[:3, 3] - receiver[:3, 3])
+    bearing = float(np.arctan2(away[1], away[0]))
     directions = [bearing]
     if abs(bearing) < _FACING:
         directions = [0.0] if abs(bearing) < 1e-9 else [0.0, bearing]
@@ -69,38 +66,22 @@ def receive_poses(
     reaches = sorted({*_REACHES, round(half, 3)}, key=lambda r: (abs(r - REACH), r))
     places = sorted(
         product(reaches, _HEIGHTS, directions),
-        key=lambda p: (
-            round(abs(p[0] - REACH) + abs(p[1] - HEIGHT), 6),
-            reaches.index(p[0]),
-            _HEIGHTS.index(p[1]),
-            directions.index(p[2]),
-        ),
+        key=lambda p: round(abs(p[0] - REACH) + abs(p[1] - HEIGHT), 6),
     )
-    return tuple(_candidate(receiver, *place) for place in places)
+    back = translation(0.0, 0.0, -DRAW_BACK)
+    out = []
+    for reach, height, direction in places:
+        turned = receiver @ rotation("z", direction)
+        tool = turned @ translation(reach, 0.0, height) @ _LEVEL
+        pre = Subgoal("pre-receive", "tool", tool @ back)
+        out.append((pre, Subgoal("receive", "tool", tool)))
+    return tuple(out)
 
 
 def giver_rest(giver: Transform) -> Subgoal:
-    """Return the giver's pose before and after a handover: flange pointing down.
-
-    Args:
-        giver: base pose of the giving robot in the world.
-    """
+    """Return where a giver of a base pose is before and after a handover: flange pointing down."""
     pose = giver @ translation(*REST) @ rotation("x", np.pi)
     return Subgoal("handover rest", "flange", pose)
-
-
-def _candidate(
-    receiver: Transform, reach: float, height: float, bearing: float
-) -> tuple[Subgoal, Subgoal]:
-    tool = receiver @ rotation("z", bearing) @ translation(reach, 0.0, height) @ _LEVEL
-    pre = Subgoal("pre-receive", "tool", tool @ translation(0.0, 0.0, -DRAW_BACK))
-    return pre, Subgoal("receive", "tool", tool)
-
-
-def _bearing(receiver: Transform, giver: Transform) -> float:
-    """Return the direction of ``giver`` about ``receiver``'s z axis, from its x axis [rad]."""
-    away = receiver[:3, :3].T @ (giver[:3, 3] - receiver[:3, 3])
-    return float(np.arctan2(away[1], away[0]))
 
 
 def brick_meetings(

@@ -48,13 +48,11 @@ class KnobJoint:
     Attributes:
         lower: name of the lower brick, None for the plate.
         upper: name of the upper brick.
-        level: of the upper brick's bottom, where they meet.
         studs: the knobs (x, y) in the upper brick's cavity, sorted.
     """
 
     lower: str | None
     upper: str
-    level: int
     studs: tuple[tuple[int, int], ...]
 
 
@@ -109,7 +107,7 @@ def joints(
                 below[None].append((x, y))
             elif (lower := filled.get((x, y, level - 1))) is not None:
                 below[lower].append((x, y))
-        out += [KnobJoint(k, name, level, tuple(v)) for k, v in below.items()]
+        out += [KnobJoint(k, name, tuple(v)) for k, v in below.items()]
     return tuple(out)
 
 
@@ -147,12 +145,7 @@ def centre(item: PlacedBrick) -> Array:
 
 
 def knob_points(upper: PlacedBrick, stud: tuple[int, int]) -> Array:
-    """Return where a brick's cavity holds a knob, shape (3 or 4, 2) [studs].
-
-    Args:
-        upper: the brick whose cavity it is.
-        stud: the knob (x, y).
-    """
+    """Return where a brick's cavity holds the knob on a stud (x, y), shape (3 or 4, 2) [studs]."""
     i, j = stud[0] - upper.cell.x, stud[1] - upper.cell.y
     offsets = _cavity(*upper.span.size, i, j)
     points: Array = offsets + np.array([stud[0] + 0.5, stud[1] + 0.5])
@@ -225,14 +218,8 @@ class ToolHold:
 def joint_contacts(
     joint: KnobJoint, upper: PlacedBrick, strength: JointStrength
 ) -> Iterator[ContactForce]:
-    """Yield the contacts of a joint in studs, knob by knob.
-
-    Args:
-        joint: the joint.
-        upper: its upper brick.
-        strength: what joints bear.
-    """
-    ends, height = (joint.lower, joint.upper), stud_height(joint.level)
+    """Yield the contacts of a joint with its upper brick in studs, knob by knob."""
+    ends, height = (joint.lower, joint.upper), stud_height(upper.cell.level)
     pull, sideways = strength.pull(upper), strength.sideways
     for stud in joint.studs:
         for x, y in knob_points(upper, stud).tolist():

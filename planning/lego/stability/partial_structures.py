@@ -56,10 +56,7 @@ def resting_region(
 ) -> Region:
     """Return where a push on a brick goes through to the plate.
 
-    Args:
-        item: the brick.
-        joints: those with what it stands on.
-        regions: of the bricks that it stands on.
+    Given are the joints with what it stands on, and the regions of that.
 
     Returns:
         A convex region in the plate's plane [studs], empty for a brick that rests on nothing.
@@ -203,14 +200,9 @@ class PartialStructures:
     def pressed(
         self, names: Names, load: Load, holds: Sequence[ToolHold] = ()
     ) -> PressBearing:
-        """Tell whether a partial structure bears a brick being pressed into place.
+        """Tell whether a partial structure bears a brick being pressed into place, vertically.
 
-        The brick's own joints push but do not pull yet.
-
-        Args:
-            names: the partial structure with the brick.
-            load: the pressing force, vertical.
-            holds: supporting tools.
+        The brick is among the names; its own joints push but do not pull yet.
         """
         needed = abs(load.force[2])
         if not holds and self._goes_through(names, load):

@@ -74,7 +74,7 @@ def shared(a, b) -> np.ndarray:
 def test_joints_are_where_boxes_meet(structure) -> None:
     bricks = by_name(structure)
     found = {
-        (j.lower, j.upper, j.level): j.studs
+        (j.lower, j.upper, bricks[j.upper].cell.level): j.studs
         for j in joints(bricks, filled_places(bricks))
     }
     expected = {}
