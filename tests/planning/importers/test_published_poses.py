@@ -61,35 +61,15 @@ class Published:
     stock: Transform
     bases: dict[int, Transform]
     frames: dict[str, Transform]
-
-    @property
-    def press(self) -> Press:
-        return Press(self.step["press_side"], self.step["press_offset"])
+    up: bool
+    main: int
+    helper: int
+    attack: int
+    support: Support
 
     def grip(self, top: Transform) -> BrickGrip:
-        return BrickGrip(self.frames, self.brick, top, self.press)
-
-    @property
-    def up(self) -> bool:
-        return bool(self.step["manipulate_type"] == 1)
-
-    @property
-    def main(self) -> int:
-        return int(self.step["robot_id"])
-
-    @property
-    def helper(self) -> int:
-        return int(self.step["sup_robot_id"])
-
-    @property
-    def attack(self) -> int:
-        return int(self.step.get("attack_dir", 1))
-
-    @property
-    def support(self) -> Support:
-        keys = ("support_x", "support_y", "support_z", "support_ori")
-        x, y, z, orientation = (self.step[k] for k in keys)
-        return Support(Cell(x, y, z), orientation, from_above=self.up)
+        press = Press(self.step["press_side"], self.step["press_offset"])
+        return BrickGrip(self.frames, self.brick, top, press)
 
     def q(self, mode: int, robot: int) -> Array:
         """Return the joint values [rad] of a robot in the row of a mode, counted from 1."""
@@ -153,9 +133,20 @@ def steps(task: str) -> Iterator[Published]:
             stock=top_pose(plate, PlacedBrick("", brick, cell_of(where))),
             bases=bases,
             frames=frames,
+            up=(up := bool(step["manipulate_type"])),
+            main=int(step["robot_id"]),
+            helper=int(step["sup_robot_id"]),
+            attack=int(step.get("attack_dir", 1)),
+            support=Support(cell_at(step, "support_"), step["support_ori"], up),
         )
         at += count
     assert at == len(rows)
+
+
+def cell_at(step: dict[str, Any], prefix: str) -> Cell:
+    """Return a cell of a published step; those of supports are not turned."""
+    x, y, z, ori = (step[f"{prefix}{k}"] for k in ("x", "y", "z", "ori"))
+    return Cell(x, y, z, ori == 1 and prefix != "support_")
 
 
 def assert_reached(
@@ -246,10 +237,9 @@ def test_handovers_and_place_ups(task: str) -> None:
 @pytest.mark.parametrize("task", TASKS)
 def test_contact_cells(task: str) -> None:
     for s in steps(task):
-        at = Cell(s.step["x"], s.step["y"], s.step["z"], s.step["ori"] == 1)
-        goal = PlacedBrick("", s.brick, at)
-        x, y, z, ori = (s.step[f"press_{k}"] for k in ("x", "y", "z", "ori"))
-        assert press_cell(goal, s.press, up=s.up) == Cell(x, y, z, ori == 1)
+        goal = PlacedBrick("", s.brick, cell_at(s.step, ""))
+        press = s.grip(s.goal).press
+        assert press_cell(goal, press, up=s.up) == cell_at(s.step, "press_")
 
 
 def test_home() -> None:
