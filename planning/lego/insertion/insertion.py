@@ -16,11 +16,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice, product
 
 import numpy as np
 
 from planning.lego.bricks.assembly import (
+    BRICKS,
     STUD_PITCH,
     LegoStep,
     PlacedBrick,
@@ -102,8 +103,8 @@ class Insertions:
         return DesignRoom(structures.bricks, structures.filled, self.rules.robot)
 
     @cached_property
-    def _borne(self) -> dict[_Question, PressBearing]:
-        """What the whole design, taken as weightless, bears of presses."""
+    def borne(self) -> dict[_Question, PressBearing]:
+        """What the whole design, taken as weightless, bears of presses, by what was asked."""
         return {}
 
     def last(self, names: Names, brick: str, way: InsertionWay) -> Insertion | None:
@@ -123,29 +124,6 @@ class Insertions:
             for way in self.rules.ways_of(brick)
         )
         return any(bearing is not None and bearing.stable for bearing in bearings)
-
-    def could_bear(
-        self,
-        brick: str,
-        way: InsertionWay,
-        pressed: tuple[Press, ...],
-        holds: tuple[ToolHold, ...],
-    ) -> PressBearing:
-        """Return what any partial structure might bear at most of a press on a brick.
-
-        Its force is the least that pressing can take: onto one other brick alone.
-        """
-        question = (brick, way, pressed, holds)
-        if question not in self._borne:
-            design = frozenset(self.structures.bricks)
-            below, above = self.structures.below, self.structures.above
-            onto, over = (above, below) if way.up else (below, above)
-            force = min(self.force_onto(brick, (k,)) for k in onto(design, brick))
-            item = self.structures.bricks[brick]
-            load = press_load(item, *pressed, up=way.up, force=force)
-            there = design.difference(n for n in over(design, brick) if n)
-            self._borne[question] = self.structures.could_bear(there, load, holds)
-        return self._borne[question]
 
     def force_onto(self, brick: str, others: Iterable[str | None]) -> float:
         """Return the force that presses a brick onto others, None for the plate [N]."""
@@ -202,16 +180,26 @@ class InsertionSite:
     def prospect(self, way: InsertionWay) -> PressBearing | None:
         """Return what any structure with these bricks, or fewer, might bear at most of a press.
 
+        Its force is the least that pressing can take: onto one other brick alone.
+
         Returns:
             None where the brick cannot go in that way for want of room, or of something to go onto.
         """
-        whole = replace(self, names=frozenset(self.design.structures.bricks))
+        design, name = self.design, self.item.name
+        whole = replace(self, names=frozenset(design.structures.bricks))
         if self._over or not whole._onto or not self.roomy:
             return None
         holds = self._holds_anywhere(way, whole.names)
         if way.held and not holds:
             return None
-        return self.design.could_bear(self.item.name, way, self.roomy, holds)
+        question = (name, way, self.roomy, holds)
+        if question not in design.borne:
+            force = min(design.force_onto(name, (k,)) for k in whole._onto)
+            load = press_load(self.item, *self.roomy, up=self.up, force=force)
+            there = whole.names.difference(whole._over)
+            bearing = design.structures.could_bear(there, load, holds)
+            design.borne[question] = bearing
+        return design.borne[question]
 
     def bears(self, press: Press, support: Support | None = None) -> PressBearing:
         """Tell whether the structure bears a press, room for the tools set aside.
@@ -323,15 +311,10 @@ class InsertionSite:
 
     def _might(self, way: InsertionWay) -> bool:
         """Tell whether the structure bears all presses together, held wherever it can be."""
-        if not self.roomy:
-            return False
-        holds, load = (
-            self._holds_anywhere(way, self.names),
-            self.load(*self.roomy_presses),
-        )
-        return bool(holds) and (
-            self.design.structures.pressed(self.names, load, holds).stable
-        )
+        holds = self._holds_anywhere(way, self.names) if self.roomy else ()
+        load = self.load(*self.roomy_presses)
+        pressed = self.design.structures.pressed
+        return bool(holds) and pressed(self.names, load, holds).stable
 
     def _pressed(self, press: Press, holds: tuple[ToolHold, ...]) -> PressBearing:
         return self.design.structures.pressed(self.names, self.load(press), holds)
@@ -368,19 +351,15 @@ def press_load(item: PlacedBrick, *presses: Press, up: bool, force: float) -> Lo
         up: True for a place-up, where the tool presses from below.
         force: its amount [N].
     """
-    points = (p for press in presses for p in _pressed_points(item, press, up=up))
-    every = tuple(dict.fromkeys(points))
-    return Load(item.name, (0.0, 0.0, force if up else -force), every)
-
-
-def _pressed_points(
-    item: PlacedBrick, press: Press, *, up: bool
-) -> Iterator[tuple[float, float, float]]:
-    """Yield points on the edges of the studs that a press holds."""
-    contact = press_cell(item, press, up=up)
-    dx, dy = (1, 0) if contact.turned else (0, 1)
-    height = level_height(item.span.bottom if up else item.span.top)
-    for x, y in ((contact.x, contact.y), (contact.x + dx, contact.y + dy)):
-        if (x, y) in item.studs:
-            for i, j in _STUD_EDGE:
-                yield (x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height
+    pair, height = (
+        BRICKS["1x2"],
+        level_height(item.span.bottom if up else item.span.top),
+    )
+    cells = (press_cell(item, press, up=up) for press in presses)
+    pressed = (PlacedBrick("", pair, cell).studs & item.studs for cell in cells)
+    studs = dict.fromkeys(chain.from_iterable(map(sorted, pressed)))
+    points = tuple(
+        ((x + 0.5 + i) * STUD_PITCH, (y + 0.5 + j) * STUD_PITCH, height)
+        for (x, y), (i, j) in product(studs, _STUD_EDGE)
+    )
+    return Load(item.name, (0.0, 0.0, force if up else -force), points)
