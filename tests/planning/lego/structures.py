@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from hypothesis import strategies as st
 
 from planning.lego.bricks.assembly import BRICKS, BrickType, Cell, PlacedBrick
-from planning.transforms import from_rpy
+from planning.lego.bricks.grid import presses
+from planning.lego.skills.targets import BrickGrip
+from planning.transforms import Transform, from_rpy
 
 CELLS = st.builds(
     Cell,
@@ -27,6 +30,16 @@ TOPS = st.builds(
     st.floats(-3, 3),
 )
 """Poses of the top face of a brick, or of a plate."""
+
+
+@st.composite
+def grips(
+    draw: st.DrawFn, frames: Mapping[str, Transform] = MappingProxyType({})
+) -> BrickGrip:
+    """Return a grip of any brick that has room for it, anywhere."""
+    kind = draw(st.sampled_from([k for k in BRICKS.values() if k.studs != (1, 1)]))
+    press = draw(st.sampled_from(presses(kind)))
+    return BrickGrip(frames, kind, draw(TOPS), press)
 
 
 def brick(

@@ -1,12 +1,15 @@
-"""Cells, poses and contact on the stud grid; bricks and plate as things of the cell."""
+"""Cells, poses and contact on the stud grid, grips of bricks; bricks and plate as things of the cell."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from planning.errors import ScenarioError
 from planning.lego.bricks.assembly import (
     BRICKS,
     LAYER_HEIGHT,
@@ -17,6 +20,7 @@ from planning.lego.bricks.assembly import (
     LegoStep,
     PlacedBrick,
     Plate,
+    Press,
     StockBrick,
 )
 from planning.lego.bricks.brick_world import plate_fixture, stock_objects
@@ -26,11 +30,25 @@ from planning.lego.bricks.grid import (
     box_pose,
     box_size,
     bricks_above,
+    check_press,
+    grip_pose,
+    offsets,
     plate_corner,
+    press_cell,
+    presses,
+    side_studs,
     top_pose,
 )
-from planning.transforms import Array, Transform, from_rpy, inverse, rotation
-from tests.planning.lego.structures import CELLS, TOPS
+from planning.lego.skills.targets import BrickGrip
+from planning.transforms import (
+    Array,
+    Transform,
+    from_rpy,
+    inverse,
+    rotation,
+    translation,
+)
+from tests.planning.lego.structures import CELLS, TOPS, grips
 
 near_cells = st.builds(
     Cell,
@@ -175,3 +193,93 @@ def test_the_plate_lies_below_the_bricks() -> None:
     plate = plate_fixture(ASSEMBLY.plate)
     np.testing.assert_allclose(plate.size[:2], [32 * 0.008, 48 * 0.008])
     assert plate.pose[2, 3] + plate.size[2] / 2 == pytest.approx(1.0)
+
+
+OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}
+
+
+@given(grips())
+def test_the_tool_stands_on_the_edge_and_looks_down(grip: BrickGrip) -> None:
+    side, local = grip.press.side, np.linalg.inv(grip.top) @ grip.tool
+    np.testing.assert_allclose(local[:3, 2], [0, 0, -1], atol=1e-12)
+    assert local[2, 3] == pytest.approx(0.0, abs=1e-12)
+    outward = {1: [-1, 0, 0], 4: [1, 0, 0], 2: [0, 1, 0], 3: [0, -1, 0]}[side]
+    np.testing.assert_allclose(local[:3, 0], -np.array(outward), atol=1e-12)
+    half = np.array([*grip.brick.studs, 0]) * STUD_PITCH / 2
+    assert np.dot(local[:3, 3], outward) == pytest.approx(np.abs(outward) @ half)
+
+
+@given(grips())
+def test_half_a_turn_swaps_opposite_sides(grip: BrickGrip) -> None:
+    side, offset = grip.press.side, grip.press.offset
+    mirrored = Press(OPPOSITE[side], side_studs(grip.brick, side) - 2 - offset)
+    turned = replace(grip, top=grip.top @ rotation("z", np.pi), press=mirrored)
+    np.testing.assert_allclose(turned.tool, grip.tool, atol=1e-12)
+
+
+@given(grips())
+def test_the_next_offset_is_one_stud_along_the_edge(grip: BrickGrip) -> None:
+    side, offset = grip.press.side, grip.press.offset + 1
+    if offset in offsets(grip.brick, side):
+        x, y = {1: (0, 1), 4: (0, 1), 2: (1, 0), 3: (1, 0)}[side]
+        shifted = grip.top @ translation(x * STUD_PITCH, y * STUD_PITCH, 0.0)
+        moved = replace(grip, press=Press(side, offset))
+        one = replace(grip, top=shifted)
+        np.testing.assert_allclose(one.tool, moved.tool, atol=1e-12)
+
+
+def contact_press(contact: Cell, press: Press) -> Press:
+    """Return the grip on a 1 x 2 contact cell that a press of a brick corresponds to.
+
+    The tool stands on a long edge of the cell: the one that faces out of the pressed brick.
+
+    Args:
+        contact: the 1 x 2 cell, its ``turned`` being the press orientation.
+        press: the press of the brick itself.
+    """
+    low = (1, 3) if contact.turned else (1, 2)
+    return Press(1 if press.side in low else 4, 0)
+
+
+@given(CELLS, grips(), st.booleans())
+def test_the_contact_cell_is_where_the_tool_presses(
+    cell: Cell, grip: BrickGrip, up: bool
+) -> None:
+    brick, press, plate = grip.brick, grip.press, Plate(np.eye(4))
+    item = PlacedBrick("", brick, cell)
+    contact = press_cell(item, press, up=up)
+    assert contact.level == cell.level + (-3 if up else brick.height)
+    level = replace(contact, z=cell.z, raised=cell.raised)
+    pair = PlacedBrick("", replace(BRICKS["1x2"], height=brick.height), level)
+    pressed = contact_press(contact, press)
+    np.testing.assert_allclose(
+        grip_pose(top_pose(plate, pair), pair.brick, pressed),
+        grip_pose(top_pose(plate, item), brick, press),
+        atol=1e-12,
+    )
+
+
+@given(grips())
+def test_the_side_studs_hold_level_from_outside(grip: BrickGrip) -> None:
+    down, level = grip.tool, grip.alt
+    # The tool's side studs are a brick's height below the frame.
+    bottom = down[:3, 3] + down[:3, 2] * grip.brick.height * LAYER_HEIGHT / 3
+    below = level[:3, 3] - grip.top[:3, 2] * LAYER_HEIGHT
+    np.testing.assert_allclose(below, bottom, atol=1e-12)
+    np.testing.assert_allclose(level[:3, 2], down[:3, 0], atol=1e-12)
+    np.testing.assert_allclose(level[:3, 0], [0, 0, -1], atol=1e-12)
+
+
+def test_the_number_of_grips() -> None:
+    assert len(presses(BRICKS["2x4"])) == 2 * 3 + 2 * 1
+    assert len(presses(BrickType("8x8", (8, 8), 0.01))) == 28
+    assert len(presses(BRICKS["1x8"])) == 2 * 7
+    # A single stud can only be gripped half beside it.
+    assert len(presses(BRICKS["1x1"])) == 4
+
+
+@pytest.mark.parametrize("press", [Press(1, 3), Press(1, -1), Press(2, 1), Press(5, 0)])
+def test_a_grip_beside_the_brick_is_refused(press: Press) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        check_press(BRICKS["2x4"], press)
+    assert caught.value.choices

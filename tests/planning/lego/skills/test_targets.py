@@ -20,7 +20,7 @@ from planning.lego.bricks.assembly import (
     Press,
     Support,
 )
-from planning.lego.bricks.grid import box_from_top, presses
+from planning.lego.bricks.grid import box_from_top
 from planning.lego.skills.handovers import giver_rest, receive_poses
 from planning.lego.skills.targets import (
     DEFAULT_TWIST,
@@ -36,7 +36,7 @@ from planning.lego.skills.targets import (
 )
 from planning.steps.skill import SkillTargets
 from planning.transforms import Transform, from_rpy, inverse, rotation, translation
-from tests.planning.lego.structures import TOPS
+from tests.planning.lego.structures import TOPS, grips
 
 FRAMES = {
     "tool": translation(0.0, 0.0, 0.111),
@@ -48,15 +48,6 @@ FRAMES = {
 }
 BRICK = BRICKS["2x4"]
 TOP = from_rpy((0.4, 0.1, 1.2), (0.0, 0.0, 0.3))
-
-presses_of = st.sampled_from(sorted(BRICKS)).flatmap(
-    lambda name: st.tuples(
-        st.just(BRICKS[name]), st.sampled_from(presses(BRICKS[name]))
-    )
-)
-grips = st.builds(
-    lambda top, grip: BrickGrip(FRAMES, grip[0], top, grip[1]), TOPS, presses_of
-)
 
 
 def flange(targets: SkillTargets, k: int) -> Transform:
@@ -78,7 +69,7 @@ def angle(a: Transform, b: Transform) -> float:
     return float(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
-@given(grips, TOPS)
+@given(grips(FRAMES), TOPS)
 def test_a_brick_is_held_the_same_from_pick_to_place(
     start: BrickGrip, goal: Transform
 ) -> None:
@@ -89,7 +80,7 @@ def test_a_brick_is_held_the_same_from_pick_to_place(
     np.testing.assert_allclose(picked, placed, atol=1e-12)
 
 
-@given(TOPS, grips)
+@given(TOPS, grips(FRAMES))
 def test_a_brick_passes_through_two_hands_to_its_goal(
     ready: Transform, goal: BrickGrip
 ) -> None:
@@ -121,7 +112,7 @@ def test_waypoints_and_handlings_of_each_skill() -> None:
     assert held.skill == "support-bottom"
 
 
-@given(grips, st.floats(0.05, 0.5))
+@given(grips(FRAMES), st.floats(0.05, 0.5))
 def test_every_twist_turns_by_its_angle_about_its_axis(
     grip: BrickGrip, twist: float
 ) -> None:
@@ -143,7 +134,7 @@ def test_every_twist_turns_by_its_angle_about_its_axis(
         np.testing.assert_allclose(still_a[:3, 1], still_b[:3, 1], atol=1e-12)
 
 
-@given(grips)
+@given(grips(FRAMES))
 def test_the_tool_comes_straight_down_and_leaves_straight_up(grip: BrickGrip) -> None:
     for targets, drop in (
         (pick_targets(grip), 0.0028),
@@ -155,7 +146,7 @@ def test_the_tool_comes_straight_down_and_leaves_straight_up(grip: BrickGrip) ->
         np.testing.assert_allclose(leave, [0, 0, 0.015], atol=1e-12)
 
 
-@given(grips)
+@given(grips(FRAMES))
 def test_attack_mirrors_the_approach(grip: BrickGrip) -> None:
     for up in (False, True):
         plus, minus = (place_targets(grip, up=up, attack=a) for a in (1, -1))
