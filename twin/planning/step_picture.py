@@ -6,7 +6,7 @@ import io
 from typing import TYPE_CHECKING
 
 from planning.lego.bricks.grid import level_height
-from planning.lego.sequencing.stable_steps import MOST, strain_of
+from planning.lego.sequencing.stable_steps import MOST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,7 +105,7 @@ def _draw_side(axes: Axes, step: ExplainedStep, axis: int) -> None:
     """Draw the structure along y (axis 0: x to the right) or along x (axis 1)."""
     from matplotlib.patches import Rectangle
 
-    strain = strain_of(step.report, step.bricks)
+    strain = step.strain
 
     def depth(name: str) -> int:
         span = spans[name]

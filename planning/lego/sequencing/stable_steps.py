@@ -67,10 +67,8 @@ def stable_steps(
     insertions = Insertions.of(bricks, assembly.scaffold, rules)
     structures, names = insertions.structures, insertions.fixed
     steps, faults = [], []
-    for number, (step, brick) in enumerate(
-        zip(assembly.steps, bricks, strict=True), start=1
-    ):
-        at = f"step {number} ({step.words})"
+    for step, brick in zip(assembly.steps, bricks, strict=True):
+        at = f"{brick.name} ({step.words})"
         names |= {brick.name}
         if not structures.stands(names):
             why = _weakness(structures.weakness(names), structures)
@@ -217,16 +215,21 @@ class ExplainedStep:
     report: StabilityReport
     temporary: frozenset[str]
 
+    @property
+    def strain(self) -> dict[str, float]:
+        """The largest share of friction that any joint of each brick uses."""
+        strain = dict.fromkeys((item.name for item in self.bricks), 0.0)
+        for first, second, share in self.report.pulled:
+            for name in (first, second):
+                if name is not None:
+                    strain[name] = max(strain[name], share)
+        return strain
+
 
 def explain_step(
     assembly: LegoAssembly, number: int, rules: SequencingRules
 ) -> ExplainedStep:
     """Return the equilibrium of a step with the grip and the support that it prefers.
-
-    Args:
-        assembly: with its steps.
-        number: of the step, from 1.
-        rules: force and margin.
 
     Raises:
         ScenarioError: there is no such step, or it leaves the grip open.
@@ -262,18 +265,6 @@ def explain_step(
     )
 
 
-def strain_of(
-    report: StabilityReport, bricks: Sequence[PlacedBrick]
-) -> dict[str, float]:
-    """Return the largest share of friction that any joint of each brick uses."""
-    strain = dict.fromkeys((item.name for item in bricks), 0.0)
-    for first, second, share in report.pulled:
-        for name in (first, second):
-            if name is not None:
-                strain[name] = max(strain[name], share)
-    return strain
-
-
 _KEPT_EXCHANGES = 100
 """Orders whose candidates are kept."""
 
@@ -286,8 +277,14 @@ def movable_work(
     Where the sequence was found, names are those of the bricks of its steps; the ways in which they
     go in are sought anew then. Without, steps are done as they are written.
     """
-    exchange = StepExchange.of(candidates.world.assembly, rules, names)
-    return exchange.work(candidates, tuple(range(1, len(exchange.bricks) + 1)))
+    assembly = candidates.world.assembly
+    own = names or [item.name for item in assembly.structure]
+    pairs = zip(assembly.structure, own, strict=True)
+    bricks = [replace(item, name=name) for item, name in pairs]
+    insertions = Insertions.of(bricks, assembly.scaffold, rules)
+    known = KeptAnswers[AssemblyWork | str](_KEPT_EXCHANGES)
+    exchange = StepExchange(tuple(own), insertions, bool(names), known)
+    return exchange.work(candidates, tuple(range(1, len(own) + 1)))
 
 
 @dataclass(frozen=True)
@@ -295,32 +292,16 @@ class StepExchange:
     """Exchanges of the steps of one assembly.
 
     Attributes:
-        bricks: of the steps, in their first order.
+        names: of the bricks of the steps, in their first order.
         insertions: judges how bricks go in.
         found: whether the sequence was found, so that ways to put bricks in may be as well.
         known: works by their orders.
     """
 
-    bricks: tuple[PlacedBrick, ...]
+    names: tuple[str, ...]
     insertions: Insertions
     found: bool
     known: KeptAnswers[AssemblyWork | str]
-
-    @staticmethod
-    def of(
-        assembly: LegoAssembly, rules: SequencingRules, names: Sequence[str]
-    ) -> StepExchange:
-        """Return those of an assembly, see ``movable_work``."""
-        bricks = assembly.structure
-        if names:
-            bricks = tuple(
-                replace(item, name=name)
-                for item, name in zip(bricks, names, strict=True)
-            )
-        insertions = Insertions.of(bricks, assembly.scaffold, rules)
-        return StepExchange(
-            bricks, insertions, bool(names), KeptAnswers(_KEPT_EXCHANGES)
-        )
 
     def work(self, candidates: LegoCandidates, order: tuple[int, ...]) -> AssemblyWork:
         """Return the work of an order of the steps."""
@@ -361,8 +342,8 @@ class StepExchange:
 
     def _last_step(self, order: Sequence[int], step: LegoStep) -> LegoStep | None:
         """Return how the last of some steps is done, None where it cannot be the last."""
-        names = self.insertions.fixed | {self.bricks[k - 1].name for k in order}
-        brick = self.bricks[order[-1] - 1].name
+        names = self.insertions.fixed | {self.names[k - 1] for k in order}
+        brick = self.names[order[-1] - 1]
         if not self.insertions.structures.stands(names):
             return None
         if self.found:
