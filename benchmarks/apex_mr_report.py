@@ -17,8 +17,8 @@ from benchmarks.apex_mr_tables import (
     quality,
 )
 from twin.comparison.chart import draw_comparison
-from twin.comparison.comparison import SEQUENTIAL
 from twin.host.guard import replacing, write_json
+from twin.run.policies import SEQUENTIAL
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,14 @@ import numpy as np
 
 from benchmarks import apex_mr_paper as paper
 from twin.comparison.chart import mean, percent, spread
-from twin.comparison.comparison import (
+from twin.comparison.comparison import BASELINES, TOTAL
+from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
-    BASELINES,
     SEQUENTIAL,
     SYNCHRONOUS,
     SYNCHRONOUS_SHORTCUTS,
     SYNCHRONOUS_TPG,
-    TOTAL,
 )
 
 

@@ -6,24 +6,26 @@ when it is first used. Rooms of the same name are reached by ``from twin.study.s
 
 from __future__ import annotations
 
+import ast
 import sys
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planning.errors import TwinError as TwinError
-    from twin.api.comparisons import Comparison as Comparison
-    from twin.api.comparisons import compare as compare
-    from twin.api.comparisons import replay as replay
     from twin.api.runs import Audit as Audit
     from twin.api.runs import Check as Check
     from twin.api.runs import audit as audit
     from twin.api.runs import check as check
     from twin.api.runs import plan as plan
+    from twin.api.runs import replay as replay
     from twin.api.runs import run as run
     from twin.api.runs import simulate as simulate
+    from twin.api.studies import Comparison as Comparison
     from twin.api.studies import Study as Study
+    from twin.api.studies import compare as compare
     from twin.api.studies import resume_study as resume_study
     from twin.api.studies import study as study
     from twin.study.replications.statistics import Precision as Precision
@@ -34,35 +36,18 @@ if TYPE_CHECKING:
     from twin.trial.run_result import RunResult as RunResult
     from twin.trial.run_result import read_run as read_run
 
-_HOMES = {
-    "LoadedScenario": "twin.trial.loaded_scenario",
-    "load": "twin.trial.loaded_scenario",
-    "Check": "twin.api.runs",
-    "check": "twin.api.runs",
-    "PlanResult": "twin.trial.plan_result",
-    "plan": "twin.api.runs",
-    "read_plan": "twin.trial.plan_result",
-    "RunResult": "twin.trial.run_result",
-    "simulate": "twin.api.runs",
-    "run": "twin.api.runs",
-    "read_run": "twin.trial.run_result",
-    "Audit": "twin.api.runs",
-    "audit": "twin.api.runs",
-    "Study": "twin.api.studies",
-    "study": "twin.api.studies",
-    "resume_study": "twin.api.studies",
-    "Precision": "twin.study.replications.statistics",
-    "Comparison": "twin.api.comparisons",
-    "compare": "twin.api.comparisons",
-    "replay": "twin.api.comparisons",
-    "TwinError": "planning.errors",
-}
 
-__all__ = [
-    *("Audit", "Check", "Comparison", "LoadedScenario", "PlanResult", "Precision"),
-    *("RunResult", "Study", "TwinError", "audit", "check", "compare", "load", "plan"),
-    *("read_plan", "read_run", "replay", "resume_study", "run", "simulate", "study"),
-]
+def _homes() -> dict[str, str]:
+    """Return the module of each name, as the imports above tell it to type checkers."""
+    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    return {item.name: str(node.module) for node in imports for item in node.names}
+
+
+_HOMES = _homes()
+
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> object:

@@ -8,18 +8,14 @@ from typing import Annotated
 
 import typer
 
-from twin.commands.cluster import app as cluster_app
 from twin.commands.doctor import doctor
-from twin.commands.export import export
 from twin.commands.fit import fit
-from twin.commands.follow import follow
 from twin.commands.robots import robots
-from twin.commands.run import replay, resume, run
+from twin.commands.run import export, follow, replay, resume, run, verify
 from twin.commands.scenario_imports import app as import_app
 from twin.commands.scenarios import check, init, scenarios, schema, validate
 from twin.commands.sequence import sequence
-from twin.commands.study import compare, study
-from twin.commands.verify import verify
+from twin.commands.study import cluster, compare, study
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 
 app = typer.Typer(
@@ -74,7 +70,7 @@ for _name, _function in {
     "doctor": doctor,
 }.items():
     app.command(_name)(_function)
-app.add_typer(cluster_app, name="cluster")
+app.add_typer(cluster, name="cluster")
 app.add_typer(import_app, name="import")
 
 

@@ -1,23 +1,26 @@
-"""What is done with one scenario: check, plan, simulate or run, and audit."""
+"""What is done with one scenario: check, plan, simulate or run, audit, and look at it again."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from planning.errors import RequestError, ScenarioError
+from planning.errors import OutputError, RequestError, ScenarioError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import AuditReport
 from twin.audit.worlds.engines import engine_named
 from twin.check.check import CheckReport, check_scenario, require_checked
+from twin.host.guard import replacing
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import MemoryRecorder, write_motion
 from twin.run.events import POLICIES
-from twin.run.folder import run_folder
+from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
+from twin.run.viewer import open_viewer, render_stills
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult, require_plan_of
 from twin.trial.planning import plan_scenario
@@ -202,7 +205,8 @@ def run(
         out: folder for the results; by default ``logs/<scenario>-<UTC time>``.
         recording: write ``run.rrd`` for the viewer.
         audit: check what was executed with code of its own.
-        audit_engine: pybullet or coal; by default PyBullet where it is installed, else coal.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+            is installed, else coal.
         begun: told of the check and of the folder, before anything that takes long.
         progress: told how far each stage has come.
 
@@ -362,3 +366,69 @@ def audit(
         assert judged.record is not None
         write_motion(folder, judged.tpg, judged.record)
         return audited(folder)
+
+
+STILLS = "stills"
+"""Folder of pictures beside a recording."""
+
+
+def replay(
+    run: RunResult | PathOrName,
+    *,
+    stills: Sequence[float] = (),
+    out: PathOrName | None = None,
+) -> tuple[Path, ...]:
+    """Look at a run again.
+
+    Without stills and ``out`` this opens the viewer and returns once it is closed. Pictures need
+    no display, but a Vulkan driver; a software one does.
+
+    Args:
+        run: a run, its folder, or an ``.rrd`` file.
+        stills: render pictures at these simulated times instead [s].
+        out: folder for the pictures, by default ``stills`` beside the recording; without stills,
+            the ``.rrd`` file that is written instead of opening the viewer.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        OutputError: there is no recording, or a file cannot be written.
+        ViewerError: the viewer or a display is missing; says what to do then.
+        RequestError: pictures of a run without a folder need one.
+    """
+    with TemporaryDirectory() as name:
+        recording = _recording(run, Path(name) / RECORDING)
+        if stills:
+            if out is None and recording.parent == Path(name):
+                raise RequestError(
+                    "a run without a folder: say where pictures go by out"
+                )
+            folder = recording.parent / STILLS if out is None else Path(out)
+            return tuple(render_stills(recording, stills, folder))
+        if out is None:
+            open_viewer(recording)
+            return ()
+        with replacing(Path(out)) as temporary:
+            temporary.write_bytes(recording.read_bytes())
+        return (Path(out),)
+
+
+def _recording(run: RunResult | PathOrName, place: Path) -> Path:
+    """Return the recording of a run; written to a place where there is none."""
+    if not isinstance(run, str | PathLike):
+        if run.record is not None and run.folder is None:
+            from twin.recorders.rerun.recorder import write_recording
+
+            write_recording(place, run.tpg, run.record, run.history, name=run.name)
+            return place
+        folder = Path() if run.folder is None else run.folder
+    else:
+        folder = Path(run)
+    found = folder if folder.is_file() else folder / RECORDING
+    if not found.is_file():
+        reason = (
+            f"it has no {RECORDING}" if folder.exists() else "no such file or folder"
+        )
+        raise OutputError(f"{folder}: nothing to replay, {reason}")
+    return found

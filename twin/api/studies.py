@@ -1,21 +1,34 @@
-"""``twin.study``: many replications of a plan under uncertainty, and what they tell."""
+"""``twin.study``: many replications of a plan under uncertainty, and what they tell.
+
+``twin.compare``: one scenario under every policy, with the same paths and the same draws.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
 from twin.api.runs import AnyPlan, scenario_of
 from twin.audit.worlds.engines import engine_named
-from twin.comparison.comparison import shortcut_budget
+from twin.comparison.chart import draw_comparison, mean, percent, spread
+from twin.comparison.comparison import (
+    SEEDS,
+    comparison_figures,
+    measure_policies,
+    shortcut_budget,
+)
+from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
-from twin.run.folder import locked, run_folder
+from twin.planning.build_workcell import build_workcell
+from twin.run.folder import CHART, COMPARISON, locked, new_results, run_folder
 from twin.run.policies import OPEN_LOOP, policy_named
+from twin.scenario.manifest import write_manifest
+from twin.scenario.sections.scenario import follow_references
 from twin.scenario.variations import Variation, variants, variation
 from twin.study.folder import (
     EDGES,
@@ -37,7 +50,7 @@ from twin.study.replications.workload import check_cluster, open_executor
 from twin.study.report.report import write_report
 from twin.study.study import StudyResult, start_study
 from twin.study.study import resume_study as resumed
-from twin.trial.loaded_scenario import AnyScenario, PathOrName, load
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 from twin.trial.plan_result import PlanResult
 
 if TYPE_CHECKING:
@@ -175,16 +188,18 @@ def study(
             or a plan that is there.
         vary: values by key; every combination is studied. Keys are those of
             ``LoadedScenario.varied``.
-        replications: of every policy and variant; None to go on until the precision is reached.
+        replications: of every policy and variant; by default until the precision is reached.
         precision: when there are enough replications, and the confidence of all intervals.
-        policies: sequential, asynchronous and others, see docs/guides/studies.md; by default one
-            task at a time, and what ``twin.run`` executes.
-        deadline_s: ask how likely the run is over by then [s].
+        policies: sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',
+            asynchronous, 'asynchronous + shortcuts' or open-loop, of which there may be several; by
+            default sequential, and what twin run executes.
+        deadline_s: how likely is the run over by then [s]?
         antithetic: draw replications in mirrored pairs.
-        sobol: points of the sample for Sobol indices, a power of 2; 0 for none.
+        sobol: points of the sample for Sobol indices, such as 128; 0 for none.
         audited: open-loop replications that are checked for collisions.
-        audit_engine: pybullet or coal; by default PyBullet where it is installed, else coal.
-        shortcuts: most that are tried on each plan, in place of the scenario's.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
+            is installed, else coal.
+        shortcuts: most shortcuts tried on each plan, in place of the scenario's.
         workers: processes; 0 for none besides this one, None for one a core. A script that asks
             for some must be importable: what it does stands under ``if __name__ == "__main__":``.
         cluster: whose workers do it instead.
@@ -201,18 +216,21 @@ def study(
         check_cluster(cluster)  # now, not after the planning
     case = scenario_of(plan)
     names = tuple(map(policy_named, policies))
+    varied = starmap(variation, vary.items()) if isinstance(vary, Mapping) else vary
     plans, saved = None, ""
     if isinstance(plan, PlanResult):
         if shortcuts is not None:
             raise RequestError(
                 "shortcuts are for planning, not for a plan that is there"
             )
-        names = names or _policies_of(plan)
+        possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
+        own = with_baselines(possible[-1])
+        names = names or tuple(policy for policy in own if policy in possible)
         plans = given_plans(plan, names)
         saved = "" if plan.folder is None else str(plan.folder.resolve())
     experiment = Experiment(
         policies=names or default_policies(case.sections),
-        variants=variants(_variations(vary)),
+        variants=variants(list(varied)),
         replications=replications,
         precision=precision or Precision(),
         antithetic=antithetic,
@@ -225,10 +243,7 @@ def study(
     )
     place = None if out is None else Path(out)
     require_no_study(place, request.scenario)
-
-    def executor() -> AbstractContextManager[Executor]:
-        return open_executor(workers, cluster)
-
+    executor = partial(open_executor, workers, cluster)
     with run_folder(place, f"study-{case.name}") as folder:
         result = start_study(request, folder, executor, progress, plans)
     write_report(result, progress)
@@ -260,27 +275,127 @@ def resume_study(
     """
     if cluster is not None:
         check_cluster(cluster)
-
-    def executor() -> AbstractContextManager[Executor]:
-        return open_executor(workers, cluster)
-
     place = Path(folder)
     if scenario is not None:
         require_same_study(place, load(scenario).sections)
     with locked(place):
-        result = resumed(place, executor, progress)
+        result = resumed(place, partial(open_executor, workers, cluster), progress)
     write_report(result, progress)
     return Study(result)
 
 
-def _variations(vary: Vary) -> list[Variation]:
-    """Return what is varied, of whatever it was written as."""
-    if not isinstance(vary, Mapping):
-        return list(vary)
-    return [variation(key, values) for key, values in vary.items()]
+@dataclass(frozen=True)
+class Comparison:
+    """Every policy on one scenario.
+
+    Attributes:
+        scenario: what was planned and executed.
+        heading: what was compared, in words.
+        figures: by policy, the content of ``compare.json``.
+        folder: of its files.
+    """
+
+    scenario: LoadedScenario
+    heading: str
+    figures: Mapping[str, Mapping[str, Any]]
+    folder: Path
+
+    @property
+    def policies(self) -> pa.Table:
+        """A row a policy: mean makespan, wait and planning time, and spreads over the seeds."""
+        import pyarrow as pa
+
+        rows = self.figures.items()
+
+        def column(of: Callable[[Mapping[str, Any]], Any], part: str) -> pa.Array:
+            found = [of(row) for _, row in rows]
+            return pa.array([v and v[part] for v in found], pa.float64())
+
+        return pa.table(
+            {
+                "policy": pa.array([name for name, _ in rows], pa.string()),
+                "makespan_s": column(lambda row: row["makespan_s"], "mean"),
+                "makespan_std_s": column(lambda row: row["makespan_s"], "std"),
+                "relative_makespan": column(lambda r: r["relative_makespan"], "mean"),
+                "wait_s": column(lambda row: row["wait_s"], "mean"),
+                "planning_s": column(lambda row: row["planning_s"]["total"], "mean"),
+            }
+        )
+
+    def _repr_html_(self) -> str:
+        from twin.drawing.markup import shown, table, text
+
+        head = ["policy", "makespan [s]", "of sequential", "wait [s]", "planning [s]"]
+        rows = [
+            [
+                text(name),
+                spread(row["makespan_s"]),
+                percent(row["relative_makespan"]),
+                spread(row["wait_s"]),
+                mean(row["planning_s"]["total"]),
+            ]
+            for name, row in self.figures.items()
+        ]
+        return table(self.heading, head, rows) + shown(self.folder / CHART)
 
 
-def _policies_of(plan: PlanResult) -> tuple[str, ...]:
-    """Return the policies that a plan is studied under by default: its own, and its baselines."""
-    possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
-    return tuple(p for p in with_baselines(possible[-1]) if p in possible)
+def compare(
+    scenario: AnyScenario,
+    *,
+    seeds: int = 4,
+    shortcuts: int | None = None,
+    reference_skills: bool = False,
+    out: PathOrName | None = None,
+    progress: Report = report_nothing,
+) -> Comparison:
+    """Plan a scenario with several seeds and execute it under every policy.
+
+    Sequential, synchronous and asynchronous, with and without shortcuts: all from the same
+    paths, with the same skill durations. Leaves makespan and wait with what no coordination can
+    beat, and planning time by stage: ``compare.json`` and ``compare.png``.
+
+    Args:
+        scenario: a scenario, or the path of its file.
+        seeds: how many, counted from the scenario's.
+        shortcuts: most that are tried on each plan, in place of the scenario's.
+        reference_skills: skills take as long as their reference paths, as in the simulations of the
+            APEX-MR paper, in place of the scenario's durations.
+        out: folder for ``compare.json`` and ``compare.png``; by default
+            ``logs/<scenario>-<UTC time>``.
+        progress: told how far each stage has come.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+        TwinError: the scenario cannot be planned; see ``twin.plan``.
+    """
+    loaded = load(scenario)
+    chosen, base = loaded.sections, loaded.folder
+    if reference_skills:
+        chosen = follow_references(chosen)
+    candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
+    numbers = range(chosen.seed, chosen.seed + seeds)
+    with run_folder(None if out is None else Path(out), chosen.name) as folder:
+        found = {}
+        for k, seed in enumerate(numbers):
+            progress(SEEDS, k, seeds)
+            found[seed] = measure_policies(
+                chosen, seed, candidates=candidates, base=base, progress=progress
+            )
+        progress(SEEDS, seeds, seeds)
+        figures = comparison_figures(found)
+        counted = f"{seeds} seed" + ("s" if seeds > 1 else "")
+        heading = f"{chosen.name}: {counted}, {candidates} shortcuts tried"
+        if reference_skills:
+            heading += ", skills follow their reference paths"
+        with new_results(folder):
+            write_manifest(
+                folder,
+                chosen,
+                build_workcell(chosen, base),
+                base,
+                seeds=list(numbers),
+                shortcut_candidates=candidates,
+            )
+            draw_comparison(folder / CHART, {chosen.name: figures}, heading)
+            write_json(folder / COMPARISON, figures)
+    return Comparison(loaded, heading, figures, folder)

@@ -11,7 +11,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,24 +33,25 @@ _TYPES: Mapping[str, Any] = {
     "Sequence[float]": list[float],
     "Sequence[Path]": list[Path],
 }
-"""What is given in a shell, by the annotation of a parameter."""
+"""What is given in a shell, by the annotation of a parameter; others are no options."""
 
 _ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "scenario": {"help": "Scenario file, or the name of one that twin scenarios lists."}
 }
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "out": {"metavar": "DIR"},
+    "plan": {"metavar": "DIR"},
+    "certificates": {"metavar": "DIR"},
     "seed": {"min": 0},
     "shortcuts": {"min": 0},
+    "sobol": {"min": 0},
+    "audited": {"min": 0},
     "workers": {"min": 0},
     "audit_engine": {"metavar": "ENGINE"},
     "as_json": {"names": ("--json",), "help": "Print JSON only."},
     "quiet": {"names": ("--quiet", "-q"), "help": "Print errors only."},
 }
 """What arguments and options of these names are in every command."""
-
-_TOLD = ("Report", "View")
-"""Annotations of parameters that are no options."""
 
 _KEYWORD, _EMPTY = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
 
@@ -107,6 +108,7 @@ def command(
     home: str,
     show: Callable[[Any, View], int | None] | None = None,
     *,
+    passes_to: str = "",
     columns: Callable[[], Sequence[Any]] = tuple,
     **options: Mapping[str, Any],
 ) -> Callable[..., None]:
@@ -120,12 +122,20 @@ def command(
         show: prints what the function returns, and returns an exit code. Without it the
             function prints by itself and returns the code. With it there are ``--json`` and
             ``--quiet``.
+        passes_to: another function; what the function does not name it takes as ``**options`` for that.
         columns: returns what stands behind the bar of a stage.
         options: by parameter what the signature does not say: ``names``, ``min``, ``max``,
             ``metavar``, ``help``, and a ``default`` that is no literal. An option with a ``type``
             is none of the function's, but for show.
     """
     found = _read(home)
+    if passes_to:
+        more = _read(passes_to)
+        found = replace(
+            found,
+            options={**more.options, **found.options},
+            helps={**more.helps, **found.helps},
+        )
     added = {
         name: (item["type"], item.get("default"))
         for name, item in options.items()
@@ -135,17 +145,13 @@ def command(
         added |= {"as_json": ("bool", False), "quiet": ("bool", False)}
     parameters = []
     for name, (kind, default) in (found.parameters | added).items():
-        if kind in _TOLD:
+        if kind.removesuffix(" | None") not in _TYPES:
             continue
-        default = options.get(name, {}).get("default", default)
         shared = _ARGUMENTS if name in found.arguments else _OPTIONS
-        own = {"help": found.helps.get(name), **shared.get(name, {})}
-        own |= {
-            k: v
-            for k, v in options.get(name, {}).items()
-            if k not in ("type", "default")
-        }
-        kept = _annotated(name, kind, default, own, argument=name in found.arguments)
+        own = {"default": default, "help": found.helps.get(name)}
+        own |= {**shared.get(name, {}), **options.get(name, {})}
+        own.pop("type", None)
+        kept = _annotated(name, kind, own, argument=name in found.arguments)
         parameters.append(kept)
 
     def run(**given: Any) -> int | None:
@@ -184,13 +190,13 @@ def command(
 
 
 def _annotated(
-    name: str, kind: str, default: Any, own: dict[str, Any], *, argument: bool
+    name: str, kind: str, own: dict[str, Any], *, argument: bool
 ) -> inspect.Parameter:
     """Return a parameter as typer wants it."""
     plain = kind.removesuffix(" | None")
     given = _TYPES[plain]
-    names = own.pop("names", ())
-    text = own.get("help") or ""
+    default, names = own.pop("default"), own.pop("names", ())
+    text = own["help"] or ""
     own["help"] = text[:1].upper() + text[1:]
     if plain.startswith("Sequence") and not argument:
         default = None

@@ -41,15 +41,8 @@ OPTIONAL = ("pybullet", "pybullet")
 """Distribution and module that the program can do without."""
 
 
-def print_versions(
-    *,
-    as_json: bool = False,
-) -> int:
-    """Print versions for a bug report, say what does not load, and what the audit uses.
-
-    Args:
-        as_json: print JSON only.
-    """
+def print_versions(*, as_json: bool = False) -> int:
+    """Print versions for a bug report, say what does not load, and what the audit uses."""
     from twin.audit.worlds.engines import INSTALL, engine_named
 
     found = {"python": platform.python_version(), "system": platform.platform()}
@@ -85,6 +78,4 @@ def _version(distribution: str) -> str:
         return "not installed as a package"
 
 
-doctor = command(
-    f"{__name__}:print_versions",
-)
+doctor = command(f"{__name__}:print_versions")

@@ -54,8 +54,6 @@ def fit_durations(
         out: folder for the results; default: logs/fit-<name>-<UTC time>.
         resamples: bootstrap samples of each test.
         seed: of the bootstrap.
-        as_json: print JSON only.
-        quiet: print errors only.
     """
     from twin.fit.applied import apply_fits, require_skills
     from twin.fit.fitting import Fit, draw_fit, fit_candidates, write_snippet

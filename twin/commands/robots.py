@@ -37,7 +37,6 @@ def show_robots(
         hold: hold a joint at a value [rad or m], as 'joints' does in a scenario.
         flange: the link that is the flange.
         out: folder for a picture of each.
-        as_json: print JSON only.
     """
     if model is None:
         _print_list(as_json)

@@ -1,28 +1,37 @@
-"""``twin run``, ``twin resume`` and ``twin replay``: execute in the twin, and look at what happened."""
+"""``twin run``: execute in the twin; and what is done with its folder then.
+
+That is ``twin resume``, ``replay``, ``export``, ``verify`` and ``follow``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from planning.errors import ScenarioError
+from planning.errors import OutputError, ScenarioError
 from twin.commands.command import View, command
 from twin.host.guard import COMPLETED, FAILED, INTERRUPTED, print_error, print_json
 
 if TYPE_CHECKING:
+    from scheduling.verification.verify import VerificationReport
     from twin.api.runs import Check
+    from twin.follow.follow import News
+    from twin.follow.state import FollowedRun
     from twin.host.progress import Report
     from twin.trial.run_result import RunResult
+    from twin.trial.simulation import AdversaryReport
 
 
 def run_scenario(
     scenario: Path,
     *,
     seed: int | None = None,
-    out: Path | None = None,
     plan: Path | None = None,
     policy: str | None = None,
     stalls: int | None = None,
@@ -30,18 +39,14 @@ def run_scenario(
     improve: float | None = None,
     robots: int | None = None,
     settings: Sequence[str] = (),
-    audit: bool = True,
-    audit_engine: str | None = None,
-    recording: bool = True,
     view: View,
-    progress: Report,
+    **options: Any,
 ) -> RunResult:
     """Plan a scenario, execute it in the twin, check it, and show the figures.
 
     Args:
         scenario: file, or the name of one that comes with the program.
         seed: in place of the scenario's.
-        out: folder for the results; default: logs/<scenario>-<UTC time>.
         plan: execute the plan in this folder of an earlier run.
         policy: asynchronous, sequential, synchronous or open-loop, in place of the scenario's.
         stalls: random standstills of each robot, in place of the scenario's.
@@ -52,12 +57,8 @@ def run_scenario(
         settings: value of any key, such as cell.robots.left.base.xyz_m.0=0.7, or of one of the
             execution section, such as stalls.rate_per_h=60; may be given several times. Values
             are words or JSON.
-        audit: check what was executed with code of its own.
-        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
-            is installed, else coal.
-        recording: write run.rrd for the viewer.
         view: how to show.
-        progress: told how far each stage has come.
+        options: those of twin.run.
     """
     from twin.api import runs
     from twin.trial.loaded_scenario import load
@@ -80,13 +81,7 @@ def run_scenario(
 
     chosen = load(scenario).varied(runs.released(values))
     return runs.run(
-        chosen if plan is None else read_plan(plan, chosen),
-        out=out,
-        recording=recording,
-        audit=audit,
-        audit_engine=audit_engine,
-        begun=begun,
-        progress=progress,
+        chosen if plan is None else read_plan(plan, chosen), begun=begun, **options
     )
 
 
@@ -117,7 +112,7 @@ def _announce(check: Check, folder: Path) -> None:
     )
 
 
-def _show(done: RunResult, view: View) -> int:
+def _show_run(done: RunResult, view: View) -> int:
     """Print the figures of a run."""
     from twin.run.folder import RECORDING
     from twin.run.summary import print_summary
@@ -133,6 +128,17 @@ def _show(done: RunResult, view: View) -> int:
         print_error(f"interrupted; what happened until then is in {folder}")
         return INTERRUPTED
     return COMPLETED if done.passed else FAILED
+
+
+run = command(
+    f"{__name__}:run_scenario",
+    _show_run,
+    passes_to="twin.api.runs:run",
+    stalls={"min": 0},
+    improve={"min": 0},
+    robots={"min": 1, "metavar": "M"},
+    settings={"names": ("--set",), "metavar": "KEY=VALUE"},
+)
 
 
 def resume_in_folder(
@@ -163,7 +169,7 @@ def _show_resumed(done: RunResult, view: View) -> int:
             agreed, added = done.resumed
             words = f"{agreed} events of the log happened again, {added} were missing"
         typer.echo(f"{done.folder}: {words}")
-    return _show(done, view)
+    return _show_run(done, view)
 
 
 def replay_run(
@@ -177,20 +183,257 @@ def replay_run(
             may be given several times.
         out: folder for the pictures; default: stills beside the recording.
     """
-    from twin.api.comparisons import replay
+    from twin.api.runs import replay
 
     for picture in replay(run, stills=stills, out=out if stills else None):
         typer.echo(picture)
 
 
-run = command(
-    f"{__name__}:run_scenario",
-    _show,
-    plan={"metavar": "DIR"},
-    stalls={"min": 0},
-    improve={"min": 0},
-    robots={"min": 1, "metavar": "M"},
-    settings={"names": ("--set",), "metavar": "KEY=VALUE"},
-)
 resume = command(f"{__name__}:resume_in_folder", _show_resumed, base={"metavar": "DIR"})
 replay = command(f"{__name__}:replay_run", stills={"metavar": "SECONDS"})
+
+
+def export_files(
+    run: Path,
+    *,
+    formats: Sequence[str] = (),
+    out: Path | None = None,
+    nodes: bool = False,
+    rate_hz: float | None = None,
+) -> None:
+    """Write a run as tables, timeline, trajectories or graph for other programs.
+
+    Args:
+        run: folder of a run; for ldraw also a scenario file, without a run.
+        formats: csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot,
+            task-graph or ldraw; may be given several times.
+        out: file to write, or folder for several; default: RUN/exports.
+        nodes: every node of the temporal plan graph, not one entry a task (graphml, dot,
+            perfetto).
+        rate_hz: points a second of motions within limits, 125 to 1000; default: 250
+            (joint-trajectory, joint-csv). Messages a second, 1 to 1000; default: 50 (mcap).
+    """
+    from twin.exports.formats import FORMATS, export_run
+    from twin.trial.run_result import read_run
+
+    names = list(dict.fromkeys(formats or []))
+    unknown = [name for name in names if name not in FORMATS]
+    if unknown or not names:
+        what = f"unknown format {unknown[0]!r}" if unknown else "--format is missing"
+        raise OutputError(f"--format: {what}" if unknown else what, choices=FORMATS)
+    if out is not None and len(names) > 1:
+        if out.is_file():
+            raise OutputError(f"{out}: several formats need a folder, this is a file")
+        out.mkdir(parents=True, exist_ok=True)
+    if names == ["ldraw"] and run.is_file():
+        typer.echo(_export_scenario(run, out))
+        return
+    found = read_run(run)
+    for name in names:
+        for path in export_run(found, name, out, nodes=nodes, rate_hz=rate_hz):
+            typer.echo(path)
+
+
+def _export_scenario(file: Path, out: Path | None) -> Path:
+    """Write what a scenario builds as a model of LDraw; return the file."""
+    from twin.exports.ldraw import ldraw_of_scenario
+    from twin.host.guard import replacing
+    from twin.scenario.manifest import load_scenario
+    from twin.scenario.sections.lego import LegoSection
+
+    scenario = load_scenario(file)
+    if not isinstance(scenario.assembly, LegoSection):
+        raise OutputError(f"{file}: only a LEGO assembly is a model of LDraw")
+    path = out or Path(f"{scenario.name}.ldr")
+    if path.is_dir():
+        path /= f"{scenario.name}.ldr"
+    content = ldraw_of_scenario(scenario.assembly, scenario.name)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+    return path
+
+
+export = command(
+    f"{__name__}:export_files",
+    formats={"names": ("--format", "-f"), "metavar": "FORMAT"},
+    out={"names": ("--out", "-o"), "metavar": "PATH"},
+    rate_hz={"metavar": "HZ"},
+)
+
+
+def verify_folder(
+    folder: Path,
+    *,
+    adversary: bool = True,
+    audit_engine: str | None = None,
+    as_json: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Prove that a saved plan is safe for any delays.
+
+    The proof shares no code with the planner: it is slow and looks at everything anew. The
+    worst delays are then tried out and audited: robots that stop for ever.
+
+    Args:
+        folder: folder with plan.json and plan.npz, a run's.
+        adversary: also stop each robot wherever another waits for it, and audit what
+            stands.
+        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet
+            where it is installed, else coal.
+    """
+    from scheduling.verification.verify import verify_plan
+    from twin.audit.worlds.engines import engine_named
+    from twin.host.progress import StageDisplay, of_stage
+    from twin.trial.plan_result import plan_of_run
+    from twin.trial.simulation import audit_standing_states
+
+    engine = engine_named(audit_engine) if audit_engine else None
+    tpg = plan_of_run(folder)
+    with StageDisplay(enabled=not (quiet or as_json)) as display:
+        report = verify_plan(tpg, progress=of_stage(display, "verification"))
+        standing = audit_standing_states(tpg, display, engine) if adversary else None
+    ok = report.ok and not (standing and standing.violations)
+    if as_json:
+        print_json(_content(ok, report, standing))
+    elif not quiet:
+        for problem in report.problems:
+            typer.echo(problem.message)
+        for state, violation in standing.violations if standing else ():
+            what = f"{violation.first} and {violation.second} overlap by "
+            what += f"{1000 * violation.depth_m:.2f} mm"
+            if violation.kind != "contact":
+                what = f"{violation.kind} of {violation.first}: {violation.second} "
+                what += violation.detail
+            typer.echo(
+                f"if {state.robot} stops {'after' if state.at_end else 'before'} the motion of "
+                f"node {state.node}: {what}"
+            )
+        verdict = "safe for any delays" if ok else "not safe"
+        stops = (
+            f", {standing.states} standing states audited with {standing.engine}"
+            if standing
+            else ""
+        )
+        typer.echo(
+            f"{folder}: {verdict} ({len(report.problems)} problems; {report.pairs_checked} "
+            f"pairs that may happen at once, robots {_millimetres(report)}{stops})"
+        )
+    return COMPLETED if ok else FAILED
+
+
+def _millimetres(report: VerificationReport) -> str:
+    if math.isfinite(least := report.min_distance_robots_m):
+        return f"measured {1000 * least:.2f} mm apart at the closest"
+    return "far apart"
+
+
+def _content(
+    ok: bool, report: VerificationReport, standing: AdversaryReport | None
+) -> dict[str, object]:
+    from twin.host.guard import finite
+
+    content: dict[str, object] = {
+        "ok": ok,
+        "pairs_checked": report.pairs_checked,
+        "min_distance_robots_m": finite(report.min_distance_robots_m),
+        "min_distance_objects_m": finite(report.min_distance_objects_m),
+        "problems": [{"kind": p.kind, "message": p.message} for p in report.problems],
+        "adversary": None,
+    }
+    if standing is not None:
+        content["adversary"] = {
+            "states": standing.states,
+            "engine": standing.engine,
+            "min_distance_m": finite(standing.min_distance_m),
+            "violations": [
+                {**asdict(state), **asdict(violation)}
+                for state, violation in standing.violations
+            ],
+        }
+    return content
+
+
+verify = command(
+    f"{__name__}:verify_folder",
+    folder={"metavar": "PLAN"},
+)
+
+
+def follow_events(
+    plan: Path,
+    events: Path,
+    *,
+    every: float = 2.0,
+    samples: int = 200,
+    scenario: Path | None = None,
+    once: bool = False,
+    recording: Path | None = None,
+    view: bool = False,
+    as_json: bool = False,
+) -> int:
+    """Follow a run in progress: what every robot does, and when it will all be done.
+
+    Flags every event that the plan forbids, and forecasts the end of the run by drawing what is
+    not done again and again. Ends with 1 when something forbidden happened or the run failed.
+
+    Args:
+        plan: folder with the plan, such as that of a run.
+        events: event log of the run, a file that grows; - for standard input.
+        every: time of the run between forecasts, in seconds.
+        samples: futures that are drawn.
+        scenario: scenario that durations and disturbances are taken from; default: that of
+            the plan's folder.
+        once: stop at the end of the file, do not wait.
+        recording: write a recording for the Rerun viewer.
+        view: open the Rerun viewer and show the run in it.
+        as_json: print JSON lines: forecasts, violations, end.
+    """
+    from twin.follow.follow import follow as follow_run
+    from twin.follow.follow import growing_file, piped
+    from twin.follow.forecast import Forecaster
+    from twin.follow.state import FollowedRun
+    from twin.trial.plan_result import plan_of_run
+    from twin.trial.simulation import followed_execution
+
+    tpg = plan_of_run(plan)
+    name, model = followed_execution(plan, tpg, scenario)
+    run = FollowedRun(tpg, model.policy)
+    forecaster = Forecaster(tpg, model, samples=samples)
+    listeners = [_shown(run, name, json=as_json)]
+    if recording is not None or view:
+        from twin.follow.recording import LiveRecording
+
+        listeners.append(LiveRecording(run, recording, name=name, view=view))
+    lines = growing_file(events, wait=not once)
+    if str(events) == "-":
+        lines = piped(sys.stdin.buffer)
+    follow_run(lines, run, forecaster, listeners, every_s=every)
+    bad = bool(run.violations) or run.outcome == "failed"
+    return FAILED if bad else COMPLETED
+
+
+def _shown(run: FollowedRun, title: str, *, json: bool) -> Callable[[News], None]:
+    """Return what tells of news: JSON for programs, sentences, or a picture on a terminal."""
+    from twin.follow.display import TerminalDisplay, as_json, as_sentence
+
+    words = as_json if json else as_sentence
+
+    def write(news: News) -> None:
+        if line := words(news):
+            typer.echo(line)
+            sys.stdout.flush()
+
+    if json or not sys.stdout.isatty():
+        return write
+    from rich.console import Console
+
+    return TerminalDisplay(run, title, Console())
+
+
+follow = command(
+    f"{__name__}:follow_events",
+    every={"min": 0.001},
+    scenario={"metavar": "FILE"},
+    samples={"min": 1, "max": 100000},
+    recording={"metavar": "FILE"},
+)

@@ -88,22 +88,11 @@ def _note(line: str) -> None:
     typer.echo(f"note: {line}", err=True)
 
 
-apex_mr = command(
-    f"{__name__}:import_apex_mr_task",
-    output={"names": ("--output", "-o")},
-    press_from={"names": ("--press-from",)},
-)
-
 
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
 
 
-def import_brick_list(
-    file: Path,
-    *,
-    output: Path,
-    cell: Path | None = None,
-) -> None:
+def import_brick_list(file: Path, *, output: Path, cell: Path | None = None) -> None:
     """Make a scenario of a brick list.
 
     Args:
@@ -117,23 +106,16 @@ def import_brick_list(
     _write(file, read_brick_list(file), output, cell)
 
 
-def import_ldraw(
-    file: Path,
-    *,
-    output: Path,
-    cell: Path | None = None,
-) -> None:
+def import_ldraw(file: Path, **options: Any) -> None:
     """Make a scenario of a model of LDraw, as LeoCAD, Studio and others write them.
 
     Args:
         file: model of LDraw, .ldr or .mpd.
-        output: scenario file to write.
-        cell: scenario whose cell, plate and stock are taken; by default a cell is chosen:
-            two arms across a plate, and feeding stations.
+        options: those of import_brick_list.
     """
     from planning.importers.brick_models.ldraw import read_ldraw
 
-    _write(file, read_ldraw(file), output, cell)
+    _write(file, read_ldraw(file), **options)
 
 
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
@@ -222,21 +204,25 @@ def _check_reach(scenario: Scenario, folder: Path) -> None:
     check_reach(build_workcell(scenario, folder), assembly, names)
 
 
-bricks = command(
-    f"{__name__}:import_brick_list",
-    output={"names": ("--output", "-o")},
-    cell={"names": ("--cell",), "metavar": "SCENARIO"},
-)
-ldraw = command(
-    f"{__name__}:import_ldraw",
-    output={"names": ("--output", "-o")},
-    cell={"names": ("--cell",), "metavar": "SCENARIO"},
-)
-
+_FILES: dict[str, Any] = {
+    "output": {"names": ("--output", "-o")},
+    "cell": {"names": ("--cell",), "metavar": "SCENARIO"},
+}
 
 app = typer.Typer(
     no_args_is_help=True, help="Make scenarios from the files of other programs."
 )
-app.command("apex-mr")(apex_mr)
-app.command("bricks")(bricks)
-app.command("ldraw")(ldraw)
+for _name, _command in {
+    "apex-mr": command(
+        f"{__name__}:import_apex_mr_task",
+        output=_FILES["output"],
+        press_from={"names": ("--press-from",)},
+    ),
+    "bricks": command(f"{__name__}:import_brick_list", **_FILES),
+    "ldraw": command(
+        f"{__name__}:import_ldraw",
+        passes_to=f"{__name__}:import_brick_list",
+        **_FILES,
+    ),
+}.items():
+    app.command(_name)(_command)

@@ -24,7 +24,6 @@ def begin(path: Path, *, source: str | None = None, quiet: bool = False) -> None
         path: folder, or YAML file, for the new scenario.
         source: scenario to begin with, one that twin scenarios lists; by default two arms with
             grippers that put five parts into a tray.
-        quiet: print errors only.
     """
     from twin.scenario.shipped import TEMPLATE, begin_scenario
 
@@ -37,11 +36,7 @@ def begin(path: Path, *, source: str | None = None, quiet: bool = False) -> None
 
 
 def list_scenarios(*, as_json: bool = False) -> None:
-    """List the scenarios that come with the program; every command takes their names.
-
-    Args:
-        as_json: print JSON only.
-    """
+    """List the scenarios that come with the program; every command takes their names."""
     from rich.console import Console
     from rich.table import Table
 

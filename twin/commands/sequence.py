@@ -40,7 +40,6 @@ def find_order(
         output: write the scenario with these steps to a file.
         explain: say what the structure bears at a step, and draw which joints give way
             first: explain-STEP.png in this folder.
-        as_json: print JSON only.
     """
     from planning.lego.sequencing.blocking import check_reach
     from twin.planning.build_workcell import build_workcell

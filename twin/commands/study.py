@@ -1,4 +1,7 @@
-"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell."""
+"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell.
+
+``twin cluster``: certificates, and a scheduler and workers that only their holders reach, for studies.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from planning.errors import RequestError
+from planning.parallel import usable_cores
+from twin.cluster.certificates import (
+    DEFAULT_PORT,
+    certificates_in,
+    encrypted,
+    make_certificates,
+)
 from twin.commands.command import View, command
 from twin.host.guard import COMPLETED, print_json
 
 if TYPE_CHECKING:
-    from twin.api.comparisons import Comparison
-    from twin.api.studies import Study
+    from twin.api.studies import Comparison, Study
     from twin.cluster.certificates import Cluster
     from twin.host.progress import Report
     from twin.trial.loaded_scenario import LoadedScenario
@@ -22,28 +33,20 @@ if TYPE_CHECKING:
 def study_scenario(
     scenario: Path | None = None,
     *,
-    replications: int | None = None,
     precision: float = 0.02,
     least: int = 20,
     most: int = 10_000,
     confidence: float = 0.95,
-    policy: Sequence[str] = (),
     vary: Sequence[str] = (),
-    deadline: float | None = None,
-    antithetic: bool = False,
-    sobol: int = 0,
-    audit_sample: int = 20,
-    audit_engine: str | None = None,
-    shortcuts: int | None = None,
     seed: int | None = None,
-    workers: int | None = None,
     scheduler: str | None = None,
     certificates: Path | None = None,
     insecure: bool = False,
     plan: Path | None = None,
     resume: Path | None = None,
-    out: Path | None = None,
+    workers: int | None = None,
     progress: Report,
+    **options: Any,
 ) -> Study:
     """Replicate a plan under uncertainty: how long it takes, and how sure one can be.
 
@@ -52,34 +55,23 @@ def study_scenario(
 
     Args:
         scenario: file, or the name of one that comes with the program.
-        replications: of every policy and variant; default: until --precision.
         precision: go on until the interval of the mean is this narrow, relative to it.
         least: at least so many, with --precision.
         most: at most so many, with --precision.
         confidence: of all intervals.
-        policy: sequential, synchronous, 'synchronous + TPG', 'synchronous + TPG + shortcuts',
-            asynchronous, 'asynchronous + shortcuts' or open-loop; give it again for more.
-            Default: sequential, and what twin run executes.
         vary: any key, or one of the execution section: cell.robots.b.base.xyz_m.0=0.7,0.8
             plans each layout and ranks them, skills.pick.scale=1,2 needs no other plan. Give it
             again for every combination.
-        deadline: how likely is the run over by then [s]?
-        antithetic: draw replications in mirrored pairs.
-        sobol: points of the sample for Sobol indices, such as 128; 0 for none.
-        audit_sample: open-loop replications that PyBullet checks for collisions.
-        audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
-            is installed, else coal.
-        shortcuts: most shortcuts tried on each plan, in place of the scenario's.
         seed: in place of the scenario's.
-        workers: processes; 0 for none besides this one. Default: one a core.
         scheduler: address of a Dask scheduler that does the work: tls://host:port.
         certificates: folder with the certificates of the scheduler.
         insecure: use a tcp:// scheduler on another machine, unprotected.
         plan: study the plan in this folder of a run, instead of planning. Without SCENARIO that
             of the run is taken.
         resume: go on with the study in this folder.
-        out: folder for the results; default: logs/<scenario>-<UTC time>.
+        workers: processes; 0 for none besides this one. Default: one a core.
         progress: told how far each stage has come.
+        options: those of twin.study.
     """
     from twin.api import studies
     from twin.scenario.variations import parse_variation
@@ -93,19 +85,11 @@ def study_scenario(
     return studies.study(
         _subject(scenario, plan, seed),
         [parse_variation(text) for text in vary],
-        replications=replications,
         precision=Precision(precision, least, most, confidence),
-        policies=policy,
-        deadline_s=deadline,
-        antithetic=antithetic,
-        sobol=sobol,
-        audited=audit_sample,
-        audit_engine=audit_engine,
-        shortcuts=shortcuts,
         workers=workers,
         cluster=cluster,
-        out=out,
         progress=progress,
+        **options,
     )
 
 
@@ -129,7 +113,7 @@ def _subject(
 def _cluster(
     scheduler: str | None, certificates: Path | None, insecure: bool
 ) -> Cluster | None:
-    from twin.cluster.certificates import Cluster, certificates_in
+    from twin.cluster.certificates import Cluster
 
     if scheduler is None:
         if certificates is not None or insecure:
@@ -183,15 +167,97 @@ study = command(
     f"{__name__}:study_scenario",
     _show_study,
     columns=_columns,
+    passes_to="twin.api.studies:study",
     replications={"names": ("--replications", "-n"), "min": 1},
     precision={"min": 1e-6},
     least={"min": 2},
     most={"min": 2},
     confidence={"min": 0.5, "max": 0.9999},
-    sobol={"min": 0},
-    audit_sample={"min": 0},
-    certificates={"metavar": "DIR"},
-    plan={"metavar": "DIR"},
+    policies={"names": ("--policy",)},
+    deadline_s={"names": ("--deadline",)},
+    audited={"names": ("--audit-sample",)},
     resume={"metavar": "DIR"},
 )
-compare = command("twin.api.comparisons:compare", _show_comparison, seeds={"min": 1})
+compare = command("twin.api.studies:compare", _show_comparison, seeds={"min": 1})
+
+
+cluster = typer.Typer(
+    no_args_is_help=True, help="Let other machines help with studies, over TLS."
+)
+
+
+def make(folder: Path, *, days: int = 90) -> None:
+    """Make the certificates of a cluster: whoever has them may use it.
+
+    Args:
+        folder: folder to make; copy it to members.
+        days: valid for so long.
+    """
+    make_certificates(folder, days)
+    typer.echo(f"{folder}: valid for {days} days; key.pem is secret")
+
+
+def serve(
+    *,
+    certificates: Path,
+    host: str = "127.0.0.1",
+    port: int = DEFAULT_PORT,
+    workers: int | None = None,
+) -> None:
+    """Run a scheduler and workers on this machine until Ctrl-C.
+
+    Args:
+        certificates: folder that twin cluster certificates has made.
+        host: address of this machine to listen on, and on no other.
+        port: of the scheduler; 0 for any free one.
+        workers: processes on this machine. Default: one a core.
+    """
+    held = certificates_in(certificates)
+    _require_distributed()
+    from twin.cluster.serving import serve_cluster
+
+    count = usable_cores() if workers is None else workers
+    serve_cluster(held, host, port, count, typer.echo)
+
+
+def help_out(
+    address: str,
+    *,
+    certificates: Path,
+    host: str = "127.0.0.1",
+    workers: int | None = None,
+) -> None:
+    """Run workers on this machine for the scheduler of another, until Ctrl-C.
+
+    Args:
+        address: of the scheduler: tls://host:port.
+        certificates: folder that twin cluster certificates has made.
+        host: address of this machine to listen on, and on no other.
+        workers: processes on this machine. Default: one a core.
+    """
+    if not encrypted(address):
+        raise RequestError(f"{address}: give the address as tls://host:port")
+    held = certificates_in(certificates)
+    _require_distributed()
+    from twin.cluster.serving import serve_workers
+
+    count = usable_cores() if workers is None else max(1, workers)
+    serve_workers(held, address, host, count, typer.echo)
+
+
+def _require_distributed() -> None:
+    from twin.cluster.client import distributed
+
+    distributed()
+
+
+for _name, _command in {
+    "certificates": command(
+        f"{__name__}:make", folder={"metavar": "DIR"}, days={"min": 1, "max": 3650}
+    ),
+    "up": command(
+        f"{__name__}:serve", port={"min": 0, "max": 65535, "default": DEFAULT_PORT}
+    ),
+    "join": command(f"{__name__}:help_out"),
+}.items():
+    cluster.command(_name)(_command)

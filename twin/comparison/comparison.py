@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.motion.sequential import MotionSettings
 from planning.motion.speed import SpeedModel
 from planning.transforms import Array, Indices
 from scheduling.build_tpg import build_nodes
@@ -25,27 +24,18 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.kind import assembly_kind, timed
-from twin.planning.pipeline import (
-    default_shortcuts,
-    order_motions,
-    plan_in_slots,
-    plan_in_turns,
-    planned_shortcuts,
-    shorten,
-)
+from twin.planning.pipeline import default_shortcuts, plan_in_turns, planned_shortcuts
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
-    ASYNCHRONOUS,
-    ASYNCHRONOUS_SHORTCUTS,
     NAMED_POLICIES,
     OPEN_LOOP,
     SEQUENTIAL,
     SYNCHRONOUS,
-    SYNCHRONOUS_SHORTCUTS,
-    SYNCHRONOUS_TPG,
+    WHOLE_PLANS,
 )
 from twin.run.summary import lower_bound_s
 from twin.scenario.sections.scenario import Scenario
+from twin.trial.planning import CoordinatedPlans
 from twin.trial.simulation import execute
 
 
@@ -217,86 +207,36 @@ def measure_policies(
         )
     watch = StageWatch(progress)
     turns = plan_in_turns(scenario, base, watch)
-    measured = _Measured(scenario, base, turns.settings, progress, candidates)
-    measured.plan(SEQUENTIAL, build_nodes(turns.motion_plan), watch.seconds)
-
-    in_slots = StageWatch(progress)
-    slots = plan_in_slots(turns, in_slots)
-    of_slots = {**watch.seconds, **in_slots.seconds}
-    ordering = StageWatch(progress)
-    tpg = order_motions(slots.motion_plan, ordering, slots.slot_of_task)
-    # What waits for what in slots follows from the slots: no graph is part of this baseline.
-    measured.plan(SYNCHRONOUS, tpg, of_slots)
-    of_slots = {**of_slots, **ordering.seconds}
-    measured.plan(SYNCHRONOUS_TPG, tpg, of_slots)
-    measured.shortened(SYNCHRONOUS_SHORTCUTS, tpg, of_slots)
-
-    ordering = StageWatch(progress)
-    tpg = order_motions(turns.motion_plan, ordering)
-    of_turns = {**watch.seconds, **ordering.seconds}
-    measured.plan(ASYNCHRONOUS, tpg, of_turns)
-    measured.shortened(ASYNCHRONOUS_SHORTCUTS, tpg, of_turns)
-    return measured.found
-
-
-class _Measured:
-    """Measurements of the plans of a scenario, one a policy.
-
-    Args:
-        scenario: with the seed of plans and draws.
-        base: where its relative paths start.
-        settings: of the motions of all plans.
-        progress: told how far shortening has come.
-        candidates: shortcuts tried.
-    """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        base: Path,
-        settings: MotionSettings,
-        progress: Report,
-        candidates: int,
-    ) -> None:
-        self.found: dict[str, Measurement] = {}
-        self._scenario, self._base, self._settings = scenario, base, settings
-        self._progress, self._candidates = progress, candidates
-
-    def plan(
-        self, name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
-    ) -> None:
-        """Execute a plan under the policy of a name."""
-        tpg = timed(tpg, self._scenario, StageWatch())
-        run = execute(self._scenario, tpg, self._base, NAMED_POLICIES[name].release)
-        speeds = self._settings.speeds
-        merged = name in (SYNCHRONOUS_SHORTCUTS, ASYNCHRONOUS_SHORTCUTS)
-        ratio = None
+    plans = CoordinatedPlans(
+        turns, scenario, lambda: StageWatch(progress), candidates=candidates
+    )
+    found = {}
+    for name in COMPARED:
+        plan, release = NAMED_POLICIES[name]
+        seconds = {**watch.seconds, **plans.seconds(plan)}
+        if name == SEQUENTIAL:  # no graph is part of this baseline: nothing to wait for
+            tpg = timed(build_nodes(turns.motion_plan), scenario, StageWatch())
+        else:
+            tpg = plans[plan]
+        run = execute(scenario, tpg, base, release)
+        speeds, ratio = turns.settings.speeds, None
         if name in BASELINES:
+            # What waits for what in slots follows from the slots.
+            del seconds["tpg"]
             ratio = straight_line_ratio(tpg, run, speeds)
-        self.found[name] = Measurement(
+        found[name] = Measurement(
             makespan_s=run.makespan_s,
             wait_s=sum(map(run.wait_ns, range(len(tpg.chains)))) / NANOSECONDS,
-            planning_s=dict(planning_s),
-            straight_line_s=straight_line_s(tpg, run, speeds, past_home=merged),
+            planning_s=seconds,
+            straight_line_s=straight_line_s(
+                tpg, run, speeds, past_home=plan in WHOLE_PLANS
+            ),
             critical_path_s=lower_bound_s(tpg, run),
             straight_line_ratio=ratio,
             nodes=sum(len(chain) for chain in tpg.chains),
             type2_edges=len(tpg.edges),
         )
-
-    def shortened(
-        self, name: str, tpg: TemporalPlanGraph, planning_s: Mapping[str, float]
-    ) -> None:
-        """Shorten a plan, and execute it under the policy of a name."""
-        own = StageWatch(self._progress)
-        shorter = shorten(
-            tpg,
-            self._settings,
-            own,
-            candidates=self._candidates,
-            seed=self._scenario.seed,
-        )
-        self.plan(name, shorter, {**planning_s, **own.seconds})
+    return found
 
 
 def comparison_figures(rows: Rows) -> dict[str, dict[str, Any]]:

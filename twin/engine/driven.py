@@ -77,8 +77,9 @@ class DrivenExecution(Execution):
         )
 
     def commands(self) -> tuple[Array, ...]:
-        """Return what each robot was told, see ``Commands.rows``."""
-        return tuple(passage.commands.rows() for passage in self._passages)
+        """Return what each robot was told, see ``ExecutionRecord``."""
+        told = (np.array(passage.commands, float) for passage in self._passages)
+        return tuple(rows.reshape(-1, 5) for rows in told)
 
     def _robot(self, chain: int) -> Steps:
         drive = self._drives[chain]
@@ -132,7 +133,9 @@ class DrivenExecution(Execution):
             found = stopped_skill(self.tpg, (chain, node), motion, begin_ns, stops)
             self._stopped[chain, node] = found
             if found is not None:
-                self._passages[chain].commands.add(begin_ns, node, motion, 0.0, 0.0)
+                self._passages[chain].commands.append(
+                    (begin_ns, node, motion, 0.0, 0.0)
+                )
         stopped = self._stopped[chain, node]
         if stopped is None:
             return super()._moved(chain, node, begin_ns, offset_ns)

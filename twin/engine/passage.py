@@ -12,7 +12,6 @@ from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain
 from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.run.commands import Commands
 from twin.uncertainty.node_times import Standstill
 from twin.uncertainty.stops import Stops
 
@@ -71,7 +70,7 @@ class Passage:
         base_ns: a whole time from which ``passed`` counts [ns].
         passed: commanded time since then [ns].
         pending: standstills that it has begun to brake for.
-        commands: all that it was told.
+        commands: all that it was told, see ``ExecutionRecord``.
     """
 
     times: DriveTimes
@@ -79,7 +78,7 @@ class Passage:
     base_ns: int = 0
     passed: float = 0.0
     pending: list[Standstill] = field(default_factory=list)
-    commands: Commands = field(default_factory=Commands)
+    commands: list[tuple[float, int, float, float, float]] = field(default_factory=list)
 
     @property
     def now_ns(self) -> int:
@@ -122,7 +121,8 @@ class Passage:
                 took, leave, way = braked(length - gone, self.speed, ramp)
                 if took > 0.0:
                     begin = self.base_ns + self.passed
-                    self.commands.add(begin, node, gone, self.speed, -1.0 / ramp)
+                    told = (begin, node, gone, self.speed, -1.0 / ramp)
+                    self.commands.append(told)
                 self.passed += took
                 self.speed = leave
                 gone += way
@@ -150,25 +150,25 @@ class Passage:
         speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp
         covered = 0.5 * speeding * (peak + self.speed)
         begin = self.base_ns + self.passed
-        tell = self.commands.add
+        tell = self.commands.append
         if speeding > 0.0:
-            tell(begin, node, gone, self.speed, 1.0 / ramp)
+            tell((begin, node, gone, self.speed, 1.0 / ramp))
         if (steady := took - speeding - slowing) > 0.0:
-            tell(begin + speeding, node, gone + covered, peak, 0.0)
+            tell((begin + speeding, node, gone + covered, peak, 0.0))
         if slowing > 0.0:
             before = gone + left - 0.5 * slowing * (peak + leave)
-            tell(begin + speeding + max(steady, 0.0), node, before, peak, -1.0 / ramp)
+            tell((begin + speeding + max(steady, 0.0), node, before, peak, -1.0 / ramp))
         self.passed += took
         self.speed = leave
         if leave <= 0.0:
-            tell(self.base_ns + self.passed, node, gone + left, 0.0, 0.0)
+            tell((self.base_ns + self.passed, node, gone + left, 0.0, 0.0))
 
     def _stand(
         self, node: int, gone: float, stops: Stops | None
     ) -> list[tuple[int, Standstill]]:
         """Stand for all that is pending, and for as long as the clock has the robot stopped."""
         now = self.now_ns
-        self.commands.add(float(now), node, gone, 0.0, 0.0)
+        self.commands.append((float(now), node, gone, 0.0, 0.0))
         stood = []
         for item in self.pending:
             stood.append((now, Standstill(node, item.cause, item.duration_ns)))
@@ -189,23 +189,22 @@ class Passage:
         speeding, slowing = (peak - self.speed) * ramp, (peak - leave) * ramp
         covered = 0.5 * speeding * (peak + self.speed)
         steady = max(0.0, left - covered - 0.5 * slowing * (peak + leave)) / peak
-        tell, begin, entry = self.commands.add, self.base_ns + self.passed, self.speed
-        tell(begin, node, gone, entry, 1.0 / ramp if speeding > 0.0 else 0.0)
+        tell, begin, entry = (
+            self.commands.append,
+            self.base_ns + self.passed,
+            self.speed,
+        )
+        tell((begin, node, gone, entry, 1.0 / ramp if speeding > 0.0 else 0.0))
         if time <= speeding:
             gone += entry * time + 0.5 * time * time / ramp
             self.speed = entry + time / ramp
         else:
-            tell(begin + speeding, node, gone + covered, peak, 0.0)
+            tell((begin + speeding, node, gone + covered, peak, 0.0))
             braking_for = max(0.0, time - speeding - steady)
             at = min(time - speeding, steady)
             if braking_for > 0.0:
-                tell(
-                    begin + speeding + steady,
-                    node,
-                    gone + covered + peak * steady,
-                    peak,
-                    -1.0 / ramp,
-                )
+                done = gone + covered + peak * steady
+                tell((begin + speeding + steady, node, done, peak, -1.0 / ramp))
             gone += covered + peak * at
             gone += peak * braking_for - 0.5 * braking_for * braking_for / ramp
             self.speed = max(0.0, peak - braking_for / ramp)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 from planning.errors import OutputError
@@ -23,12 +24,6 @@ _WRITERS = {
     "ldraw": "ldraw.ldraw_files",
 }
 FORMATS = tuple(_WRITERS)
-
-_OF_NODES = frozenset({"perfetto", "graphml", "dot"})
-"""Formats that can show every node of the temporal plan graph, not one entry a task."""
-
-_AT_A_RATE = frozenset({"joint-trajectory", "joint-csv", "mcap"})
-"""Formats that sample motions."""
 
 FOLDER = "exports"
 """Default folder of exports, in that of the run."""
@@ -53,9 +48,11 @@ def exported_files(
         raise OutputError(f"unknown format {name!r}", choices=FORMATS)
     module, function = _WRITERS[name].rsplit(".", 1)
     write = getattr(import_module(f"twin.exports.{module}"), function)
-    options: dict[str, float] = {"nodes": nodes} if name in _OF_NODES else {}
-    if rate_hz is not None and name in _AT_A_RATE:
-        options["rate_hz"] = rate_hz
+    given = (
+        {"nodes": nodes} if rate_hz is None else {"nodes": nodes, "rate_hz": rate_hz}
+    )
+    known = signature(write).parameters
+    options = {key: value for key, value in given.items() if key in known}
     files: Mapping[str, bytes] = write(run, **options)
     return files
 

@@ -11,6 +11,7 @@ from planning.errors import RequestError
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
+from twin.run.activities import RobotProgress
 from twin.run.events import Event, EventLogError, parse_event, read_log
 from twin.run.folder import EVENTS, require_as_written
 from twin.trial.plan_result import plan_of_run
@@ -85,52 +86,20 @@ def skills_in_log(log: Path, tpg: TemporalPlanGraph) -> list[LoggedSkill]:
 def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
     """Yield the task of each skill node that was completed, and how long it took [ns]."""
     chains = {chain.robot: chain for chain in tpg.chains}
-    began: dict[str, tuple[int, int]] = {}
-    stood: dict[str, _Standing] = defaultdict(_Standing)
+    robots = {name: RobotProgress(name, len(chain)) for name, chain in chains.items()}
     for number, line in enumerate(read_log(log), start=1):
         event = _event(log, number, line)
         robot, node = event.robot, event.node
-        if event.kind in ("stalled", "stopped") and robot:
-            stood[robot].begin(event.t_ns)
-        elif event.kind == "resumed" and robot:
-            stood[robot].end(event.t_ns)
-        if node < 0:
+        nothing = robot not in chains or event.kind in ("started", "completed")
+        if node < 0 and nothing:
             continue
         if robot not in chains or node >= len(chains[robot]):
             raise RequestError(f"{log}:{number}: the plan beside it has no such node")
-        if event.kind == "started" or (event.kind == "retried" and robot in began):
-            began[robot] = (node, event.t_ns)
-            stood[robot].reset(event.t_ns)
-        elif event.kind == "completed":
-            start, t_ns = began.pop(robot, (-1, 0))
-            if start == node and chains[robot].skill[node]:
-                busy_ns = event.t_ns - t_ns - stood[robot].total_ns
-                yield int(chains[robot].task[node]), busy_ns
-
-
-class _Standing:
-    """Clock of a robot's standstills; those that overlap count once."""
-
-    def __init__(self) -> None:
-        self.total_ns = 0
-        self._depth = 0
-        self._since_ns = 0
-
-    def reset(self, t_ns: int) -> None:
-        """Count from a time on."""
-        self.total_ns, self._since_ns = 0, t_ns
-
-    def begin(self, t_ns: int) -> None:
-        """Note one more reason to stand."""
-        if self._depth == 0:
-            self._since_ns = t_ns
-        self._depth += 1
-
-    def end(self, t_ns: int) -> None:
-        """Note one reason less."""
-        self._depth = max(self._depth - 1, 0)
-        if self._depth == 0:
-            self.total_ns += t_ns - self._since_ns
+        now, chain = robots[robot], chains[robot]
+        done = event.kind == "completed" and now.under_way == node
+        if done and chain.skill[node]:
+            yield int(chain.task[node]), now.worked_ns(event.t_ns)
+        now.take(event)
 
 
 def _event(log: Path, number: int, line: str) -> Event:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,115 +15,95 @@ from rich.table import Table
 from rich.text import Text
 
 from twin.durations.model import NANOSECONDS
-from twin.follow.follow import RunListener
+from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
-from twin.follow.state import FollowedRun, ForbiddenEvent, RobotProgress
+from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.host.guard import finite
-from twin.run.events import Event, EventLogError
+from twin.run.activities import RobotProgress
+from twin.run.events import Event
 
 
-class JsonLines(RunListener):
-    """Writes one JSON object a line: forecasts, violations, unreadable lines, and the end."""
-
-    def __init__(self, write: Callable[[str], None]) -> None:
-        """Hand lines, without newlines, to ``write``."""
-        self._write = write
-
-    def violation(self, violation: ForbiddenEvent) -> None:
-        """Write a violation."""
-        self._put(
-            "violation",
-            t_s=violation.t_ns / NANOSECONDS,
-            robot=violation.robot,
-            node=violation.node,
-            task=violation.task,
-            edges=[list(edge) for edge in violation.edges],
-            text=violation.text,
-        )
-
-    def unreadable(self, number: int, error: EventLogError) -> None:
-        """Write which line is no event."""
-        self._put("unreadable", line=number, text=str(error))
-
-    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
-        """Write a forecast."""
-        p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
-        self._put(
-            "forecast",
-            t_s=forecast.t_s,
-            p50_s=finite(p50),
-            p90_s=finite(p90),
-            remaining_p50_s=finite(p50 - forecast.t_s),
-            remaining_p90_s=finite(p90 - forecast.t_s),
-            failing=forecast.failing,
-            nodes_done=forecast.nodes_done,
-            nodes=forecast.nodes,
-        )
-
-    def close(self, run: FollowedRun) -> None:
-        """Write how it ended, or how far it had come."""
-        self._put(
-            "end",
-            t_s=run.now_ns / NANOSECONDS,
-            outcome=run.outcome or None,
-            events=run.events,
-            violations=len(run.violations),
-            nodes_done=run.nodes_done,
-        )
-
-    def _put(self, what: str, **values: Any) -> None:
-        self._write(json.dumps({"kind": what, **values}))
+def as_json(news: News) -> str:
+    """Return news as an object of JSON; empty where nothing is to be said."""
+    content: dict[str, Any]
+    match news:
+        case ForbiddenEvent():
+            content = {
+                "kind": "violation",
+                "t_s": news.t_ns / NANOSECONDS,
+                "robot": news.robot,
+                "node": news.node,
+                "task": news.task,
+                "edges": [list(edge) for edge in news.edges],
+                "text": news.text,
+            }
+        case UnreadableLine():
+            content = {
+                "kind": "unreadable",
+                "line": news.number,
+                "text": str(news.error),
+            }
+        case Forecast():
+            p50, p90 = news.quantile(0.5), news.quantile(0.9)
+            content = {
+                "kind": "forecast",
+                "t_s": news.t_s,
+                "p50_s": finite(p50),
+                "p90_s": finite(p90),
+                "remaining_p50_s": finite(p50 - news.t_s),
+                "remaining_p90_s": finite(p90 - news.t_s),
+                "failing": news.failing,
+                "nodes_done": news.nodes_done,
+                "nodes": news.nodes,
+            }
+        case FollowedRun():
+            content = {
+                "kind": "end",
+                "t_s": news.now_ns / NANOSECONDS,
+                "outcome": news.outcome or None,
+                "events": news.events,
+                "violations": len(news.violations),
+                "nodes_done": news.nodes_done,
+            }
+        case _:
+            return ""
+    return json.dumps(content)
 
 
-class PlainLines(RunListener):
-    """Writes sentences, for where there is no terminal to draw on."""
+def as_sentence(news: News) -> str:
+    """Return news in words, for people; empty where nothing is to be said."""
+    match news:
+        case ForbiddenEvent():
+            return f"FORBIDDEN {news.text}"
+        case UnreadableLine():
+            return f"line {news.number} is no event: {news.error}"
+        case Forecast():
+            done = f"{news.t_s:8.1f} s  {news.nodes_done}/{news.nodes} nodes"
+            left = max(news.quantile(0.5) - news.t_s, 0.0)
+            ends = f"  {_ends(news)}: {left:.1f} s to go" if _ends(news) else ""
+            return done + ends + _failing(news)
+        case FollowedRun():
+            total = sum(len(robot.start_ns) for robot in news.robots)
+            what = news.outcome or "no end in the log yet"
+            count = len(news.violations)
+            forbidden = f"{count} forbidden events" if count else "nothing forbidden"
+            return (
+                f"{news.now_ns / NANOSECONDS:.3f} s: {what}, {news.nodes_done} of {total} nodes,"
+                f" {forbidden}"
+            )
+        case _:
+            return ""
 
-    def __init__(self, write: Callable[[str], None]) -> None:
-        """Hand lines, without newlines, to ``write``."""
-        self._write = write
 
-    def violation(self, violation: ForbiddenEvent) -> None:
-        """Write a violation."""
-        self._write(f"FORBIDDEN {violation.text}")
-
-    def unreadable(self, number: int, error: EventLogError) -> None:
-        """Write which line is no event."""
-        self._write(f"line {number} is no event: {error}")
-
-    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
-        """Write a forecast."""
-        self._write(forecast_sentence(forecast))
-
-    def close(self, run: FollowedRun) -> None:
-        """Write how it ended, or how far it had come."""
-        self._write(end_sentence(run))
-
-
-def forecast_sentence(forecast: Forecast) -> str:
-    """Return a forecast in words."""
+def _ends(forecast: Forecast) -> str:
+    """Return when a run will end; empty where it does not."""
     p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
-    text = f"{forecast.t_s:8.1f} s  {forecast.nodes_done}/{forecast.nodes} nodes"
-    if not math.isnan(p50):
-        text += (
-            f"  ends at {p50:.1f} s (P50), {p90:.1f} s (P90):"
-            f" {max(p50 - forecast.t_s, 0.0):.1f} s to go"
-        )
-    if forecast.failing > 0:
-        text += f"  a task fails in {100 * forecast.failing:.1f} % of futures"
-    return text
+    return "" if math.isnan(p50) else f"ends at {p50:.1f} s (P50), {p90:.1f} s (P90)"
 
 
-def end_sentence(run: FollowedRun) -> str:
-    """Return how a run ended in words, or how far it had come."""
-    what = run.outcome or "no end in the log yet"
-    total = sum(len(robot.start_ns) for robot in run.robots)
-    text = (
-        f"{run.now_ns / NANOSECONDS:.3f} s: {what}, {run.nodes_done} of {total} nodes"
-    )
-    count = len(run.violations)
-    return (
-        f"{text}, {count} forbidden events" if count else f"{text}, nothing forbidden"
-    )
+def _failing(forecast: Forecast) -> str:
+    share = 100 * forecast.failing
+    return f"  a task fails in {share:.1f} % of futures" if share > 0 else ""
 
 
 _MOST_VIOLATIONS = 5
@@ -137,7 +116,7 @@ _PAUSE_S = 0.1
 """Least time between two drawings [s]."""
 
 
-class TerminalDisplay(RunListener):
+class TerminalDisplay:
     """Draws the state of a run again whenever it has changed, ten times a second at most."""
 
     def __init__(self, run: FollowedRun, title: str, console: Console) -> None:
@@ -152,37 +131,24 @@ class TerminalDisplay(RunListener):
         self._live = Live(console=console, auto_refresh=False)
         self._live.start()
 
-    def event(self, event: Event, run: FollowedRun) -> None:
-        """Show what has changed."""
-        self._silent_s = 0.0
-        self._draw()
-
-    def unreadable(self, number: int, error: EventLogError) -> None:
-        """Show which line is no event."""
-        self._unreadable.append(f"line {number} is no event: {error}")
-        self._draw()
-
-    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
-        """Show how the run will end."""
-        self._forecast = forecast
-        self._draw()
-
-    def waiting(self, run: FollowedRun, silent_s: float) -> None:
-        """Show for how long there has been no event."""
-        self._silent_s = silent_s
-        self._draw()
-
-    def close(self, run: FollowedRun) -> None:
-        """Leave the last picture and a sentence on the terminal."""
-        self._draw(at_once=True)
-        self._live.stop()
-        self._console.print(end_sentence(run), highlight=False)
-
-    def _draw(self, *, at_once: bool = False) -> None:
+    def __call__(self, news: News) -> None:
+        """Show what has changed; at the end leave the last picture and a sentence on the terminal."""
+        match news:
+            case UnreadableLine():
+                self._unreadable.append(as_sentence(news))
+            case Forecast():
+                self._forecast = news
+            case Event():
+                self._silent_s = 0.0
+            case Silence():
+                self._silent_s = news.seconds
         now = time.monotonic()
-        if at_once or now - self._drawn >= _PAUSE_S:
+        if news is self._run or now - self._drawn >= _PAUSE_S:
             self._drawn = now
             self._live.update(self._picture(), refresh=True)
+        if news is self._run:
+            self._live.stop()
+            self._console.print(as_sentence(news), highlight=False)
 
     def _picture(self) -> Group:
         """Return the picture of the run as it is now."""
@@ -255,13 +221,10 @@ def _forecast_line(run: FollowedRun, forecast: Forecast | None, now: int) -> Tex
         return Text(f"{run.outcome} at {run.now_ns / NANOSECONDS:.3f} s", style="bold")
     if forecast is None:
         return Text(at)
-    p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
     text = Text(f"{at}  ")
-    if not math.isnan(p50):
-        text.append(f"ends at {p50:.1f} s (P50), {p90:.1f} s (P90)", style="bold")
-        left = [max(p - now / NANOSECONDS, 0.0) for p in (p50, p90)]
-        text.append(f"  {left[0]:.0f} to {left[1]:.0f} s to go")
-    if forecast.failing > 0:
-        share = 100 * forecast.failing
-        text.append(f"  a task fails in {share:.1f} % of futures", style="red")
-    return text
+    if ends := _ends(forecast):
+        left = (forecast.quantile(p) - now / NANOSECONDS for p in (0.5, 0.9))
+        low, high = (max(seconds, 0.0) for seconds in left)
+        text.append(ends, style="bold")
+        text.append(f"  {low:.0f} to {high:.0f} s to go")
+    return text.append(_failing(forecast), style="red")

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from planning.errors import OutputError
 from twin.durations.model import NANOSECONDS
@@ -100,37 +100,32 @@ def piped(stream: BinaryIO) -> Iterator[str | None]:
             yield line[:-1].decode("utf-8", errors="replace")
 
 
-class RunListener:
-    """Listener to a followed run; each kind overrides what it shows or keeps."""
+class UnreadableLine(NamedTuple):
+    """A line of the log, counted from 1, that is no event."""
 
-    def event(self, event: Event, run: FollowedRun) -> None:
-        """Take note of an event, which the state of the run holds already."""
+    number: int
+    error: EventLogError
 
-    def violation(self, violation: ForbiddenEvent) -> None:
-        """Take note of something that should not have happened."""
 
-    def unreadable(self, number: int, error: EventLogError) -> None:
-        """Take note of a line, counted from 1, that is no event."""
+class Silence(NamedTuple):
+    """For how long there has been no event [s]."""
 
-    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
-        """Take note of how the run will end."""
+    seconds: float
 
-    def waiting(self, run: FollowedRun, silent_s: float) -> None:
-        """Take note that there has been no event for a time."""
 
-    def close(self, run: FollowedRun) -> None:
-        """Finish; called once."""
+News = Event | ForbiddenEvent | UnreadableLine | Forecast | Silence | FollowedRun
+"""What is new about a followed run, whose state holds it already; the run itself is its end."""
 
 
 def follow(
     lines: Iterable[str | None],
     run: FollowedRun,
     forecaster: Forecaster,
-    listeners: Sequence[RunListener],
+    listeners: Sequence[Callable[[News], None]],
     *,
     every_s: float = 2.0,
     clock: Callable[[], float] = time.monotonic,
-) -> FollowedRun:
+) -> None:
     """Follow a run until it ends or there are no more lines.
 
     There is a forecast before the first event at or after every multiple of ``every_s`` of the
@@ -143,31 +138,29 @@ def follow(
         listeners: told of everything.
         every_s: time of the run between forecasts [s].
         clock: a clock of seconds.
-
-    Returns:
-        The run.
     """
     every = max(int(every_s * NANOSECONDS), 1)
     due = 0
     heard = clock()
-    number = 0
+
+    def tell(news: News) -> None:
+        for listener in listeners:
+            listener(news)
 
     def make_forecast(now_ns: int) -> None:
         nonlocal due
         due = (now_ns // every + 1) * every
-        forecast = forecaster.forecast(run, now_ns)
-        for listener in listeners:
-            listener.forecast(forecast, run)
+        tell(forecaster.forecast(run, now_ns))
 
     try:
+        number = 0
         for line in lines:
             if line is None:
                 silent_s = clock() - heard
                 now = run.now_ns + int(silent_s * NANOSECONDS)
                 if run.events and now >= due:
                     make_forecast(now)
-                for listener in listeners:
-                    listener.waiting(run, silent_s)
+                tell(Silence(silent_s))
                 continue
             number += 1
             heard = clock()
@@ -176,19 +169,15 @@ def follow(
             try:
                 event = parse_event(line)
             except EventLogError as error:
-                for listener in listeners:
-                    listener.unreadable(number, error)
+                tell(UnreadableLine(number, error))
                 continue
             if event.t_ns >= due and not run.outcome:
                 make_forecast(max(event.t_ns // every * every, run.now_ns))
             found = run.apply(event)
-            for listener in listeners:
-                listener.event(event, run)
-                for violation in found:
-                    listener.violation(violation)
+            tell(event)
+            for violation in found:
+                tell(violation)
             if run.outcome:
                 break
     finally:
-        for listener in listeners:
-            listener.close(run)
-    return run
+        tell(run)

@@ -19,7 +19,8 @@ from twin.durations.measured import Measured
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.state import FollowedRun, RobotProgress
+from twin.follow.state import FollowedRun
+from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
 from twin.uncertainty.skill_durations import least_ns

@@ -12,13 +12,14 @@ from planning.errors import OutputError
 from planning.tasks.task import GONE
 from planning.transforms import Array
 from scheduling.graph.task_edges import with_barriers
-from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import NodeHandling
 from twin.durations.model import Nanoseconds
-from twin.follow.follow import RunListener
+from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
+    RobotNames,
     draw_fixtures,
     draw_later,
     draw_object,
@@ -28,8 +29,8 @@ from twin.recorders.rerun.bodies import (
     unseen,
 )
 from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
-from twin.recorders.rerun.lanes import RobotNames, draw_lane
 from twin.recorders.rerun.layout import entity_path
+from twin.recorders.rerun.recorder import draw_lane
 from twin.run.activities import (
     FAILED,
     IDLE,
@@ -39,7 +40,7 @@ from twin.run.activities import (
     WAITING,
     plan_colours,
 )
-from twin.run.events import Event, EventLogError, Policy
+from twin.run.events import Event
 from twin.run.gantt import team_colours
 from twin.run.trajectory import Placement, Trajectory
 from twin.run.viewer import TIMELINE, live_viewer
@@ -55,7 +56,7 @@ _STATES = {
 _QUANTILES = {"P50": (0.5, (47, 111, 178)), "P90": (0.9, (206, 54, 48))}
 
 
-class LiveRecording(RunListener):
+class LiveRecording:
     """Keeps a followed run: motion, objects, events, forecasts, what should not have happened.
 
     A robot is shown to have moved once it has completed a node.
@@ -63,29 +64,28 @@ class LiveRecording(RunListener):
 
     def __init__(
         self,
-        tpg: TemporalPlanGraph,
+        run: FollowedRun,
         path: Path | None,
         *,
         name: str = "run",
         view: bool = False,
-        policy: Policy = "asynchronous",
     ) -> None:
         """Begin a recording.
 
         Args:
-            tpg: what is executed.
+            run: that is followed.
             path: of the ``.rrd`` file; None keeps none.
             name: of the recording.
             view: show it in a viewer while it grows.
-            policy: how nodes are released.
 
         Raises:
             OutputError: the file cannot be written.
             ViewerError: there is no viewer, or no display for it.
         """
-        self._tpg = tpg
-        self._policy = policy
-        self._words = PlanWords(with_barriers(tpg) if policy == "synchronous" else tpg)
+        tpg = run.tpg
+        self._run, self._tpg = run, tpg
+        in_slots = run.policy == "synchronous"
+        self._words = PlanWords(with_barriers(tpg) if in_slots else tpg)
         self._chain = {chain.robot: k for k, chain in enumerate(tpg.chains)}
         self._handlings: dict[tuple[str, int, int], NodeHandling] = {
             (item.object, item.robot, item.node): item for item in tpg.handlings
@@ -98,58 +98,56 @@ class LiveRecording(RunListener):
         self._connect(path, view=view)
         self._begin()
 
-    def close(self, run: FollowedRun) -> None:
-        """Show all there is, and finish the file."""
-        self._now_ns = run.now_ns
-        self._flush(ended=True)
-        self._rec.flush()
-        self._rec.disconnect()
+    def __call__(self, news: News) -> None:
+        """Keep what is new; what was held back is written when something is forecast or nothing comes."""
+        match news:
+            case Event():
+                self._keep(news)
+            case ForbiddenEvent():
+                self._at(news.t_ns)
+                self._say("forbidden", f"forbidden: {news.text}", "ERROR")
+            case UnreadableLine():
+                text = f"line {news.number} is no event: {news.error}"
+                self._say("unreadable", text, "WARN")
+            case Forecast():
+                self._at(news.t_ns)
+                for name, (p, _) in _QUANTILES.items():
+                    value = news.quantile(p)
+                    if not math.isnan(value):
+                        entity = entity_path(layout.FORECAST, name)
+                        self._rec.log(entity, rr.Scalars(value))
+                self._flush()
+            case Silence():
+                self._flush()
+            case FollowedRun():
+                self._flush(ended=True)
+                self._rec.flush()
+                self._rec.disconnect()
 
-    def event(self, event: Event, run: FollowedRun) -> None:
+    def _at(self, t_ns: int) -> None:
+        """Let what follows be of a time [ns]."""
+        self._rec.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
+
+    def _say(self, name: str, text: str, level: str) -> None:
+        """Keep a sentence among the events."""
+        self._rec.log(f"{layout.EVENTS}/{name}", rr.TextLog(text, level=level))
+
+    def _keep(self, event: Event) -> None:
         """Keep an event and what it says about motion and objects."""
-        self._now_ns = run.now_ns
-        waits = self._waits(event, run)
+        waits = self._waits(event)
         self._events.take(event, waits or event.detail or WAITING)
         chain = self._chain.get(event.robot)
         if chain is None:
             return
         if event.kind == "completed":
-            self._moved(chain, run)
+            self._moved(chain)
         elif event.kind in ("attached", "detached"):
             self._handled(chain, event)
         state = waits or self._state(event)
         if state and self._lane_state.get(event.robot) != state:
             self._lane_state[event.robot] = state
-            self._rec.set_time(TIMELINE, duration=np.timedelta64(event.t_ns, "ns"))
+            self._at(event.t_ns)
             self._rec.log(self._lanes[event.robot], rr.StateChange(state=state))
-
-    def violation(self, violation: ForbiddenEvent) -> None:
-        """Keep what should not have happened, as an error among the events."""
-        self._rec.set_time(TIMELINE, duration=np.timedelta64(violation.t_ns, "ns"))
-        self._rec.log(
-            f"{layout.EVENTS}/forbidden",
-            rr.TextLog(f"forbidden: {violation.text}", level="ERROR"),
-        )
-
-    def unreadable(self, number: int, error: EventLogError) -> None:
-        """Keep which line is no event, as a warning among the events."""
-        self._rec.log(
-            f"{layout.EVENTS}/unreadable",
-            rr.TextLog(f"line {number} is no event: {error}", level="WARN"),
-        )
-
-    def forecast(self, forecast: Forecast, run: FollowedRun) -> None:
-        """Keep a forecast."""
-        self._rec.set_time(TIMELINE, duration=np.timedelta64(forecast.t_ns, "ns"))
-        for name, (p, _) in _QUANTILES.items():
-            value = forecast.quantile(p)
-            if not math.isnan(value):
-                self._rec.log(entity_path(layout.FORECAST, name), rr.Scalars(value))
-        self._flush()
-
-    def waiting(self, run: FollowedRun, silent_s: float) -> None:
-        """Show all there is so far."""
-        self._flush()
 
     def _connect(self, path: Path | None, *, view: bool) -> None:
         sinks: list[rr.FileSink | rr.GrpcSink] = []
@@ -170,7 +168,6 @@ class LiveRecording(RunListener):
         """Draw the cell as it is before the run."""
         tpg, rec = self._tpg, self._rec
         draw_fixtures(rec, tpg.cell)
-        self._now_ns = 0
         self._events = EventBacklog()
         self._lane_state: dict[str, str] = {}
         self._lanes = {
@@ -213,20 +210,20 @@ class LiveRecording(RunListener):
         state = _STATES.get(event.kind, "")
         return self._words.state(state, event.task) if state else ""
 
-    def _waits(self, event: Event, run: FollowedRun) -> str:
+    def _waits(self, event: Event) -> str:
         """Return what a robot waits for that says it waits, in words; else nothing."""
-        if event.kind != "waiting":
-            return ""
         chain = self._chain.get(event.robot)
-        if chain is None or self._policy == "open-loop":
+        waits = event.kind == "waiting" and self._run.policy != "open-loop"
+        if chain is None or not waits:
             return ""
+        robots = self._run.robots
         return self._words.wait(
-            chain, event.node, lambda k, n: bool(run.robots[k].end_ns[n] >= 0)
+            chain, event.node, lambda k, n: bool(robots[k].end_ns[n] >= 0)
         )
 
-    def _moved(self, k: int, run: FollowedRun) -> None:
+    def _moved(self, k: int) -> None:
         """Keep the motion of the nodes that a robot has completed."""
-        chain, robot = self._tpg.chains[k], run.robots[k]
+        chain, robot = self._tpg.chains[k], self._run.robots[k]
         if chain.robot not in self._rows:
             return  # a machine, which is not drawn
         rows = self._rows[chain.robot]
@@ -258,7 +255,7 @@ class LiveRecording(RunListener):
 
     def _flush(self, *, ended: bool = False) -> None:
         """Send what has been collected, besides waits that may still become long ones."""
-        self._events.send(self._rec, self._words, self._now_ns, ended=ended)
+        self._events.send(self._rec, self._words, self._run.now_ns, ended=ended)
         self._names.send()
         for robot in self._tpg.cell.robots:
             rows = self._rows[robot.name]

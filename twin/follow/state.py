@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.run.activities import CAUSES
+from twin.durations.model import NANOSECONDS
+from twin.run.activities import CAUSES, RobotProgress
 from twin.run.events import Event, Policy
 
 
@@ -34,60 +32,6 @@ class ForbiddenEvent:
     task: int
     edges: tuple[tuple[str, int], ...]
     text: str
-
-
-@dataclass
-class RobotProgress:
-    """Progress of one robot.
-
-    Attributes:
-        name: of the robot.
-        start_ns, end_ns: of its nodes, -1 for what has not happened, shape (nodes,) [ns].
-        stood_ns: standstills within each node so far, shape (nodes,) [ns].
-        completed: nodes that it has completed.
-        standing: ``stalled`` or ``stopped`` while it is, else empty.
-        since_ns: when it began to stand [ns].
-        attempt_ns: when the node under way started, or its last attempt [ns].
-        attempts: attempts at the node under way that have failed.
-        failed: whether its task has failed for good.
-    """
-
-    name: str
-    start_ns: Nanoseconds
-    end_ns: Nanoseconds
-    stood_ns: Nanoseconds
-    completed: int = 0
-    standing: str = ""
-    since_ns: int = 0
-    attempt_ns: int = 0
-    attempts: int = 0
-    failed: bool = False
-
-    @property
-    def under_way(self) -> int:
-        """The node that has started and is not complete, -1 for none."""
-        node = self.completed
-        begun = node < len(self.start_ns) and self.start_ns[node] >= 0
-        return node if begun else -1
-
-    @property
-    def finished(self) -> bool:
-        """True once all its nodes are complete."""
-        return self.completed == len(self.start_ns)
-
-    def worked_ns(self, now_ns: int) -> int:
-        """Return for how long it has worked on the node under way, without standstills [ns].
-
-        Attempts that failed do not count.
-        """
-        node = self.under_way
-        if node < 0:
-            return 0
-        begun = max(int(self.start_ns[node]), self.attempt_ns)
-        stood = int(self.stood_ns[node])
-        if self.standing:
-            stood += max(now_ns - max(self.since_ns, begun), 0)
-        return max(now_ns - begun - stood, 0)
 
 
 @dataclass
@@ -120,15 +64,7 @@ class FollowedRun:
         edges = map(tuple, graph.edges.tolist())
         self._cause = dict(zip(edges, graph.cause.tolist(), strict=True))
         self._handled = {(h.object, h.robot, h.node) for h in graph.handlings}
-        self.robots = [
-            RobotProgress(
-                chain.robot,
-                np.full(len(chain), -1, dtype=np.int64),
-                np.full(len(chain), -1, dtype=np.int64),
-                np.zeros(len(chain), dtype=np.int64),
-            )
-            for chain in graph.chains
-        ]
+        self.robots = [RobotProgress(chain.robot, len(chain)) for chain in graph.chains]
 
     @property
     def nodes_done(self) -> int:
@@ -183,26 +119,14 @@ class FollowedRun:
             self._start(k, event)
         elif event.kind == "completed":
             self._complete(k, event)
-        elif event.kind in ("stalled", "stopped"):
-            if not robot.standing:
-                robot.since_ns = event.t_ns
-            robot.standing = event.kind
-        elif event.kind == "resumed":
-            self._resume(robot, event.t_ns)
-        elif event.kind == "retried":
-            # Work and standstills of the node under way count afresh.
-            robot.attempts += 1
-            robot.attempt_ns = event.t_ns
-            if robot.under_way >= 0:
-                robot.stood_ns[robot.under_way] = 0
-        elif event.kind == "failed":
-            robot.failed = True
         elif (
             event.kind in ("attached", "detached")
             and (event.object, k, node) not in self._handled
         ):
             what = f"the plan does not handle {event.object!r} in node {node}"
             self._flag(event, what)
+        else:
+            robot.take(event)
 
     def _start(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node
@@ -214,9 +138,7 @@ class FollowedRun:
         if robot.standing:
             self._flag(event, f"the robot is {robot.standing}")
         self._check_edges(k, event)
-        robot.start_ns[node] = event.t_ns
-        robot.attempts = 0
-        robot.attempt_ns = event.t_ns
+        robot.take(event)
 
     def _complete(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node
@@ -225,20 +147,8 @@ class FollowedRun:
             return
         if robot.start_ns[node] < 0:
             self._flag(event, f"node {node} has not started")
-        # What was left out counts as done at once, so that state and run are equal again.
-        for left in range(robot.completed, node + 1):
-            if robot.start_ns[left] < 0:
-                robot.start_ns[left] = event.t_ns
-            robot.end_ns[left] = event.t_ns
-        robot.completed = max(robot.completed, node + 1)
+        robot.take(event)
         self._dispatcher.observe(k, node)
-
-    def _resume(self, robot: RobotProgress, t_ns: int) -> None:
-        node = robot.under_way
-        if robot.standing and node >= 0:
-            begun = max(robot.since_ns, robot.attempt_ns)
-            robot.stood_ns[node] += max(t_ns - begun, 0)
-        robot.standing = ""
 
     def _check_edges(self, k: int, event: Event) -> None:
         """Flag an event of a node that still waits for other robots."""

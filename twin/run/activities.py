@@ -1,4 +1,4 @@
-"""Activities of robots over time, told by the events of a run: the lanes of charts.
+"""What robots do, told by the events of a run: their progress, and activities, the lanes of charts.
 
 The states that a lane can have come with their colours, the causes of edges in words.
 """
@@ -9,12 +9,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle, groupby
 
+import numpy as np
+
 from planning.tasks.task import ARRIVE, HOLD, LEAVE, PRESENT, STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from twin.durations.model import Nanoseconds
 from twin.run.events import Event
 
 WAITING = "waiting"
@@ -81,8 +84,6 @@ of what it placed, until others are done."""
 _SUPPORTS = ("support-bottom", "support-top", HOLD)
 _PLACES = ("place-down", "place-up")
 
-_STANDS = {"stalled": STALLED, "stopped": STOPPED}
-
 
 @dataclass(frozen=True)
 class Activity:
@@ -138,75 +139,156 @@ def robot_activities(
     }
 
 
+class RobotProgress:
+    """What a robot has done so far and does now, as its events tell one after another.
+
+    Attributes:
+        name: of the robot.
+        start_ns, end_ns: of its nodes, -1 for what has not happened, shape (nodes,) [ns].
+        stood_ns: standstills within each node so far, failed attempts left out, shape (nodes,) [ns].
+        completed: nodes that it has completed.
+        attempt_ns: when the node under way started, or its last attempt [ns].
+        attempts: attempts at the node under way that have failed.
+        failed: whether its task has failed for good.
+    """
+
+    def __init__(self, name: str, nodes: int) -> None:
+        """Begin with nothing done."""
+        self.name = name
+        self.start_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
+        self.end_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
+        self.stood_ns: Nanoseconds = np.zeros(nodes, dtype=np.int64)
+        self.completed = self.attempt_ns = self.attempts = 0
+        self.failed = False
+        self._stands: list[tuple[str, int, int]] = []
+
+    @property
+    def standing(self) -> str:
+        """STALLED or STOPPED while it is, else empty; what began last, where one is within the other."""
+        return self._stands[-1][0] if self._stands else ""
+
+    @property
+    def standing_in_node(self) -> str:
+        """As standing, but empty once the node in which that began is complete: braking goes beyond it."""
+        here = self._stands and self._stands[-1][2] == self.completed
+        return self.standing if here else ""
+
+    @property
+    def since_ns(self) -> int:
+        """When it began to stand [ns]."""
+        return self._stands[0][1] if self._stands else 0
+
+    @property
+    def under_way(self) -> int:
+        """The node that has started and is not complete, -1 for none."""
+        node = self.completed
+        begun = node < len(self.start_ns) and self.start_ns[node] >= 0
+        return node if begun else -1
+
+    @property
+    def finished(self) -> bool:
+        """True once all its nodes are complete."""
+        return self.completed == len(self.start_ns)
+
+    def worked_ns(self, now_ns: int) -> int:
+        """Return for how long it has worked on the node under way, without standstills [ns].
+
+        Attempts that failed do not count.
+        """
+        node = self.under_way
+        if node < 0:
+            return 0
+        begun = max(int(self.start_ns[node]), self.attempt_ns)
+        stood = int(self.stood_ns[node])
+        if self.standing:
+            stood += max(now_ns - max(self.since_ns, begun), 0)
+        return max(now_ns - begun - stood, 0)
+
+    def take(self, event: Event) -> None:
+        """Take note of an event."""
+        node, t_ns = event.node, event.t_ns
+        if event.kind == "started":
+            self.start_ns[node] = self.attempt_ns = t_ns
+            self.attempts = 0
+        elif event.kind == "completed":
+            # What was left out counts as done at once, so that this is equal to the run again.
+            left = slice(self.completed, node + 1)
+            self.start_ns[left] = np.where(
+                self.start_ns[left] < 0, t_ns, self.start_ns[left]
+            )
+            self.end_ns[left] = t_ns
+            self.completed = max(self.completed, node + 1)
+        elif event.kind in (STALLED, STOPPED):
+            self._stands.append((event.kind, t_ns, self.completed))
+        elif event.kind == "resumed" and self._stands:
+            since_ns = max(self.since_ns, self.attempt_ns)
+            self._stands.pop()
+            if not self._stands and self.under_way >= 0:
+                self.stood_ns[self.under_way] += max(t_ns - since_ns, 0)
+        elif event.kind == "retried":
+            # Work and standstills of the node under way count afresh.
+            self.attempts += 1
+            self.attempt_ns = t_ns
+            if self.under_way >= 0:
+                self.stood_ns[self.under_way] = 0
+        elif event.kind == "failed":
+            self.failed = True
+
+
 class _RobotLog:
-    """Follows one robot through the events."""
+    """Stretches of one robot, told by its events."""
 
     def __init__(self, tpg: TemporalPlanGraph, chain: int) -> None:
         self._tasks = tpg.tasks
         self._chain = tpg.chains[chain]
-        self._node = -1
-        self._next = 0
-        self._failed = False
-        self._stands: list[str] = []
+        self._now = RobotProgress(self._chain.robot, len(self._chain))
         self._clock = 0
         self._out: list[Activity] = []
 
     def activities(self, events: Iterable[Event], end_ns: int) -> list[Activity]:
         """Return all stretches of the robot, none of them empty."""
-        mine = [event for event in events if event.robot == self._chain.robot]
-        for event in mine:
-            self._take(event)
-        if self._next < len(self._chain):
-            self._until(end_ns, FAILED if self._failed else self._state())
+        for event in events:
+            if event.robot != self._chain.robot:
+                continue
+            if event.kind in ("retried", "failed") and self._now.under_way >= 0:
+                self._until(event.t_ns, RETRYING)
+                self._mark_failed_attempt()
+            else:
+                self._until(event.t_ns, self._state())
+            self._now.take(event)
+        if not self._now.finished:
+            self._until(end_ns, FAILED if self._now.failed else self._state())
         return self._out
-
-    def _take(self, event: Event) -> None:
-        t = event.t_ns
-        if event.kind in ("retried", "failed") and self._node >= 0:
-            self._until(t, RETRYING)
-            self._mark_failed_attempt()
-            self._failed = event.kind == "failed"
-            return
-        self._until(t, self._state())
-        if event.kind == "started":
-            self._node = event.node
-        elif event.kind == "completed":
-            self._node, self._next = -1, event.node + 1
-            self._stands.clear()
-        elif event.kind in _STANDS:
-            self._stands.append(_STANDS[event.kind])
-        elif event.kind == "resumed" and self._stands:
-            self._stands.pop()
 
     def _mark_failed_attempt(self) -> None:
         """Tell the motion of the node under way as a failed attempt: motion comes last."""
         for k in range(len(self._out) - 1, -1, -1):
-            if self._out[k].first != self._node:
+            if self._out[k].first != self._now.under_way:
                 break
             if self._out[k].state not in STANDING:
                 self._out[k] = replace(self._out[k], state=RETRYING)
 
     def _state(self) -> str:
-        if self._stands:
-            return self._stands[-1]
-        if self._node < 0:
+        if self._now.standing_in_node:
+            return self._now.standing_in_node
+        if self._now.under_way < 0:
             return HOLDING if self._holds() else WAITING
-        return self._tasks[int(self._chain.task[self._node])].kind
+        return self._tasks[int(self._chain.task[self._now.under_way])].kind
 
     def _holds(self) -> bool:
         """Tell whether the robot stands at the end of a task in which it came to hold something."""
-        if not 0 < self._next < len(self._chain):
+        done = self._now.completed
+        if not 0 < done < len(self._chain):
             return False
-        last, now = self._chain.task[self._next - 1 : self._next + 1].tolist()
-        done, then = self._tasks[last], self._tasks[now]
-        lets_go = then.kind == STRAIGHT and then.object == done.object is not None
-        kept = done.kind in _PLACES and lets_go
-        return last != now and (kept or done.kind in _SUPPORTS)
+        last, now = self._chain.task[done - 1 : done + 1].tolist()
+        before, then = self._tasks[last], self._tasks[now]
+        lets_go = then.kind == STRAIGHT and then.object == before.object is not None
+        kept = before.kind in _PLACES and lets_go
+        return last != now and (kept or before.kind in _SUPPORTS)
 
     def _until(self, t_ns: int, state: str) -> None:
         if t_ns > self._clock:
-            node = self._node if self._node >= 0 else self._next
-            node -= state == HOLDING
+            node = self._now.completed - (state == HOLDING)
             there = node < len(self._chain)
             task = int(self._chain.task[node]) if there else -1
             node = node if there else -1

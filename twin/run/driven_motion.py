@@ -230,7 +230,7 @@ def _stretch_rows(chain: NodeChain, nodes: slice, commands: Array) -> Rows:
     Args:
         chain: its robot's nodes.
         nodes: those of the stretch.
-        commands: pieces of it, see ``Commands.rows``.
+        commands: pieces of it, see ``ExecutionRecord``.
     """
     drive = chain.drive
     assert drive is not None

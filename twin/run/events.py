@@ -189,7 +189,9 @@ class ExecutionRecord:
         raised_skills: number of skills that were drawn shorter than their joints' speed limits
             allow, and took what these allow.
         commands: what each robot was told where robots keep to limits of acceleration, one entry
-            a chain, see ``twin.run.policies``; empty otherwise.
+            a chain; empty otherwise. Pieces of constant acceleration, each of which lasts until the
+            next one begins, shape (pieces, 5): when it begins [ns], in which node, how far into it [ns],
+            the speed at that moment as a share of full speed, and its change [1/ns].
     """
 
     outcome: Outcome

@@ -218,6 +218,7 @@ def _draw_lane(
             lines=_NAME_LINES,
         )
         if label:
+            bright = np.dot(to_rgb(colours[span.state]), (0.299, 0.587, 0.114))
             axis.text(
                 0.5 * (low + high),
                 k,
@@ -226,7 +227,7 @@ def _draw_lane(
                 va="center",
                 fontsize=_NAME_SIZE,
                 linespacing=1.0,
-                color="white" if _dark(colours[span.state]) else INK,
+                color="white" if bright < 0.55 else INK,
             )
     for state, spans in bars.items():
         waits = state == WAITING
@@ -250,10 +251,6 @@ def _label(tpg: TemporalPlanGraph, names: Sequence[str], span: Activity) -> str:
     if span.state not in (tpg.tasks[span.task].kind, HOLDING):
         return ""
     return str(tpg.products[span.task]) if len(tpg.products) else names[span.task]
-
-
-def _dark(colour: str) -> bool:
-    return float(np.dot(to_rgb(colour), (0.299, 0.587, 0.114))) < 0.55
 
 
 def _binding_edges(

@@ -17,6 +17,9 @@ AT_ONCE = "at once"
 """Plans: one task after another; the same with a better order of tasks and shortcuts; in slots;
 these shortened; and in space and time, as constructions are."""
 
+WHOLE_PLANS = {SHORTENED: IN_TURNS, SLOTS_SHORTENED: IN_SLOTS}
+"""The plan that each of those with shortcuts is made of."""
+
 SEQUENTIAL = "sequential"
 SYNCHRONOUS = "synchronous"
 SYNCHRONOUS_TPG = "synchronous + TPG"

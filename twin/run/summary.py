@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +24,49 @@ from scheduling.pace import slowed_motions
 from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.policies import ASYNCHRONOUS, IN_TURNS, SEQUENTIAL, policy_name
+from twin.run.throughput import line_summary
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """Facts known before a run that its conclusion needs, also after a kill.
+
+    Attributes:
+        recording: whether ``run.rrd`` is wanted.
+        audit: whether the audit is to check what was executed; the name of an engine says with what.
+        planning_s: wall-clock seconds of the planning stages.
+        makespan_sequential_s: makespan of the plan in turns, one task after another [s].
+        plan_sha256: hash of the plan.
+        plan: which plan it is: a plan of twin.run.policies.
+        turns_sha256: hash of the plan in turns, where it is another one.
+        warnings: what is doubtful about the cell and what was asked for.
+        load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
+        step_order: numbers that the steps had before they were put into another order.
+        makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
+            plan is what became of it by a better order of tasks and shortcuts [s].
+    """
+
+    recording: bool = False
+    audit: bool | str = False
+    planning_s: Mapping[str, float] = field(default_factory=dict)
+    makespan_sequential_s: float | None = None
+    plan_sha256: str = ""
+    plan: str = IN_TURNS
+    turns_sha256: str | None = None
+    warnings: Sequence[str] = ()
+    load_bound_s: float | None = None
+    step_order: Sequence[int] = ()
+    makespan_asynchronous_s: float | None = None
 
 
 def summarise(
     tpg: TemporalPlanGraph,
     run: ExecutionRecord,
-    *,
     scenario: str,
-    plan: str = IN_TURNS,
-    planning_s: Mapping[str, float] | None = None,
+    about: Preparation = Preparation(),
     audit: Mapping[str, Any] | None = None,
-    makespan_sequential_s: float | None = None,
-    warnings: Sequence[str] = (),
-    line: Mapping[str, Any] | None = None,
+    due_s: Sequence[float] = (),
+    start_up: int | None = None,
 ) -> dict[str, Any]:
     """Return the figures of a run, with the keys of ``summary.json``.
 
@@ -44,44 +74,35 @@ def summarise(
         tpg: what was executed.
         run: how.
         scenario: its name.
-        plan: which plan ``tpg`` is.
-        planning_s: wall-clock seconds of the planning stages.
-        audit: engine, configurations, distances and violations, None when there was no audit.
-        makespan_sequential_s: makespan of the plan in turns, one task after another; by default that of the
+        about: what was known before. Where the makespan of the plan in turns is not, it is that of the
             same nodes with the same durations, one robot at a time.
-        warnings: what is doubtful about the cell and what was asked for.
-        line: what it achieves where it makes several products.
+        audit: engine, configurations, distances and violations, None when there was no audit.
+        due_s: when each product is due, where there are several [s].
+        start_up: products at the beginning that do not count for throughput and takt.
     """
-    machines = machine_chains(tpg)
-    if makespan_sequential_s is None:
-        total_ns = sum(
-            int(times[k].sum())
-            for times in (run.duration_ns, run.stood_ns)
-            for k in range(len(tpg.chains))
-            if k not in machines
-        )
-        makespan_sequential_s = total_ns / NANOSECONDS
+    robots = [k for k in range(len(tpg.chains)) if k not in machine_chains(tpg)]
+    completed = run.outcome == "completed"
+    sequential_s = about.makespan_sequential_s if completed else None
+    if sequential_s is None:
+        busy = [run.duration_ns[k].sum() + run.stood_ns[k].sum() for k in robots]
+        sequential_s = int(sum(busy)) / NANOSECONDS
 
     def seconds(of: Callable[[int], int]) -> dict[str, float]:
-        return {
-            c.robot: of(k) / NANOSECONDS
-            for k, c in enumerate(tpg.chains)
-            if k not in machines
-        }
+        return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
 
-    own = _machines(tpg, run)
-    given = {"machines": own, "slowed": slowed_motions(tpg)}
-    further: dict[str, Any] = {key: value for key, value in given.items() if value}
-    if line is not None:
-        further["line"] = dict(line)
+    further = {
+        "machines": _machines(tpg, run),
+        "slowed": slowed_motions(tpg),
+        "line": line_summary(tpg, run, due_s, start_up),
+    }
     return {
         "scenario": scenario,
         "seed": run.seed,
-        "policy": policy_name(plan, run.policy),
-        "plan": plan,
+        "policy": policy_name(about.plan, run.policy),
+        "plan": about.plan,
         "outcome": run.outcome,
         "makespan_s": run.makespan_s,
-        "makespan_sequential_s": makespan_sequential_s,
+        "makespan_sequential_s": sequential_s,
         "lower_bound_s": lower_bound_s(tpg, run),
         "wait_s": seconds(run.wait_ns),
         "stall_s": seconds(run.standing_ns),
@@ -90,10 +111,14 @@ def summarise(
         "raised_skills": run.raised_skills,
         "nodes": sum(len(chain) for chain in tpg.chains),
         "type2_edges": len(tpg.edges),
-        "planning_s": dict(planning_s or {}),
+        "planning_s": dict(about.planning_s),
         "audit": None if audit is None else dict(audit),
-        "warnings": list(warnings),
-    } | further
+        "warnings": list(about.warnings),
+        **{key: value for key, value in further.items() if value},
+        "makespan_asynchronous_s": about.makespan_asynchronous_s if completed else None,
+        "load_bound_s": about.load_bound_s,
+        "step_order": list(about.step_order) or None,
+    }
 
 
 def _machines(

@@ -15,15 +15,8 @@ from scheduling.motion_times import is_driven
 from twin.check.check import check_scenario
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
-from twin.planning.kind import timed
 from twin.planning.part_assembly.built import repeated_plans
-from twin.planning.pipeline import (
-    order_motions,
-    plan_in_slots,
-    plan_motions,
-    planned_shortcuts,
-    shorten,
-)
+from twin.planning.pipeline import plan_motions, planned_shortcuts
 from twin.run.policies import (
     ASYNCHRONOUS,
     ASYNCHRONOUS_SHORTCUTS,
@@ -34,6 +27,7 @@ from twin.run.policies import (
     SEQUENTIAL,
     SHORTENED,
     SLOTS_SHORTENED,
+    WHOLE_PLANS,
     plan_folder,
     policy_name,
 )
@@ -46,7 +40,7 @@ from twin.study.folder import Refused, StudyRequest
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import plan_best
+from twin.trial.planning import CoordinatedPlans, plan_best
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
@@ -100,27 +94,18 @@ def plan_for_study(
         turns = plan_best(scenario, base, watch).motions
     else:
         turns = plan_motions(scenario, base, watch)
-    plans = {}
     if needed & {IN_SLOTS, SLOTS_SHORTENED} and turns.cell.machines:
         raise ScenarioError(
             "a plan in slots cannot wait for machines, sources and products: leave out the"
             " policies that are synchronous"
         )
-    if needed & {IN_TURNS, SHORTENED}:
-        plans[IN_TURNS] = order_motions(turns.motion_plan, watch)
-    if needed & {IN_SLOTS, SLOTS_SHORTENED}:
-        slots = plan_in_slots(turns, watch)
-        plans[IN_SLOTS] = order_motions(slots.motion_plan, watch, slots.slot_of_task)
-    for whole, shortened in ((IN_TURNS, SHORTENED), (IN_SLOTS, SLOTS_SHORTENED)):
-        if shortened in needed:
-            plans[shortened] = shorten(
-                plans[whole],
-                turns.settings,
-                watch,
-                candidates=candidates,
-                seed=scenario.seed,
-            )
-    within = {name: timed(plan, scenario, watch) for name, plan in plans.items()}
+    made = CoordinatedPlans(turns, scenario, lambda: watch, candidates=candidates)
+    also = {WHOLE_PLANS.get(name) for name in needed}
+    within = {
+        name: made[name]
+        for name in (IN_TURNS, IN_SLOTS, *WHOLE_PLANS)
+        if name in needed | also
+    }
     plans = repeated_plans(within, turns.pattern, watch)
     return {name: plan for name, plan in plans.items() if name in needed}
 

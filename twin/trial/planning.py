@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
 from scheduling.build_tpg import build_nodes
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
@@ -18,7 +20,14 @@ from twin.planning.pipeline import (
     planned_shortcuts,
     shorten,
 )
-from twin.run.policies import AT_ONCE, IN_SLOTS, IN_TURNS, SHORTENED, SLOTS_SHORTENED
+from twin.run.policies import (
+    AT_ONCE,
+    IN_SLOTS,
+    IN_TURNS,
+    SHORTENED,
+    SLOTS_SHORTENED,
+    WHOLE_PLANS,
+)
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
@@ -90,38 +99,87 @@ def _repeated(plan: PlanResult, watch: StageWatch) -> PlanResult:
     return replace(plan, tpg=tpg, turns=found[IN_TURNS])
 
 
+class CoordinatedPlans:
+    """Plans of the same motions by their names in twin.run.policies, made when they are first asked for.
+
+    What robots do within their limits takes the time that it needs; see ``timed``.
+
+    Args:
+        motions: who does what and how everyone moves, one task after another.
+        scenario: that they are planned of.
+        watch: returns what measures the stages of a plan, beyond those of the plan that it is made of.
+        candidates: shortcuts tried.
+        keep_slots: leave the tasks of a plan in slots there when it is shortened.
+    """
+
+    def __init__(
+        self,
+        motions: PlannedMotions,
+        scenario: Scenario,
+        watch: Callable[[], StageWatch],
+        *,
+        candidates: int,
+        keep_slots: bool = False,
+    ) -> None:
+        self._motions, self._scenario, self._watch = motions, scenario, watch
+        self._candidates, self._keep_slots = candidates, keep_slots
+        self._made: dict[str, tuple[TemporalPlanGraph, Mapping[str, float]]] = {}
+
+    def __getitem__(self, name: str) -> TemporalPlanGraph:
+        """Return a plan."""
+        return timed(self._untimed(name)[0], self._scenario, self._watch())
+
+    def seconds(self, name: str) -> Mapping[str, float]:
+        """Return the wall-clock seconds of the stages of a plan."""
+        return self._untimed(name)[1]
+
+    def _untimed(self, name: str) -> tuple[TemporalPlanGraph, Mapping[str, float]]:
+        if name not in self._made:
+            before: Mapping[str, float] = {}
+            if whole := WHOLE_PLANS.get(name):
+                tpg, before = self._untimed(whole)
+            watch = self._watch()
+            if whole:
+                tpg = shorten(
+                    tpg,
+                    self._motions.settings,
+                    watch,
+                    candidates=self._candidates,
+                    seed=self._scenario.seed,
+                    keep_slots=self._keep_slots,
+                )
+            elif name == IN_SLOTS:
+                slots = plan_in_slots(self._motions, watch)
+                tpg = order_motions(slots.motion_plan, watch, slots.slot_of_task)
+            else:
+                tpg = order_motions(self._motions.motion_plan, watch)
+            self._made[name] = tpg, {**before, **watch.seconds}
+        return self._made[name]
+
+
 def _coordinated(
     loaded: LoadedScenario, first: PlannedMotions, watch: StageWatch
 ) -> PlanResult:
     """Return planned motions with their graph, ordered and shortened as the scenario says."""
-    scenario = loaded.sections
-    motion_plan, slots, turns = first.motion_plan, None, None
+    scenario, turns = loaded.sections, None
+    candidates = planned_shortcuts(scenario)
+    plans = CoordinatedPlans(
+        first,
+        scenario,
+        lambda: watch,
+        candidates=candidates,
+        keep_slots=scenario.execution.policy == "synchronous",
+    )
     name = AT_ONCE if assembly_kind(scenario.assembly).at_once else IN_TURNS
     if scenario.planning.coordination == "synchronous":
-        synchronous = plan_in_slots(first, watch)
-        motion_plan, slots = synchronous.motion_plan, synchronous.slot_of_task
-        turns, name = build_nodes(first.motion_plan), IN_SLOTS
-    tpg = order_motions(motion_plan, watch, slots)
-    candidates = planned_shortcuts(scenario)
-    if candidates:
-        turns = turns or tpg
-        name = SHORTENED if name != IN_SLOTS else SLOTS_SHORTENED
-        tpg = shorten(
-            tpg,
-            first.settings,
-            watch,
-            candidates=candidates,
-            seed=scenario.seed,
-            keep_slots=scenario.execution.policy == "synchronous",
-        )
-    return PlanResult(
-        loaded,
-        timed(tpg, scenario, watch),
-        name,
-        None if turns is None else timed(turns, scenario, watch),
-        watch.seconds,
-        made_of=first,
-    )
+        name = SLOTS_SHORTENED if candidates else IN_SLOTS
+        turns = timed(build_nodes(first.motion_plan), scenario, watch)
+    elif candidates:
+        name = SHORTENED
+    tpg = plans[name]
+    if name == SHORTENED:
+        turns = plans[IN_TURNS]
+    return PlanResult(loaded, tpg, name, turns, watch.seconds, made_of=first)
 
 
 def _refuse_improvement(scenario: Scenario) -> None:

@@ -10,7 +10,7 @@ passes through. The audit looks at each of these states.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,7 @@ from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
 from twin.run.policies import SHORTENED
-from twin.run.summary import summarise
-from twin.run.throughput import line_summary
+from twin.run.summary import Preparation, summarise
 from twin.scenario.manifest import MANIFEST, load_scenario, manifest_base, read_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
@@ -175,38 +174,6 @@ def execute(
     return Simulator(tpg, model).run(seed=scenario.seed, recorders=recorders)
 
 
-@dataclass(frozen=True)
-class Preparation:
-    """Facts known before a run that its conclusion needs, also after a kill.
-
-    Attributes:
-        recording: whether ``run.rrd`` is wanted.
-        audit: whether the audit is to check what was executed; an engine says with what.
-        planning_s: wall-clock seconds of the planning stages.
-        makespan_sequential_s: makespan of the plan in turns, one task after another [s].
-        plan_sha256: hash of the plan.
-        warnings: what the check before planning found doubtful.
-        plan: which plan it is: a plan of twin.run.policies.
-        turns_sha256: hash of the plan in turns, where it is another one.
-        load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
-        step_order: numbers that the steps had before they were put into another order.
-        makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
-            plan is what became of it by a better order of tasks and shortcuts [s].
-    """
-
-    recording: bool
-    audit: bool | Engine
-    planning_s: Mapping[str, float]
-    makespan_sequential_s: float | None
-    plan_sha256: str
-    plan: str
-    turns_sha256: str | None
-    warnings: Sequence[str] = ()
-    load_bound_s: float | None = None
-    step_order: Sequence[int] = ()
-    makespan_asynchronous_s: float | None = None
-
-
 def prepare(
     plan: PlanResult, *, recording: bool = False, audit: bool | Engine = False
 ) -> Preparation:
@@ -265,25 +232,9 @@ def figures(
         about: what was known before.
         audit: what the audit found, None where there was none.
     """
-    tpg, scenario = plan.tpg, plan.scenario.sections
-    completed = record.outcome == "completed"
-    found = summarise(
-        tpg,
-        record,
-        scenario=scenario.name,
-        plan=about.plan,
-        planning_s=about.planning_s,
-        audit=audit,
-        makespan_sequential_s=about.makespan_sequential_s if completed else None,
-        warnings=about.warnings,
-        line=line_summary(tpg, record, *assembly_kind(scenario.assembly).due()),
-    )
-    found["makespan_asynchronous_s"] = (
-        about.makespan_asynchronous_s if completed else None
-    )
-    found["load_bound_s"] = about.load_bound_s
-    found["step_order"] = list(about.step_order) or None
-    return found
+    scenario = plan.scenario.sections
+    due = assembly_kind(scenario.assembly).due()
+    return summarise(plan.tpg, record, scenario.name, about, audit, *due)
 
 
 STOPPING = "robots that stop"

@@ -33,6 +33,7 @@ from twin.run.folder import (
     require_as_written,
 )
 from twin.run.gantt import gantt_figure
+from twin.run.summary import Preparation
 from twin.scenario.manifest import (
     manifest_base,
     read_manifest,
@@ -43,7 +44,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, plan_of_run
 from twin.trial.run_result import Resumed, RunResult
-from twin.trial.simulation import Preparation, execute, figures, prepare
+from twin.trial.simulation import execute, figures, prepare
 
 if TYPE_CHECKING:
     from twin.audit.audit import AuditReport

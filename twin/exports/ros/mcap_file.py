@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.workcell import CellObject, Fixture
 from planning.errors import OutputError
-from planning.transforms import Array
-from twin.drawing.drawn_robot import DrawnRobot, corners_of_shape, drawn_robot
-from twin.drawing.paint import coloured_fixtures
+from twin.drawing.looks import coloured_fixtures, corners_of, drawn_robot
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.exports.ros.messages import (
     DEFINITIONS,
@@ -28,7 +27,6 @@ from twin.exports.ros.messages import (
     JOINT_TRAJECTORY,
     MARKER_ARRAY,
     TF_MESSAGE,
-    Colour,
     FramePose,
     Marker,
     frame_pose,
@@ -191,8 +189,17 @@ def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
         for item in cell.fixtures
     ]
     yield Message(0, _TF_STATIC, tf_message(0, fixed))
-    yield Message(0, _ROBOTS, marker_array(list(_robot_markers(drawn))))
-    yield Message(0, _FIXTURES, marker_array(list(_fixture_markers(run))))
+    bodies = [
+        Marker(link_frame(name, body.link), name, number, body.corners, body.colour)
+        for name, robot in drawn.items()
+        for number, body in enumerate(robot.bodies)
+    ]
+    yield Message(0, _ROBOTS, marker_array(bodies))
+    fixtures = [
+        _marker(_fixture_frame(item.name), item, colour)
+        for item, colour in coloured_fixtures(cell)
+    ]
+    yield Message(0, _FIXTURES, marker_array(fixtures))
     yield from _objects(run)
     spaces = _name_spaces([robot.name for robot in cell.robots])
     for robot in cell.robots:
@@ -243,7 +250,11 @@ def _objects(run: RunResult) -> Iterator[Message]:
         yield Message(state.t_ns, _TF, tf_message(state.t_ns, poses))
         if shown != state.frames.keys():
             shown = frozenset(state.frames)
-            markers = list(_object_markers(run, shown))
+            markers = [
+                _marker(object_frame(item.name), item, item.colour)
+                for item in run.tpg.cell.objects
+                if item.name in shown
+            ]
             yield Message(state.t_ns, _OBJECTS, marker_array(markers))
     if there is not None:
         yield from _again(there, run.makespan_ns + 1)
@@ -257,35 +268,16 @@ def _again(there: ObjectsThere, end_ns: int) -> Iterator[Message]:
         yield Message(t_ns, _TF, tf_message(t_ns, poses))
 
 
-def _robot_markers(drawn: Mapping[str, DrawnRobot]) -> Iterator[Marker]:
-    for name, robot in drawn.items():
-        for number, body in enumerate(robot.bodies):
-            frame = link_frame(name, body.link)
-            yield Marker(frame, name, number, body.corners, body.colour)
-
-
-def _fixture_markers(run: RunResult) -> Iterator[Marker]:
-    for item, colour in coloured_fixtures(run.tpg.cell):
-        corners = corners_of_shape(item.shape)
-        frame = _fixture_frame(item.name)
-        yield Marker(frame, item.name, 0, corners, _opaque(colour))
-
-
-def _object_markers(run: RunResult, names: frozenset[str]) -> Iterator[Marker]:
-    for item in run.tpg.cell.objects:
-        if item.name in names:
-            corners: Array = corners_of_shape(item.shape)
-            frame = object_frame(item.name)
-            yield Marker(frame, item.name, 0, corners, _opaque(item.colour))
+def _marker(
+    frame: str, item: Fixture | CellObject, colour: tuple[int, int, int]
+) -> Marker:
+    """Return what a thing looks like in its frame; its colour is given from 0 to 255."""
+    red, green, blue = (channel / 255.0 for channel in colour)
+    return Marker(frame, item.name, 0, corners_of(item.shape), (red, green, blue, 1.0))
 
 
 def _fixture_frame(name: str) -> str:
     return f"fixtures/{name}"
-
-
-def _opaque(colour: tuple[int, int, int]) -> Colour:
-    red, green, blue = colour
-    return red / 255.0, green / 255.0, blue / 255.0, 1.0
 
 
 def _name_spaces(robots: Iterable[str]) -> dict[str, str]:

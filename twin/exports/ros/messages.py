@@ -31,24 +31,14 @@ class CdrMessage:
         """What has been written so far."""
         return bytes(self._data)
 
-    def uint8(self, value: int) -> None:
-        """Write a byte; a bool is one too."""
-        self._data.append(value)
+    def numbers(self, form: str, *values: float) -> None:
+        """Write numbers of a form of ``struct``: B for bytes and bools, i, I or f."""
+        self._align(struct.calcsize(form))
+        self._data += struct.pack(f"<{len(values)}{form}", *values)
 
-    def int32(self, value: int) -> None:
-        """Write a signed integer."""
-        self._align(4)
-        self._data += struct.pack("<i", value)
-
-    def uint32(self, value: int) -> None:
-        """Write an unsigned integer; the length of a sequence is one too."""
-        self._align(4)
-        self._data += struct.pack("<I", value)
-
-    def float32(self, *values: float) -> None:
-        """Write numbers of single precision."""
-        self._align(4)
-        self._data += struct.pack(f"<{len(values)}f", *values)
+    def count(self, length: int) -> None:
+        """Write the length of a sequence or a string."""
+        self.numbers("I", length)
 
     def float64(self, values: Array) -> None:
         """Write numbers of double precision, without their count."""
@@ -59,26 +49,26 @@ class CdrMessage:
     def string(self, value: str) -> None:
         """Write a string."""
         encoded = value.encode() + b"\x00"
-        self.uint32(len(encoded))
+        self.count(len(encoded))
         self._data += encoded
 
     def strings(self, values: tuple[str, ...]) -> None:
         """Write a sequence of strings."""
-        self.uint32(len(values))
+        self.count(len(values))
         for value in values:
             self.string(value)
 
     def sequence(self, values: Array | None) -> None:
         """Write a sequence of numbers of double precision; None is an empty one."""
-        self.uint32(0 if values is None else values.size)
+        self.count(0 if values is None else values.size)
         if values is not None:
             self.float64(values)
 
     def time(self, t_ns: int) -> None:
         """Write a time or a duration [ns]."""
         seconds, rest = divmod(t_ns, NANOSECONDS)
-        self.int32(seconds)
-        self.uint32(rest)
+        self.numbers("i", seconds)
+        self.numbers("I", rest)
 
     def header(self, t_ns: int, frame: str) -> None:
         """Write a ``std_msgs/Header``."""
@@ -159,7 +149,7 @@ def joint_state(t_ns: int, names: tuple[str, ...], q: Array, v: Array | None) ->
 def tf_message(t_ns: int, poses: Sequence[FramePose]) -> bytes:
     """Return a ``tf2_msgs/TFMessage`` of one time [ns]."""
     out = CdrMessage()
-    out.uint32(len(poses))
+    out.count(len(poses))
     for pose in poses:
         out.header(t_ns, pose.parent)
         out.string(pose.child)
@@ -173,7 +163,7 @@ def joint_trajectory(t_ns: int, segment: Segment) -> bytes:
     out = CdrMessage()
     out.header(t_ns, "")
     out.strings(segment.joint_names)
-    out.uint32(len(segment.t_ns))
+    out.count(len(segment.t_ns))
     for k, passed_ns in enumerate(segment.t_ns.tolist()):
         out.sequence(segment.q[k])
         out.sequence(None if segment.v is None else segment.v[k])
@@ -186,7 +176,7 @@ def joint_trajectory(t_ns: int, segment: Segment) -> bytes:
 def marker_array(markers: Sequence[Marker]) -> bytes:
     """Return a ``visualization_msgs/MarkerArray`` that takes the place of all before it."""
     out = CdrMessage()
-    out.uint32(1 + len(markers))
+    out.count(1 + len(markers))
     _write(out, Marker("", "", 0, _NOTHING, (0.0, 0.0, 0.0, 0.0)), _DELETE_ALL)
     for marker in markers:
         _write(out, marker, _ADD)
@@ -197,27 +187,25 @@ def _write(out: CdrMessage, marker: Marker, action: int) -> None:
     # A stamp of 0 means: wherever the frame is at the time that is looked at.
     out.header(0, marker.frame)
     out.string(marker.space)
-    out.int32(marker.number)
-    out.int32(_TRIANGLE_LIST)
-    out.int32(action)
+    out.numbers("i", marker.number, _TRIANGLE_LIST, action)
     out.float64(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))  # pose
     out.float64(np.ones(3))  # scale
-    out.float32(*marker.colour)
+    out.numbers("f", *marker.colour)
     out.time(0)  # for good
-    out.uint8(True)  # locked to its frame
-    out.uint32(len(marker.corners))
+    out.numbers("B", True)  # locked to its frame
+    out.count(len(marker.corners))
     out.float64(marker.corners)
-    out.uint32(0)  # colours of single corners
+    out.count(0)  # colours of single corners
     out.string("")  # texture: resource, image, coordinates
     out.header(0, "")
     out.string("")
-    out.uint32(0)
-    out.uint32(0)
+    out.count(0)
+    out.count(0)
     out.string("")  # text
     out.string("")  # mesh: resource, file, its materials
     out.string("")
-    out.uint32(0)
-    out.uint8(False)
+    out.count(0)
+    out.numbers("B", False)
 
 
 _TIME = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"

@@ -1,12 +1,14 @@
 """Fixtures and objects in the Rerun recording: what they look like, where they are.
 
-Robots in the Rerun recording: what they look like, their names, how they move.
+Robots in the Rerun recording: what they look like, how they move. Their names, each with that of what
+it holds, stand at their feet: a name beside a part would hide it, and where several robots work at one
+place the names would hide the work. What lies still is named on hovering.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +20,15 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import GONE
-from twin.drawing.drawn_robot import triangles_of
-from twin.drawing.paint import coloured_fixtures, painted_description
+from twin.drawing.looks import coloured_fixtures, painted_description, triangles_of
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.layout import WORLD_FRAME, entity_path, robot_part
-from twin.recorders.rerun.rerun_values import (
+from twin.recorders.rerun.layout import (
+    WORLD_FRAME,
+    entity_path,
     fixed_pose,
-    make_linear,
     quat_xyzw,
+    robot_part,
     time_column,
 )
 from twin.run.gantt import rgb
@@ -64,9 +66,7 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
     entity = entity_path(part)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / robot.model.urdf.name
-        painted = painted_description(robot, rgb(colour))
-        make_linear(painted.getroot())
-        painted.write(path)
+        painted_description(robot, rgb(colour), linear=True).write(path)
         tree = UrdfTree.from_file_path(
             path,
             entity_path_prefix=part,
@@ -232,12 +232,8 @@ def unseen(item: CellObject) -> Placement:
 def draw_object(rec: rr.RecordingStream, item: CellObject) -> None:
     """Draw an object that is there from the start."""
     frame = rr.CoordinateFrame(_frame(item.name))
-    if not item.shape.is_box:
-        looks = rr.Mesh3D.from_fields(**_mesh_fields(item.shape, item.colour))
-        rec.log(entity_path(layout.OBJECTS, item.name), frame, looks, static=True)
-        return
-    for path, fields in _boxes(item).items():
-        rec.log(path, frame, rr.Boxes3D.from_fields(**fields), static=True)
+    for path, (kind, fields) in _looks(item).items():
+        rec.log(path, frame, kind.from_fields(**fields), static=True)
 
 
 def draw_later(
@@ -247,23 +243,17 @@ def draw_later(
     seen: Sequence[bool],
 ) -> None:
     """Draw an object that comes or leaves: at some times [ns], whether it is seen from then on."""
-    frames = rr.CoordinateFrame.columns(frame=[_frame(item.name)] * len(t_ns))
-    times = [time_column(t_ns)]
-    if not item.shape.is_box:
-        columns = [*frames]
-        for name, value in _mesh_fields(item.shape, item.colour).items():
-            every = np.concatenate([value] * sum(seen)) if any(seen) else value[:0]
+    count = sum(seen)
+    for path, (kind, fields) in _looks(item).items():
+        columns = [*rr.CoordinateFrame.columns(frame=[_frame(item.name)] * len(t_ns))]
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                every = np.concatenate([value[:0], *[value] * count])
+            else:
+                every = value * count
             counts = [len(value) * there for there in seen]
-            field: dict[str, Any] = {name: every}
-            columns += rr.Mesh3D.columns(**field).partition(counts)
-        rec.send_columns(entity_path(layout.OBJECTS, item.name), times, columns)
-        return
-    for path, looks in _boxes(item).items():
-        some: dict[str, Any] = {
-            name: value * sum(seen) for name, value in looks.items()
-        }
-        columns = [*frames, *rr.Boxes3D.columns(**some).partition(seen)]
-        rec.send_columns(path, indexes=times, columns=columns)
+            columns += kind.columns(**{name: every}).partition(counts)
+        rec.send_columns(path, indexes=[time_column(t_ns)], columns=columns)
 
 
 def place_object(
@@ -301,23 +291,52 @@ def _mesh_fields(shape: Shape, colour: tuple[int, int, int]) -> dict[str, Any]:
     }
 
 
-def _boxes(item: CellObject) -> dict[str, dict[str, Any]]:
-    """Return what is drawn of a box: by entity, one value each of what it has."""
+def _looks(item: CellObject) -> dict[str, tuple[Any, dict[str, Any]]]:
+    """Return what is drawn of an object: by entity its archetype, and the rows of each of its fields."""
     entity = entity_path(layout.OBJECTS, item.name)
+    if not item.shape.is_box:
+        return {entity: (rr.Mesh3D, _mesh_fields(item.shape, item.colour))}
     fill = rr.components.FillMode
     half = item.size / 2.0
-    edge = tuple(channel // 3 for channel in item.colour)
-    return {
-        entity: {
-            "half_sizes": [half],
-            "colors": [item.colour],
-            "fill_mode": [fill.Solid],
-        },
-        # Edges tell neighbours of one colour apart.
-        f"{entity}/edges": {
-            "half_sizes": [half],
-            "colors": [edge],
-            "radii": [rr.Radius.ui_points(0.6)],
-            "fill_mode": [fill.MajorWireframe],
-        },
+    body = {"half_sizes": [half], "colors": [item.colour], "fill_mode": [fill.Solid]}
+    # Edges tell neighbours of one colour apart.
+    edges = {
+        "half_sizes": [half],
+        "colors": [tuple(channel // 3 for channel in item.colour)],
+        "radii": [rr.Radius.ui_points(0.6)],
+        "fill_mode": [fill.MajorWireframe],
     }
+    return {entity: (rr.Boxes3D, body), f"{entity}/edges": (rr.Boxes3D, edges)}
+
+
+class RobotNames:
+    """Takes placements of objects by time, and writes what each robot's name is from when on."""
+
+    def __init__(self, rec: rr.RecordingStream, robots: Iterable[str]) -> None:
+        """Begin with empty hands."""
+        self._rec = rec
+        self._held: dict[str, list[str]] = {robot: [] for robot in robots}
+        self._rows = {robot: [(0, robot)] for robot in self._held}
+
+    def take(self, placement: Placement) -> None:
+        """Take note that an object has changed hands."""
+        for robot, held in self._held.items():
+            had = placement.object in held
+            if had:
+                held.remove(placement.object)
+            if robot == placement.holder:
+                held.append(placement.object)
+            if had or robot == placement.holder:
+                name = f"{robot}: {', '.join(held)}" if held else robot
+                self._rows[robot].append((placement.t_ns, name))
+
+    def send(self) -> None:
+        """Write what there is since the last time."""
+        for robot, rows in self._rows.items():
+            if rows:
+                self._rec.send_columns(
+                    name_entity(robot),
+                    indexes=[time_column([t_ns for t_ns, _ in rows])],
+                    columns=rr.Points3D.columns(labels=[name for _, name in rows]),
+                )
+        self._rows = {robot: [] for robot in self._rows}

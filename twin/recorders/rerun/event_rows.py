@@ -5,8 +5,7 @@ Words for what robots do and wait for: each task with its part and step, waits w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +15,7 @@ from planning.tasks.task import TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.recorders.rerun import layout as layout
-from twin.recorders.rerun.rerun_values import time_column
+from twin.recorders.rerun.layout import time_column
 from twin.run.activities import (
     HOLDING,
     IDLE,
@@ -134,18 +133,6 @@ _LEVELS = {
 }
 
 
-class Wait(NamedTuple):
-    """Words for an event that tells of a wait.
-
-    Attributes:
-        words: what for.
-        long: whether it lasts long.
-    """
-
-    words: str
-    long: bool
-
-
 def long_waits(events: Sequence[Event], end_ns: int) -> dict[int, bool | None]:
     """Return of each event that tells of a wait, by its place, whether that is a long one.
 
@@ -167,42 +154,52 @@ def long_waits(events: Sequence[Event], end_ns: int) -> dict[int, bool | None]:
     return found
 
 
-def log_events(
-    rec: rr.RecordingStream,
-    words: PlanWords,
-    events: Sequence[Event],
-    waits: Mapping[int, Wait],
-) -> None:
-    """Keep event rows, as text for people and as columns for programs.
+class EventBacklog:
+    """Event rows, as text for people and as columns for programs.
 
-    Args:
-        rec: the recording.
-        words: for the plan.
-        events: what happened, in order.
-        waits: what to say of those of kind ``waiting``, by their place in ``events``.
+    Those of a run that goes on are kept back until it is known which waits become long ones.
     """
-    if not events:
-        return
-    sentences = [_sentence(words, event) for event in events]
-    levels = [_level(words, event) for event in events]
-    for place, wait in waits.items():
-        sentences[place] = f"{events[place].robot} {wait.words}"
-        levels[place] = _WARNING if wait.long else _QUIET
-    rec.send_columns(
-        layout.EVENTS,
-        indexes=[time_column([event.t_ns for event in events])],
-        columns=[
-            *rr.TextLog.columns(text=sentences, level=levels),
-            *rr.AnyValues.columns(
-                robot=_column([event.robot for event in events]),
-                kind=_column([event.kind for event in events]),
-                task=_column([event.task for event in events]),
-                node=_column([event.node for event in events]),
-                object=_column([event.object for event in events]),
-                detail=_column([event.detail for event in events]),
-            ),
-        ],
-    )
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._events: list[tuple[Event, str]] = []
+
+    def take(self, event: Event, waits: str) -> None:
+        """Take note of an event and, where it tells of a wait, what for in words."""
+        self._events.append((event, waits))
+
+    def send(
+        self, rec: rr.RecordingStream, words: PlanWords, now_ns: int, *, ended: bool
+    ) -> None:
+        """Write what is known at a time [ns], all there is once the run has ended."""
+        long = long_waits([event for event, _ in self._events], now_ns)
+        later = {k for k, known in long.items() if known is None and not ended}
+        events, sentences, levels = [], [], []
+        for k, (event, waits) in enumerate(self._events):
+            if k in later:
+                continue
+            events.append(event)
+            if k in long:
+                sentences.append(f"{event.robot} {waits}")
+                levels.append(_WARNING if long[k] else _QUIET)
+            else:
+                sentences.append(_sentence(words, event))
+                levels.append(_level(words, event))
+        self._events = [self._events[k] for k in sorted(later)]
+        if not events:
+            return
+        keys = ("robot", "kind", "task", "node", "object", "detail")
+        values = {
+            key: _column([getattr(event, key) for event in events]) for key in keys
+        }
+        rec.send_columns(
+            layout.EVENTS,
+            indexes=[time_column([event.t_ns for event in events])],
+            columns=[
+                *rr.TextLog.columns(text=sentences, level=levels),
+                *rr.AnyValues.columns(**values),
+            ],
+        )
 
 
 def _column(values: Sequence[str] | Sequence[int]) -> pa.Array:
@@ -227,30 +224,3 @@ def _sentence(words: PlanWords, event: Event) -> str:
         return f"{event.robot}: {event.object} {event.detail}"
     said = f"{event.robot} {event.kind} {words.task(event.task)}".rstrip()
     return f"{said}: {event.detail}" if event.detail else said
-
-
-class EventBacklog:
-    """Events of a run that goes on, kept back until it is known which waits become long ones."""
-
-    def __init__(self) -> None:
-        """Begin without any."""
-        self._events: list[tuple[Event, str]] = []
-
-    def take(self, event: Event, waits: str) -> None:
-        """Take note of an event and, where it tells of a wait, what for in words."""
-        self._events.append((event, waits))
-
-    def send(
-        self, rec: rr.RecordingStream, words: PlanWords, now_ns: int, *, ended: bool
-    ) -> None:
-        """Write what is known at a time [ns], all there is once the run has ended."""
-        long = long_waits([event for event, _ in self._events], now_ns)
-        unknown = {k for k, known in long.items() if known is None and not ended}
-        told = [k for k in range(len(self._events)) if k not in unknown]
-        waits = {
-            place: Wait(self._events[k][1], bool(long[k]))
-            for place, k in enumerate(told)
-            if k in long
-        }
-        log_events(rec, words, [self._events[k][0] for k in told], waits)
-        self._events = [self._events[k] for k in sorted(unknown)]

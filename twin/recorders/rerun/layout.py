@@ -1,4 +1,4 @@
-"""Names of what a Rerun recording holds, and its layout: camera, lanes, plots, text.
+"""Names, times and poses as a Rerun recording holds them, and its layout: camera, lanes, plots, text.
 
 The camera of a recording: so far away that all that happens on the site is in the picture.
 """
@@ -9,12 +9,13 @@ import math
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.kinematics.kinematics import joint_poses_of
-from planning.transforms import Array, Transform
+from planning.transforms import Array, Transform, quat_wxyz
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.run.viewer import TIMELINE
 
@@ -159,6 +160,27 @@ def entity_path(*parts: str) -> str:
 def robot_part(robot: str) -> str:
     """Return the path part under which a robot is drawn: one part, as the loader needs."""
     return f"robot-{robot}"
+
+
+def time_column(t_ns: npt.ArrayLike) -> rr.TimeColumn:
+    """Return simulated times [ns] as the recording's only timeline."""
+    exact = np.asarray(t_ns, dtype=np.int64).astype("timedelta64[ns]")
+    return rr.TimeColumn(TIMELINE, duration=exact)
+
+
+def quat_xyzw(pose: Array) -> Array:
+    """Return a rotation as Rerun wants it: (x, y, z, w)."""
+    return np.roll(quat_wxyz(pose), -1)
+
+
+def fixed_pose(pose: Array, parent: str, child: str) -> rr.Transform3D:
+    """Return the pose of a frame in another as a whole transform."""
+    return rr.Transform3D(
+        translation=pose[:3, 3],
+        quaternion=rr.Quaternion(xyzw=quat_xyzw(pose)),
+        parent_frame=parent,
+        child_frame=child,
+    )
 
 
 def run_layout(tpg: TemporalPlanGraph, makespan_s: float) -> rrb.Blueprint:

@@ -6,30 +6,41 @@ It is written in columns after the run, which is some hundred times faster than 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 
-from scheduling.graph.task_edges import machine_chains, with_barriers
+from scheduling.graph.task_edges import (
+    machine_chains,
+    with_barriers,
+    working_machines,
+)
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.guard import replacing
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.bodies import (
+    RobotNames,
     draw_fixtures,
     draw_robot,
     log_objects,
     move_robot,
 )
-from twin.recorders.rerun.event_rows import PlanWords, Wait, log_events, long_waits
-from twin.recorders.rerun.lanes import RobotNames, log_lanes, waits_for
-from twin.recorders.rerun.layout import entity_path
-from twin.recorders.rerun.rerun_values import time_column
+from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
+from twin.recorders.rerun.layout import entity_path, time_column
+from twin.run.activities import (
+    IDLE,
+    WAITING,
+    Activity,
+    plan_colours,
+    robot_activities,
+)
 from twin.run.events import Event, ExecutionRecord
 from twin.run.gantt import rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
-_WAITING = (120, 128, 138)
+_WAITING_COLOUR = (120, 128, 138)
 """Colour of the curve of waiting robots."""
 
 
@@ -81,29 +92,19 @@ def write_recording(
         names.send()
         log_lanes(rec, tpg, run, events, words)
         _log_progress(rec, tpg, run, colours)
-        log_events(rec, words, events, _waits(tpg, run, words, events))
+        backlog, index = EventBacklog(), tpg.chain_index
+        for event in events:
+            waits = ""
+            if event.kind == "waiting":
+                chain = index[event.robot]
+                waits = waits_for(words, run, chain, event.node, event.t_ns)
+            backlog.take(event, waits or event.detail)
+        backlog.send(rec, words, run.makespan_ns, ended=True)
         rec.send_property("makespan_s", rr.AnyValues(value=run.makespan_s))
         rec.flush()
         # Rerun's own file writer tells of a full disk on standard error only, or never ends.
         temporary.write_bytes(recording.drain_as_bytes() or b"")
         rec.disconnect()
-
-
-def _waits(
-    tpg: TemporalPlanGraph,
-    run: ExecutionRecord,
-    words: PlanWords,
-    events: Sequence[Event],
-) -> dict[int, Wait]:
-    """Return what to say of each event that tells of a wait, by its place."""
-    index = tpg.chain_index
-    found = {}
-    for place, long in long_waits(events, run.makespan_ns).items():
-        event = events[place]
-        chain = index[event.robot]
-        known = waits_for(words, run, chain, event.node, event.t_ns)
-        found[place] = Wait(known or event.detail, bool(long))
-    return found
 
 
 def _log_progress(
@@ -135,7 +136,12 @@ def _log_progress(
     total = np.cumsum(change[order])
     final = np.append(np.diff(times[order]) > 0, True)
     _log_steps(
-        rec, layout.WAITING, times[order][final], total[final], "waiting", _WAITING
+        rec,
+        layout.WAITING,
+        times[order][final],
+        total[final],
+        "waiting",
+        _WAITING_COLOUR,
     )
 
 
@@ -159,3 +165,80 @@ def _log_steps(
         indexes=[time_column(t_ns)],
         columns=rr.Scalars.columns(scalars=values.astype(float)),
     )
+
+
+def draw_lane(
+    rec: rr.RecordingStream,
+    robot: str,
+    states: Mapping[str, str],
+    known: Mapping[str, str],
+) -> str:
+    """Say which colours the words of a robot's lane have; return the lane's entity.
+
+    Args:
+        rec: the recording.
+        robot: whose lane.
+        states: the state that each text of the lane tells of.
+        known: colour of each state.
+    """
+    colours = [known[state] for state in states.values()]
+    opaque = [int(f"{colour[1:]}ff", 16) for colour in colours]
+    entity = entity_path(layout.LANES, robot)
+    texts = list(states)
+    rec.log(
+        entity,
+        rr.StateConfiguration(values=texts, colors=np.array(opaque, np.uint32)),
+        static=True,
+    )
+    return entity
+
+
+def log_lanes(
+    rec: rr.RecordingStream,
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    events: Sequence[Event],
+    words: PlanWords,
+) -> None:
+    """Show what each robot and each machine that works does as a lane, idle when it is done."""
+    told = robot_activities(tpg, events)
+    index = tpg.chain_index
+    names = [robot.name for robot in tpg.cell.robots]
+    for name in (*names, *(tpg.chains[k].robot for k in working_machines(tpg))):
+        lane = told.get(name, ())
+        said = [(item, _text(words, run, index[name], item)) for item in lane]
+        changes = []
+        states = {IDLE: IDLE}
+        for text, same in groupby(said, key=lambda pair: pair[1]):
+            first, _ = next(same)
+            changes.append((first.start_ns, text))
+            states[text] = first.state
+        end_ns = lane[-1].end_ns if lane else 0
+        if end_ns < run.makespan_ns:
+            changes.append((end_ns, IDLE))
+        changes.append((run.makespan_ns, ""))
+        rec.send_columns(
+            draw_lane(rec, name, states, plan_colours(tpg)),
+            indexes=[time_column([t for t, _ in changes])],
+            columns=rr.StateChange.columns(state=[text for _, text in changes]),
+        )
+
+
+def waits_for(
+    words: PlanWords, run: ExecutionRecord, chain: int, node: int, t_ns: int
+) -> str:
+    """Return whom a node of a run waited for at a time [ns], in words; empty for nobody."""
+    if run.policy == "open-loop" or node < 0:
+        return ""
+
+    def complete(other: int, source: int) -> bool:
+        return 0 <= int(run.end_ns[other][source]) <= t_ns
+
+    return words.wait(chain, node, complete)
+
+
+def _text(words: PlanWords, run: ExecutionRecord, chain: int, item: Activity) -> str:
+    waits = ""
+    if item.state == WAITING:
+        waits = waits_for(words, run, chain, item.first, item.start_ns)
+    return waits or words.state(item.state, item.task)

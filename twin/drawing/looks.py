@@ -1,11 +1,14 @@
-"""A robot as its links, where they hang in the chain of joints, and the triangles that they show.
+"""What things look like: shapes as triangles, round things smooth, meshes as they are; fixtures in colours.
 
-Shapes as triangles: round things smooth, meshes as they are.
+A robot as its links, where they hang in the chain of joints, and the triangles that they show. Each of a
+team is painted in its own colour, so that they can be told apart, with nothing left out.
 """
 
 from __future__ import annotations
 
+import copy
 import tempfile
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,11 +21,11 @@ from scipy.spatial import ConvexHull
 
 from planning.cell.cover import box_body
 from planning.cell.shape import Box, Capsule, Cylinder, Form, Mesh, Shape
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import Fixture, PlacedRobot, Workcell
 from planning.robots.descriptions.fitting import written_options
+from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Indices, Transform
-from twin.drawing.paint import painted_description
 
 _SIDES = 48
 """Sides of what is round."""
@@ -59,15 +62,13 @@ def triangles_of(shape: Shape) -> Triangles:
     )
 
 
-def corners_of_shape(shape: Shape) -> Array:
-    """Return the corners of the triangles of all that a shape is made of, three rows each."""
-    found = triangles_of(shape)
-    return np.asarray(found.vertices[found.faces.reshape(-1)])
+def corners_of(shape: Shape | Form) -> Array:
+    """Return the corners of triangles, three rows each, shape (3 k, 3) [m].
 
-
-def corners_of(form: Form) -> Array:
-    """Return the corners of a form's triangles, three rows each, shape (3 k, 3) [m]."""
-    found = _triangles(form)
+    Args:
+        shape: whose, all that it is made of; or one form.
+    """
+    found = triangles_of(shape) if isinstance(shape, Shape) else _triangles(shape)
     return np.asarray(found.vertices[found.faces.reshape(-1)])
 
 
@@ -76,9 +77,11 @@ def _triangles(form: Form) -> Triangles:
         return _flat(form.vertices, form.faces)
     if isinstance(form, Box):
         corners = box_body("box", form.size).vertices
-        return _flat(
-            corners, _outwards(corners, ConvexHull(corners).simplices.astype(np.int64))
-        )
+        faces = ConvexHull(corners).simplices.astype(np.int64)
+        # Anticlockwise as seen from outside; the origin is within.
+        a, b, c = (corners[faces[:, k]] for k in range(3))
+        inside = np.einsum("fx,fx->f", np.cross(b - a, c - a), a) < 0.0
+        return _flat(corners, np.where(inside[:, None], faces[:, ::-1], faces))
     return _turned(_profile(form))
 
 
@@ -94,13 +97,6 @@ def _flat(vertices: Array, faces: Indices) -> Triangles:
         np.repeat(across, 3, axis=0),
         np.arange(count, dtype=np.int64).reshape(-1, 3),
     )
-
-
-def _outwards(vertices: Array, faces: Indices) -> Indices:
-    """Return the faces of a hull around the origin, anticlockwise as seen from outside."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    inside = np.einsum("fx,fx->f", np.cross(b - a, c - a), a) < 0.0
-    return np.where(inside[:, None], faces[:, ::-1], faces)
 
 
 def _profile(form: Cylinder | Capsule) -> list[list[tuple[float, float, float, float]]]:
@@ -252,12 +248,141 @@ def _corners(shape: Any) -> Array:
     kind = type(shape).__name__
     if kind == "Box":
         return corners_of(Box(tuple((2.0 * np.asarray(shape.halfSide)).tolist())))
-    if kind == "Cylinder":
-        return corners_of(Cylinder(float(shape.radius), 2.0 * float(shape.halfLength)))
-    if kind == "Sphere":
-        return corners_of(Capsule(float(shape.radius), 0.0))
-    if kind == "Capsule":
-        return corners_of(Capsule(float(shape.radius), 2.0 * float(shape.halfLength)))
+    if kind in ("Cylinder", "Capsule", "Sphere"):
+        length = 2.0 * float(getattr(shape, "halfLength", 0.0))
+        turned = Cylinder if kind == "Cylinder" else Capsule
+        return corners_of(turned(float(shape.radius), length))
     vertices = np.asarray(shape.vertices(), dtype=np.float64)
     faces = [shape.tri_indices(k) for k in range(shape.num_tris)]
     return np.asarray(vertices[[[f[0], f[1], f[2]] for f in faces]].reshape(-1, 3))
+
+
+_PAINTED = 0.6
+"""Parts of a robot as saturated as this are painted in the team's colour."""
+
+_LIGHT = 0.75
+"""Meshes with all channels as light as this are tinted by it."""
+
+_TINT = 0.55
+"""Share of the team's colour in the tint."""
+
+_WHITE = (1.0, 1.0, 1.0)
+
+
+def paint(
+    urdf: ElementTree.Element, colour: tuple[int, int, int], *, linear: bool = False
+) -> None:
+    """Give a robot its colour: what is coloured takes it, white meshes are tinted.
+
+    Parts that are grey or black stay as they are.
+
+    Args:
+        urdf: root of the description, changed in place.
+        colour: red, green and blue, 0 to 255.
+        linear: write the intensities that the colour stands for, as some viewers take it.
+    """
+
+    def rgba(channels: Iterable[float]) -> str:
+        shades = [round(channel, 4) for channel in channels]
+        return " ".join(f"{_linear(c) if linear else c:.4f}" for c in shades) + " 1"
+
+    coats = {
+        material.get("name"): channels
+        for material in urdf.iter("material")
+        if (channels := _channels(material)) is not None
+    }
+    full = rgba(c / 255.0 for c in colour)
+    tint = rgba(1.0 - _TINT * (1.0 - c / 255.0) for c in colour)
+    for visual in urdf.iter("visual"):
+        material = visual.find("material")
+        own = None if material is None else _channels(material)
+        if own is None and material is not None:
+            own = coats.get(material.get("name"))
+        if own is not None and _saturation(own) >= _PAINTED:
+            _coat(visual, "team", full)
+        elif visual.find("geometry/mesh") is not None and min(own or _WHITE) >= _LIGHT:
+            _coat(visual, "team-tint", tint)
+
+
+def _linear(channel: float) -> float:
+    """Return the intensity that a channel, 0 to 1, stands for."""
+    return channel / 12.92 if channel <= 0.04045 else ((channel + 0.055) / 1.055) ** 2.4
+
+
+def _coat(visual: ElementTree.Element, name: str, rgba: str) -> None:
+    for material in visual.findall("material"):
+        visual.remove(material)
+    coat = ElementTree.SubElement(visual, "material", name=name)
+    ElementTree.SubElement(coat, "color", rgba=rgba)
+
+
+def _channels(material: ElementTree.Element) -> tuple[float, ...] | None:
+    """Return the colour that a material gives itself, red, green and blue from 0 to 1."""
+    coat = material.find("color")
+    try:
+        return (
+            None
+            if coat is None
+            else tuple(map(float, coat.get("rgba", "").split()))[:3]
+        )
+    except ValueError:
+        return None
+
+
+def _saturation(channels: tuple[float, ...]) -> float:
+    """Return how far from grey a colour is, 0 to 1; what is nearly black counts as grey."""
+    bright = max(channels, default=0.0)
+    return (bright - min(channels)) / bright if bright > 0.2 else 0.0
+
+
+_GREYS = ((178, 170, 158), (196, 201, 207), (140, 146, 154))
+
+
+def coloured_fixtures(
+    cell: Workcell,
+) -> Iterator[tuple[Fixture, tuple[int, int, int]]]:
+    """Yield the fixtures of a cell with their colours, 0 to 255: their own, or greys."""
+    ground, *others = _GREYS
+    for k, fixture in enumerate(cell.fixtures):
+        # The first one, mostly the table, is told apart from all that stand on it.
+        grey = ground if k == 0 else others[(k - 1) % len(others)]
+        yield fixture, fixture.colour or grey
+
+
+def painted_description(
+    robot: PlacedRobot, colour: tuple[int, int, int], *, linear: bool = False
+) -> ElementTree.ElementTree[ElementTree.Element]:
+    """Return a URDF in the robot's colour, every mesh path absolute: package roots differ.
+
+    Args:
+        robot: the robot.
+        colour: red, green and blue, 0 to 255.
+        linear: see paint.
+    """
+    tree = ElementTree.parse(robot.model.urdf)
+    for mesh in tree.getroot().iter("mesh"):
+        found = find_mesh(mesh.get("filename", ""), robot.model.package_dirs)
+        if found is not None:
+            mesh.set("filename", str(found.resolve()))
+    _show_hidden(robot, tree.getroot())
+    paint(tree.getroot(), colour, linear=linear)
+    return tree
+
+
+def _show_hidden(robot: PlacedRobot, root: ElementTree.Element) -> None:
+    """Have an arm or a tool of which a URDF shows nothing shown by what it collides with."""
+    groups: dict[str, set[str]] = {}
+    for part in robot.model.parts:
+        groups.setdefault(part.group, set()).add(part.body.name.rpartition("_")[0])
+    links = root.findall("link")
+    for names in groups.values():
+        own = [link for link in links if link.get("name") in names]
+        if any(link.find("visual") is not None for link in own):
+            continue
+        for link in own:
+            for collision in link.findall("collision"):
+                shown = copy.deepcopy(collision)
+                shown.tag = "visual"
+                looks = ElementTree.SubElement(shown, "material", name="shown")
+                ElementTree.SubElement(looks, "color", rgba="0.7 0.7 0.7 1")
+                link.append(shown)
