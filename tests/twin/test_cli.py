@@ -11,10 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
 from planning.errors import InfeasibleStepError, OutputError, TransitError, TwinError
-from twin.cli import app
+from tests.twin.program import invoke
 from twin.host.guard import guarded
 
 ROOT = Path(__file__).parents[2]
@@ -34,10 +33,6 @@ assembly:
   steps:
     - {brick: 2x4, at: [24, 24, 1], press: {side: 1, offset: 1}}
 """
-
-
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 @pytest.fixture
@@ -75,8 +70,7 @@ def test_a_bad_scenario_ends_with_code_2(case: str, command: str, here: Path) ->
     file = here / "scenario.yaml"
     if text is not None:
         file.write_text(text)
-    result = invoke(command, file)
-    assert result.exit_code == 2
+    result = invoke(command, file, code=2)
     assert result.stdout == ""
     messages = [s for s in result.stderr.splitlines() if f"{file}:" in s]
     assert len(messages) == 1, result.stderr
@@ -102,8 +96,7 @@ def test_bad_options_end_with_code_2(
     options: list[str], words: str, here: Path
 ) -> None:
     (here / "small.yaml").write_text(SMALL)
-    result = invoke("run", "small.yaml", *options)
-    assert result.exit_code == 2
+    result = invoke("run", "small.yaml", *options, code=2)
     assert words in result.stderr
     assert [p.name for p in here.iterdir()] == ["small.yaml"]
 
@@ -117,8 +110,7 @@ def test_an_output_folder_that_cannot_be_is_refused_before_planning(
     monkeypatch.setattr("twin.api.runs.plan_scenario", never)
     (here / "small.yaml").write_text(SMALL)
     (here / "taken").write_text("a file")
-    result = invoke("run", "small.yaml", "--out", "taken/run")
-    assert result.exit_code == 2
+    result = invoke("run", "small.yaml", "--out", "taken/run", code=2)
     assert "cannot be written to" in result.stderr
 
 
@@ -133,8 +125,7 @@ def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
     (here / "small.yaml").write_text(SMALL)
     if before:
         (here / "run").mkdir()
-    result = invoke("run", "small.yaml", "--out", "run")
-    assert result.exit_code == 2
+    result = invoke("run", "small.yaml", "--out", "run", code=2)
     assert result.stderr.splitlines()[-1] == "error: step 1 (2x4) cannot be done"
     assert (here / "run").exists() == before
 
@@ -142,13 +133,12 @@ def test_planning_that_fails_ends_with_code_2_and_leaves_no_folder(
 def test_validate_checks_every_file_and_says_what_is_in_them(here: Path) -> None:
     (here / "good.yaml").write_text(SMALL)
     (here / "bad.yaml").write_text(SMALL.replace("gp4", "gp9"))
-    result = invoke("validate", "bad.yaml", "good.yaml", CLIFF)
-    assert result.exit_code == 2
+    result = invoke("validate", "bad.yaml", "good.yaml", CLIFF, code=2)
     assert "bad.yaml:5:27: unknown robot model 'gp9'" in result.stderr
     assert result.stdout.splitlines()[0] == (
         "good.yaml: ok (1 robots, 1 steps, 1 bricks in stock)"
     )
-    assert invoke("validate", "good.yaml").exit_code == 0
+    invoke("validate", "good.yaml", code=0)
 
 
 def test_validate_prints_the_resolved_scenario(here: Path) -> None:
@@ -183,8 +173,7 @@ def test_doctor_finds_everything_it_needs() -> None:
 def test_doctor_does_without_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
     monkeypatch.setattr("twin.commands.doctor.OPTIONAL", ("pybullet", "no_pybullet"))
-    result = invoke("doctor")
-    assert result.exit_code == 0
+    result = invoke("doctor", code=0)
     assert "audit engine   coal" in result.stdout
     assert "pip install 'assembly-twin[audit]'" in result.stdout
 
@@ -193,29 +182,22 @@ def test_an_engine_that_is_not_there_is_told_of_before_planning(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "twin.audit.worlds.bullet_world", None)
-    scenario = ROOT / "scenarios" / "lego" / "cliff.yaml"
     for engine, said in (
         ("pybullet", "assembly-twin[audit]"),
         ("fcl", "pybullet, coal"),
     ):
-        result = invoke("run", scenario, "--audit-engine", engine, "--out", "r")
-        assert result.exit_code == 2
+        options = ("--audit-engine", engine, "--out", "r")
+        result = invoke("run", CLIFF, *options, code=2)
         assert said in result.stderr
         assert len(result.stderr.strip().splitlines()) == 1
     assert not (here / "r").exists()
 
 
-def test_replay_of_nothing_says_so(here: Path) -> None:
-    result = invoke("replay", here / "none")
-    assert result.exit_code == 2
-    assert "nothing to replay" in result.stderr
-
-
 def test_import_lists_the_tasks_there_are(here: Path) -> None:
     (here / "assembly_tasks").mkdir()
     (here / "assembly_tasks" / "cliff.json").write_text("{}")
-    result = invoke("import", "apex-mr", here, "--task", "clif", "-o", "out.yaml")
-    assert result.exit_code == 2
+    task = ("--task", "clif", "-o", "out.yaml")
+    result = invoke("import", "apex-mr", here, *task, code=2)
     assert "(valid: cliff)" in result.stderr
     assert not (here / "out.yaml").exists()
 
@@ -225,11 +207,10 @@ def test_import_writes_a_scenario_that_is_valid(here: Path) -> None:
     data = Path(os.environ.get("ASSEMBLY_TWIN_APEX_DATA", default))
     if not data.is_dir():
         pytest.skip("the published APEX-MR files are not here")
-    result = invoke("import", "apex-mr", data, "--task", "faucet", "-o", "faucet.yaml")
-    assert result.exit_code == 0, result.stderr
-    assert invoke("validate", "faucet.yaml").exit_code == 0
-    again = invoke("import", "apex-mr", data, "--task", "faucet", "-o", "no/f.yaml")
-    assert again.exit_code == 2
+    faucet = ("import", "apex-mr", data, "--task", "faucet", "-o")
+    invoke(*faucet, "faucet.yaml", code=0)
+    invoke("validate", "faucet.yaml", code=0)
+    again = invoke(*faucet, "no/f.yaml", code=2)
     assert "cannot be written" in again.stderr
 
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, Task
 from planning.transforms import Array
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.plan_files import save_plan
+from tests.twin.program import invoke
+from twin.planning.build_workcell import build_workcell
+from twin.scenario.manifest import load_scenario
 
 SCENARIO = """\
 version: 1
@@ -28,6 +35,25 @@ execution:
   skills:
     pick: {kind: lognormal, median_s: 5, p95_s: 6}
 """
+
+
+def planned_arms(folder: Path, more: str = "") -> Path:
+    """Write the scenario as ``two.yaml`` with more at its end, and a plan of it beside it."""
+    file = folder / "two.yaml"
+    file.write_text(SCENARIO + more)
+    save_plan(
+        build_tpg(turning_plan(build_workcell(load_scenario(file), folder))), folder
+    )
+    return folder
+
+
+def run_arms(folder: Path, *options: object, out: Path | None = None) -> Path:
+    """Execute the plan in a folder, neither audited nor recorded; return the folder of the run."""
+    out = out or folder / "run"
+    quick = ("--no-audit", "--no-recording", "-q")
+    arguments = ("run", folder / "two.yaml", "--plan", folder, "--out", out)
+    invoke(*arguments, *quick, *options, code=0)
+    return out
 
 
 def turning_plan(cell: Workcell) -> MotionPlan:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from planning.cell.robot_model import KinematicChain, RobotModel
 from planning.cell.shape import box_shape
 from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.tasks.task import SKILLS, TRANSIT, Task
-from planning.transforms import translation
+from planning.transforms import Array, translation
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
@@ -88,7 +89,7 @@ def random_tpg(
     owner = rng.integers(len(dofs), size=tasks)
     owner[: len(dofs)] = np.arange(len(dofs))
     task_list, order = [], []
-    parts: list[list[dict[str, object]]] = [[] for _ in dofs]
+    parts: list[list[_Node]] = [[] for _ in dofs]
     clock = 0.0
     for m in range(tasks):
         k = int(owner[m])
@@ -102,15 +103,7 @@ def random_tpg(
         for block in [path] if skill else [row[None] for row in path]:
             duration = 0.0 if rng.random() < 0.1 else float(rng.uniform(0.01, 2.0))
             order.append((k, len(parts[k])))
-            parts[k].append(
-                {
-                    "path": block,
-                    "task": m,
-                    "skill": skill,
-                    "duration": duration,
-                    "planned_start": clock,
-                }
-            )
+            parts[k].append(_Node(block, m, skill, duration, clock))
             clock += duration
     chains = tuple(
         _chain(cell.robots[k], nodes) for k, nodes in enumerate(parts) if nodes
@@ -142,19 +135,24 @@ def random_tpg(
     )
 
 
-def _chain(robot: PlacedRobot, nodes: list[dict[str, object]]) -> NodeChain:
-    paths = [np.asarray(node["path"]) for node in nodes]
+class _Node(NamedTuple):
+    path: Array
+    task: int
+    skill: bool
+    duration: float
+    planned_start: float
+
+
+def _chain(robot: PlacedRobot, nodes: list[_Node]) -> NodeChain:
+    paths, *columns = zip(*nodes, strict=True)
     counts = [len(path) for path in paths]
     return NodeChain(
-        robot=robot.name,
-        start=robot.home,
-        waypoints=np.vstack(paths),
-        fraction=np.concatenate([np.arange(1, c + 1) / c for c in counts]),
-        first=np.cumsum([0, *counts]),
-        task=np.array([node["task"] for node in nodes]),
-        skill=np.array([node["skill"] for node in nodes]),
-        duration=np.array([node["duration"] for node in nodes]),
-        planned_start=np.array([node["planned_start"] for node in nodes]),
+        robot.name,
+        robot.home,
+        np.vstack(paths),
+        np.concatenate([np.arange(1, c + 1) / c for c in counts]),
+        np.cumsum([0, *counts]),
+        *map(np.array, columns),
     )
 
 
@@ -169,13 +167,7 @@ def two_robot_tpg(edges: Sequence[tuple[int, int, int, int]]) -> TemporalPlanGra
         _chain(
             cell.robots[k],
             [
-                {
-                    "path": np.full((1, 1), 0.1 * (n + 1)),
-                    "task": k,
-                    "skill": False,
-                    "duration": 1.0,
-                    "planned_start": 3.0 * k + n,
-                }
+                _Node(np.full((1, 1), 0.1 * (n + 1)), k, False, 1.0, 3.0 * k + n)
                 for n in range(3)
             ],
         )

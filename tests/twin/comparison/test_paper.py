@@ -14,15 +14,17 @@ from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I, TABLE_II
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, write_report
 from benchmarks.apex_mr_tables import Measured
 from twin.comparison.comparison import (
-    ASYNCHRONOUS_SHORTCUTS,
     BASELINES,
     COMPARED,
-    SEQUENTIAL,
-    SYNCHRONOUS,
-    SYNCHRONOUS_SHORTCUTS,
     Measurement,
     Rows,
     comparison_figures,
+)
+from twin.run.policies import (
+    ASYNCHRONOUS_SHORTCUTS,
+    SEQUENTIAL,
+    SYNCHRONOUS,
+    SYNCHRONOUS_SHORTCUTS,
 )
 
 STAGES = ("assignment", "motion", "synchronous", "tpg", "shortcut")

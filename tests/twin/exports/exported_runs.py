@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed
 from twin.durations.measured import packaged_timings
+from twin.durations.model import NANOSECONDS
 from twin.exports.formats import exported_files
 from twin.recorders.observers import (
     JsonlRecorder,
@@ -66,6 +68,22 @@ def toy_run(
     recorded = RunResult(folder)
     recorded.__dict__["tpg"] = tpg
     return recorded, run
+
+
+def segments_of(run: RunResult, rate_hz: float | None = None) -> list[dict[str, Any]]:
+    """Return the segments of a run as its joint trajectories have them."""
+    text = exported(run, "joint-trajectory", rate_hz=rate_hz)["joint_trajectories.json"]
+    document = json.loads(text)
+    assert document["format"] == "assembly-twin joint trajectories"
+    found: list[dict[str, Any]] = document["segments"]
+    return found
+
+
+def stamp_ns(stamp: dict[str, int]) -> int:
+    """Return a time or duration of a message [ns]."""
+    assert set(stamp) == {"sec", "nanosec"}
+    assert 0 <= stamp["nanosec"] < NANOSECONDS
+    return stamp["sec"] * NANOSECONDS + stamp["nanosec"]
 
 
 def exported(

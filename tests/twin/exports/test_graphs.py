@@ -1,15 +1,25 @@
-"""GraphML and DOT are read by other programs as the graph that was executed."""
+"""GraphML and DOT are read by other programs as the graph that was executed, and as the tasks of its plan."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
 import networkx as nx
+import numpy as np
 import pydot
 import pytest
 
+from planning.cell.workcell import Workcell
+from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.tasks.task import Handling, Task
+from planning.transforms import identity, translation
+from scheduling.build_tpg import build_nodes
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.exports.exported_runs import exported, toy_run
+from tests.twin.twin_toys import toy_cell
+from twin.exports.graphs import task_graph
 from twin.trial.run_result import RunResult
 
 # pydot calls pyparsing by names that pyparsing wants to get rid of.
@@ -111,3 +121,85 @@ def test_names_with_quotes_survive_in_dot(run: RunResult) -> None:
     text = exported(run, "dot")["tpg.dot"].decode()
     assert text.startswith('digraph "toy: \\"run\\"" {')
     assert pydot.graph_from_dot_data(text)[0].get_name() == '"toy: \\"run\\""'
+
+
+ADA, BOB, BRICK = "robot_0", "robot_1", "brick_0"
+
+
+def task(index: int, robot: str, kind: str, *handlings: Handling) -> Task:
+    return Task(index, robot, kind, 1, f"{kind} {index}", np.zeros((2, 2)), handlings)
+
+
+def planned(cell: Workcell, tasks: tuple[Task, ...], *waits: int) -> TemporalPlanGraph:
+    """Return a plan of tasks of a second each; pairs of numbers say what waits for what."""
+    motions = tuple(
+        TaskMotion(np.zeros((3, 2)), np.linspace(k, k + 1, 3))
+        for k in range(len(tasks))
+    )
+    dependencies = np.array(waits, dtype=np.int64).reshape(-1, 2)
+    return build_nodes(MotionPlan(cell, tasks, motions, dependencies, ()))
+
+
+def handover() -> TemporalPlanGraph:
+    """Ada picks, hands over to Bob, who places."""
+    tasks = (
+        task(0, ADA, "pick", Handling(BRICK, 1, ADA, identity())),
+        task(1, BOB, "support-top"),
+        task(2, ADA, "handover", Handling(BRICK, 1, BOB, identity())),
+        task(3, BOB, "support-top"),
+        task(4, ADA, "support-top"),
+        task(5, BOB, "place-up", Handling(BRICK, 1, None, translation(1, 2, 3))),
+    )
+    return planned(toy_cell((2, 2)), tasks, 1, 2, 2, 3)
+
+
+def edges(tpg: TemporalPlanGraph, kind: str) -> set[tuple[str, str]]:
+    graph = task_graph(tpg)
+    return {(a, b) for a, b, found in graph.edges(data="kind") if found == kind}
+
+
+def test_tasks_are_ordered_by_their_robot_and_by_what_they_wait_for() -> None:
+    order = {(0, 2), (2, 4), (1, 3), (3, 5)}
+    assert edges(handover(), "order") == {(f"task {a}", f"task {b}") for a, b in order}
+    waits = {("task 1", "task 2"), ("task 2", "task 3")}
+    assert edges(handover(), "dependency") == waits
+    graph = task_graph(handover())
+    assert nx.is_directed_acyclic_graph(graph)
+    assert nx.has_path(graph, "task 0", "task 5")
+
+
+def test_an_object_passes_from_stay_to_stay() -> None:
+    tpg = handover()
+    taken = {("brick_0 0", "task 0"), ("brick_0 1", "task 3")}
+    assert edges(tpg, "attached") == taken
+    left = {("task 2", "brick_0 1"), ("task 5", "brick_0 2")}
+    assert edges(tpg, "detached") == left
+    graph = task_graph(tpg)
+    stays = [data for _, data in graph.nodes(data=True) if data["type"] == "object"]
+    assert [stay["holder"] for stay in stays] == ["", BOB, ""]
+    assert [stays[2][key] for key in ("x_m", "y_m", "z_m")] == [1.0, 2.0, 3.0]
+
+
+def test_an_object_that_comes_up_follows_the_task_that_lets_it() -> None:
+    cell = toy_cell((2, 2), objects=2)
+    first, second = cell.objects
+    cell = replace(cell, objects=(first, replace(second, later=True)))
+    comes = Handling("brick_1", 2, None, second.start)
+    tasks = (
+        task(0, ADA, "pick", Handling(BRICK, 1, ADA, identity()), comes),
+        task(1, BOB, "pick", Handling("brick_1", 1, BOB, identity())),
+    )
+    tpg = planned(cell, tasks)
+    assert edges(tpg, "detached") == {("task 0", "brick_1 0")}
+    assert ("brick_1 0", "task 1") in edges(tpg, "attached")
+
+
+def test_every_task_and_object_of_a_run_comes_back(tmp_path: Path) -> None:
+    run = toy_run(tmp_path)[0]
+    content = exported(run, "task-graph")["task_graph.graphml"]
+    graph = nx.read_graphml(BytesIO(content))
+    kinds = nx.get_node_attributes(graph, "type")
+    tasks = {name for name, kind in kinds.items() if kind == "task"}
+    assert tasks == {f"task {item.index}" for item in run.tpg.tasks}
+    objects = {graph.nodes[n]["object"] for n in graph if kinds[n] == "object"}
+    assert objects == {item.name for item in run.tpg.cell.objects}

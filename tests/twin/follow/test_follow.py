@@ -16,26 +16,22 @@ import pyarrow as pa
 import pytest
 from rerun.chunk import RrdReader
 from rich.console import Console
-from typer.testing import CliRunner, Result
 
 from planning.errors import OutputError
-from scheduling.build_tpg import build_tpg
-from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.plan_files import load_plan
 from tests.twin.drawn_runs import VARIED
+from tests.twin.program import invoke
 from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.simulated import simulate
-from tests.twin.turning_arms import SCENARIO, turning_plan
+from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
-from twin.cli import app
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.display import JsonLines, PlainLines, TerminalDisplay
-from twin.follow.follow import follow, growing_file, piped
+from twin.follow.display import TerminalDisplay, as_json, as_sentence
+from twin.follow.follow import Silence, follow, growing_file, piped
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
-from twin.planning.build_workcell import build_workcell
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import EventLogError, event_line
-from twin.scenario.manifest import load_scenario
 from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[3]
@@ -59,10 +55,10 @@ def followed(lines: Iterator[str | None], every_s: float = 5.0) -> tuple:
         lines,
         run,
         Forecaster(TPG, ExecutionModel(VARIED), samples=20),
-        [JsonLines(out.append)],
+        [lambda news: out.append(as_json(news))],
         every_s=every_s,
     )
-    return run, [json.loads(line) for line in out]
+    return run, [json.loads(line) for line in out if line]
 
 
 # Where lines come from
@@ -163,15 +159,18 @@ def test_time_goes_on_while_nothing_is_heard() -> None:
     lines = iter(
         ['{"t_s": 0, "robot": "robot_0", "kind": "started", "node": 0}', None, None]
     )
+    run = FollowedRun(tpg)
     follow(
         lines,
-        FollowedRun(tpg),
+        run,
         Forecaster(tpg, ExecutionModel(NOMINAL), samples=2),
-        [JsonLines(out.append)],
+        [lambda news: out.append(as_json(news))],
         every_s=1.0,
         clock=lambda: float(next(now)),
     )
-    forecasts = [e for e in map(json.loads, out) if e["kind"] == "forecast"]
+    forecasts = [
+        e for e in map(json.loads, filter(None, out)) if e["kind"] == "forecast"
+    ]
     assert [entry["t_s"] for entry in forecasts] == [0.0, 3.0, 6.0]
     # A node of 1 s that is not complete after 6 s can be so at once; 2 s are to come.
     assert [entry["p50_s"] for entry in forecasts] == [3.0, 6.0, 9.0]
@@ -205,7 +204,7 @@ def test_pictures_say_what_every_robot_does() -> None:
         iter(lines),
         run,
         Forecaster(tpg, ExecutionModel(NOMINAL), samples=2),
-        [display, PlainLines(plain.append)],
+        [display, lambda news: plain.append(as_sentence(news))],
     )
     text = out.getvalue()
     assert "stalled in transit 0" in text
@@ -215,8 +214,8 @@ def test_pictures_say_what_every_robot_does() -> None:
     assert plain[-1].endswith("0 of 6 nodes, 1 forbidden events")
     fresh = FollowedRun(tpg)
     display = TerminalDisplay(fresh, "toy", console)
-    display.waiting(fresh, 9.0)
-    display.close(fresh)
+    display(Silence(9.0))
+    display(fresh)
     assert "waits for node 1 of robot_0 (transit 0)" in out.getvalue()
     assert "no event for 9 s" in out.getvalue()
     assert EventLogError("x").args
@@ -228,29 +227,13 @@ def test_pictures_say_what_every_robot_does() -> None:
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two GP4, each of which turns aside."""
-    folder = tmp_path_factory.mktemp("plan")
-    (folder / "two.yaml").write_text(
-        SCENARIO + "  stalls: {count_per_robot: 1, duration_s: [2, 3]}\n"
-    )
-    cell = build_workcell(load_scenario(folder / "two.yaml"), folder)
-    save_plan(build_tpg(turning_plan(cell)), folder)
-    out = folder / "run"
-    result = invoke(
-        *("run", folder / "two.yaml", "--plan", folder, "--out", out),
-        *("--no-audit", "--no-recording", "-q"),
-    )
-    assert result.exit_code == 0, result.output
-    return out
-
-
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+    stalls = "  stalls: {count_per_robot: 1, duration_s: [2, 3]}\n"
+    return run_arms(planned_arms(tmp_path_factory.mktemp("plan"), stalls))
 
 
 def test_the_command_follows_a_log_to_its_end(run_folder: Path) -> None:
     log = run_folder / "events.jsonl"
-    result = invoke("follow", run_folder, log, "--json", "--every", 1)
-    assert result.exit_code == 0, result.output
+    result = invoke("follow", run_folder, log, "--json", "--every", 1, code=0)
     seen = [json.loads(line) for line in result.stdout.splitlines()]
     makespan = json.loads((run_folder / "summary.json").read_text())["makespan_s"]
     assert (seen[-1]["outcome"], seen[-1]["t_s"]) == ("completed", makespan)
@@ -290,13 +273,11 @@ def test_the_command_ends_with_what_there_is(run_folder: Path, tmp_path: Path) -
     log = tmp_path / "events.jsonl"
     content = (run_folder / "events.jsonl").read_text()
     log.write_text(content[: len(content) // 2])
-    result = invoke("follow", run_folder, log, "--once", "--json")
-    assert result.exit_code == 0, result.output
+    result = invoke("follow", run_folder, log, "--once", "--json", code=0)
     last = json.loads(result.stdout.splitlines()[-1])
     assert last["outcome"] is None
     assert 0 < last["nodes_done"] < 24
-    missing = invoke("follow", run_folder, tmp_path / "none.jsonl", "--once")
-    assert missing.exit_code == 2
+    invoke("follow", run_folder, tmp_path / "none.jsonl", "--once", code=2)
 
 
 def test_a_scenario_for_other_robots_is_refused(
@@ -305,8 +286,7 @@ def test_a_scenario_for_other_robots_is_refused(
     other = tmp_path / "other.yaml"
     other.write_text(SCENARIO.replace("name: right", "name: east"))
     log = run_folder / "events.jsonl"
-    result = invoke("follow", run_folder, log, "--scenario", other)
-    assert result.exit_code == 2
+    result = invoke("follow", run_folder, log, "--scenario", other, code=2)
     assert "is for robots left, right" in result.stderr
 
 
@@ -315,8 +295,7 @@ def test_the_recording_holds_motion_forecasts_and_events(
 ) -> None:
     path = tmp_path / "follow.rrd"
     log = run_folder / "events.jsonl"
-    result = invoke("follow", run_folder, log, "--recording", path, "--every", 1)
-    assert result.exit_code == 0, result.output
+    invoke("follow", run_folder, log, "--recording", path, "--every", 1, code=0)
     assert len(list(RrdReader(path).blueprints())) == 1
     assert broken_chains(path) == []
     makespan = json.loads((run_folder / "summary.json").read_text())["makespan_s"]

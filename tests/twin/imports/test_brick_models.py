@@ -9,23 +9,19 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from planning.importers.apex_mr.importer import HOME_DEG
 from planning.importers.brick_models.cell import APART
 from planning.importers.brick_models.ldraw import read_ldraw
 from planning.robots.registry import robot_model
-from twin.cli import app
+from tests.twin.program import invoke
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 ROOT = Path(__file__).parents[3]
 DESIGNS = sorted((ROOT / "scenarios" / "lego").glob("*.yaml"))
-
-
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def lego(path: Path) -> LegoSection:

@@ -6,14 +6,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 from rerun.chunk import RrdReader
 
+from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.robots.registry import robot_model
 from planning.transforms import translation
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from tests.twin.drawn_runs import VARIED
+from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
+from twin.recorders.observers import MemoryRecorder
+from twin.recorders.rerun.recorder import write_recording
+from twin.run.events import Event, ExecutionRecord, Policy
+from twin.uncertainty.skill_durations import SkillDurations
 
 
 def toy_of(models: Sequence[str], *, seed: int = 4, idle: int = 0) -> TemporalPlanGraph:
@@ -36,6 +44,27 @@ def toy_of(models: Sequence[str], *, seed: int = 4, idle: int = 0) -> TemporalPl
     taken = replace(second, object="later", waypoint=0, holder=f"robot_{second.robot}")
     cell = replace(tpg.cell, robots=robots, objects=(brick, later))
     return replace(tpg, cell=cell, handlings=(first, comes, second, taken))
+
+
+def recorded_run(
+    path: Path,
+    tpg: TemporalPlanGraph,
+    durations: SkillDurations = VARIED,
+    *,
+    seed: int = 1,
+    policy: Policy = "asynchronous",
+) -> tuple[ExecutionRecord, list[Event]]:
+    """Execute a graph once and write its recording; return the run and its events."""
+    memory = MemoryRecorder()
+    run = simulate(tpg, durations, seed=seed, policy=policy, recorders=[memory])
+    write_recording(path, tpg, run, memory.events)
+    return run, memory.events
+
+
+def moved_by(tpg: TemporalPlanGraph, model: RobotModel) -> TemporalPlanGraph:
+    """Return a graph of one robot whose robot is of a model."""
+    robot = PlacedRobot("robot_0", model, np.eye(4), model.home)
+    return replace(tpg, cell=replace(tpg.cell, robots=(robot,)))
 
 
 def rows(path: Path, entity: str, column: str) -> list[tuple[int, list]]:

@@ -19,7 +19,7 @@ from planning.robots.registry import robot_model
 from planning.transforms import from_quat_wxyz, from_rpy, identity, translation
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
-from tests.twin.recorders.recorded_toys import rows, static
+from tests.twin.recorders.recorded_toys import moved_by, recorded_run, rows, static
 from tests.twin.run.lane_oracle import robot_lanes
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
@@ -28,9 +28,8 @@ from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
 from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.bodies import frame_times
-from twin.recorders.rerun.recorder import write_recording
 from twin.run.activities import LANE_COLOURS, WAITING
-from twin.run.events import ExecutionRecord
+from twin.run.events import Event, ExecutionRecord
 from twin.run.gantt import gantt_figure, rgb, team_colours
 from twin.run.trajectory import object_placements, robot_trajectories
 
@@ -50,12 +49,10 @@ def gp4_tpg() -> TemporalPlanGraph:
 @pytest.fixture(scope="module")
 def recorded(
     tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[TemporalPlanGraph, ExecutionRecord, MemoryRecorder, Path]:
-    tpg, memory = gp4_tpg(), MemoryRecorder()
-    run = simulate(tpg, VARIED, seed=1, recorders=[memory])
+) -> tuple[TemporalPlanGraph, ExecutionRecord, list[Event], Path]:
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
-    write_recording(path, tpg, run, memory.events, name="toy")
-    return tpg, run, memory, path
+    tpg = gp4_tpg()
+    return tpg, *recorded_run(path, tpg), path
 
 
 def test_the_file_verifies(recorded: tuple) -> None:
@@ -74,12 +71,11 @@ def test_the_layout_travels_with_the_file(recorded: tuple) -> None:
 
 
 def test_the_recording_holds_the_event_rows(recorded: tuple) -> None:
-    _, _, memory, path = recorded
+    _, _, events, path = recorded
     for column in ("robot", "kind", "node", "object", "detail"):
         cells = rows(path, "/events", column)
-        assert [t for t, _ in cells] == [e.t_ns for e in memory.events]
-        assert [cell[0] for _, cell in cells] == [
-            getattr(e, column) for e in memory.events
+        assert [(t, cell[0]) for t, cell in cells] == [
+            (e.t_ns, getattr(e, column)) for e in events
         ]
 
 
@@ -130,7 +126,7 @@ def test_fixtures_have_the_colours_that_they_are_given(tmp_path: Path) -> None:
     )
     painted = replace(tpg, cell=replace(tpg.cell, fixtures=fixtures))
     path = tmp_path / "run.rrd"
-    write_recording(path, painted, simulate(painted, VARIED, seed=1), [], name="toy")
+    recorded_run(path, painted)
     assert static(path, "/fixtures/red", "Boxes3D:colors") == [0xFF000AFF]
     assert static(path, "/fixtures/round", "Mesh3D:albedo_factor") == [0x010203FF]
     (grey,) = static(path, "/fixtures/grey", "Boxes3D:colors")
@@ -191,11 +187,8 @@ def test_motion_is_cut_fine_and_standing_is_not(recorded: tuple) -> None:
 def test_meshes_of_other_packages_are_found(tmp_path: Path) -> None:
     """The Panda's description names its meshes by a package that nobody can look up."""
     tpg = random_tpg(3, dofs=(7,), tasks=2)
-    model = robot_model("panda")
-    robot = PlacedRobot("robot_0", model, np.eye(4), model.home)
-    tpg = replace(tpg, cell=replace(tpg.cell, robots=(robot,)))
     path = tmp_path / "run.rrd"
-    write_recording(path, tpg, simulate(tpg, VARIED, seed=0), ())
+    recorded_run(path, moved_by(tpg, robot_model("panda")))
     assert path.stat().st_size > 2_000_000
 
 
@@ -213,11 +206,8 @@ def test_an_arm_that_shows_nothing_is_seen_beside_a_tool_that_does(
     cup = Element(Cylinder(0.02, 0.1), translation(0, 0, 0.3))
     tool = Tool(name="cup", shapes=(cup,), tcp=translation(0, 0, 0.35))
     model = robot_model(str(arm), None, Fitting(tool=tool))
-    tpg = random_tpg(3, dofs=(1,), tasks=2)
-    robot = PlacedRobot("robot_0", model, np.eye(4), model.home)
-    tpg = replace(tpg, cell=replace(tpg.cell, robots=(robot,)))
     path = tmp_path / "run.rrd"
-    write_recording(path, tpg, simulate(tpg, VARIED, seed=0), ())
+    recorded_run(path, moved_by(random_tpg(3, dofs=(1,), tasks=2), model))
     drawn = {
         str(chunk.entity_path)
         for chunk in RrdReader(path).store().stream()
@@ -230,9 +220,9 @@ def test_an_arm_that_shows_nothing_is_seen_beside_a_tool_that_does(
 def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
     from matplotlib.image import imread
 
-    tpg, run, memory, _ = recorded
+    tpg, run, events, _ = recorded
     path = tmp_path / "gantt.png"
-    save_png(gantt_figure(tpg, run, memory.events, title="toy"), path)
+    save_png(gantt_figure(tpg, run, events, title="toy"), path)
     picture = imread(path)
     assert picture.shape[1] > 1500
     colours = np.unique(picture.reshape(-1, picture.shape[2])[::7], axis=0)

@@ -1,7 +1,8 @@
-"""What is seen in a recording: frames that lead to the world, names, colours, warnings, camera."""
+"""What is seen in a recording: frames that lead to the world, names, words, colours, warnings, camera."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,51 +10,52 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from planning.tasks.task import TRANSIT, Task
+from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from tests.twin.drawn_runs import VARIED
-from tests.twin.recorders.recorded_toys import rows, static, toy_of
+from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_of
 from tests.twin.recorders.transform_chains import broken_chains
-from tests.twin.simulated import simulate
-from twin.drawing.paint import paint
+from tests.twin.twin_toys import two_robot_tpg
+from twin.drawing.looks import paint
+from twin.follow.follow import Silence
 from twin.follow.recording import LiveRecording
 from twin.follow.state import FollowedRun
-from twin.recorders.observers import MemoryRecorder
-from twin.recorders.rerun.event_rows import long_waits
+from twin.recorders.rerun.event_rows import PlanWords, long_waits
 from twin.recorders.rerun.layout import camera, eye_on, site_points
-from twin.recorders.rerun.recorder import write_recording
-from twin.run.events import Event, ExecutionRecord
+from twin.run.activities import IDLE, RETRYING, STALLED
+from twin.run.events import Event, ExecutionRecord, Policy
 from twin.run.gantt import rgb, team_colours
+from twin.uncertainty.skill_durations import SkillDurations
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),
     "site": toy_of(["mobile-manipulator", "mobile-iiwa14"]),
 }
-Recorded = tuple[TemporalPlanGraph, ExecutionRecord, MemoryRecorder, Path]
+Recorded = tuple[TemporalPlanGraph, ExecutionRecord, list[Event], Path]
 
 
 @pytest.fixture(scope="module", params=list(TEAMS))
 def recorded(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Recorded:
-    tpg, memory = TEAMS[request.param], MemoryRecorder()
-    run = simulate(tpg, VARIED, seed=1, recorders=[memory])
     path = tmp_path_factory.mktemp("seen") / "run.rrd"
-    write_recording(path, tpg, run, memory.events)
-    return tpg, run, memory, path
+    tpg = TEAMS[request.param]
+    return tpg, *recorded_run(path, tpg), path
 
 
 @pytest.fixture(scope="module")
 def followed(recorded: Recorded) -> Path:
     """The same run as ``twin follow`` records it while it goes on."""
-    tpg, _, memory, path = recorded
+    tpg, _, events, path = recorded
     target = path.with_name("follow.rrd")
-    state, live = FollowedRun(tpg), LiveRecording(tpg, target)
-    for k, event in enumerate(memory.events):
+    state = FollowedRun(tpg)
+    live = LiveRecording(state, target)
+    for k, event in enumerate(events):
         state.apply(event)
-        live.event(event, state)
+        live(event)
         if k % 7 == 0:
-            live.waiting(state, 0.0)
-    live.close(state)
+            live(Silence(0.0))
+    live(state)
     return target
 
 
@@ -67,8 +69,8 @@ def test_every_frame_leads_to_the_world_from_the_first_row_on(
 def test_a_part_that_comes_up_later_is_drawn_from_then_on(
     recorded: Recorded, followed: Path
 ) -> None:
-    _, _, memory, path = recorded
-    comes = next(e for e in memory.events if e.object == "later").t_ns
+    _, _, events, path = recorded
+    comes = next(e for e in events if e.object == "later").t_ns
     assert comes > 0
     for file in (path, followed):
         for entity in ("/objects/later", "/objects/later/edges"):
@@ -79,12 +81,12 @@ def test_a_part_that_comes_up_later_is_drawn_from_then_on(
 def test_robots_are_named_and_so_is_what_they_hold(
     recorded: Recorded, followed: Path
 ) -> None:
-    tpg, _, memory, path = recorded
-    taken = [event for event in memory.events if event.kind == "attached"]
+    tpg, _, events, path = recorded
+    taken = [event for event in events if event.kind == "attached"]
     for file in (path, followed):
         for robot in tpg.cell.robots:
             expected = {0: robot.name}
-            for event in memory.events:
+            for event in events:
                 held = [e for e in taken if e.t_ns <= event.t_ns]
                 if event.kind == "attached" and event.robot == robot.name:
                     expected[event.t_ns] = f"{robot.name}: {event.object}"
@@ -102,10 +104,10 @@ def test_robots_are_named_and_so_is_what_they_hold(
 
 
 def test_events_are_told_in_sentences(recorded: Recorded, followed: Path) -> None:
-    tpg, _, memory, path = recorded
+    tpg, _, events, path = recorded
     for file in (path, followed):
         told = [cell[0] for _, cell in rows(file, "/events", "TextLog:text")]
-        for event in memory.events:
+        for event in events:
             task = tpg.tasks[event.task]
             step = f"(step {task.step}/{tpg.tasks[-1].step})"
             if event.kind == "attached":
@@ -201,7 +203,7 @@ def _lab(linear: np.ndarray) -> np.ndarray:
 def test_only_waits_of_half_a_second_are_warnings(
     recorded: Recorded, followed: Path
 ) -> None:
-    tpg, run, memory, path = recorded
+    tpg, run, events, path = recorded
     length = {
         (tpg.chains[wait.chain].robot, wait.node): wait.end_ns - wait.start_ns
         for wait in run.waits()
@@ -219,7 +221,7 @@ def test_only_waits_of_half_a_second_are_warnings(
                 long = length[robot[0], node[0]] >= 5e8
                 assert level == (["WARN"] if long else ["DEBUG"])
                 waits += 1
-        assert waits == sum(event.kind == "waiting" for event in memory.events) > 0
+        assert waits == sum(event.kind == "waiting" for event in events) > 0
 
 
 def test_a_wait_under_way_is_long_once_it_has_lasted() -> None:
@@ -287,3 +289,71 @@ def _in_picture(
     return np.stack(
         [rays @ side / depth / half / aspect, rays @ up / depth / half], axis=1
     )
+
+
+PATH = np.zeros((1, 1))
+SAID = {
+    ("pick b1", "pick", 1, "b1"): "pick b1 (step 1/3)",
+    ("HOME with b1", TRANSIT, 1, "b1"): "HOME with b1 (step 1/3)",
+    ("to b1", TRANSIT, 1, None): "to b1 (step 1/3)",
+    ("to b1", TRANSIT, 1, "b1"): "b1 to its place (step 1/3)",
+    ("HOME", TRANSIT, 1, None): "HOME after b1 (step 1/3)",
+    ("to its support", TRANSIT, 2, None): "to its support for b2 (step 2/3)",
+    ("support step 2", "support-bottom", 2, None): "support for b2 (step 2/3)",
+    ("place b2 from below", "place-up", 2, "b2"): "place b2 from below (step 2/3)",
+    ("to goal 3", TRANSIT, 3, None): "to goal 3 (step 3/3)",
+}
+
+
+def test_tasks_name_part_and_step() -> None:
+    tasks = tuple(
+        Task(k, "robot_0", kind, step, label, PATH, object=part)
+        for k, (label, kind, step, part) in enumerate(SAID)
+    )
+    words = PlanWords(replace(two_robot_tpg([]), tasks=tasks))
+    assert [words.task(k) for k in range(len(tasks))] == list(SAID.values())
+    assert words.task(-1) == words.task(len(tasks)) == ""
+    assert words.state(STALLED, 0) == "stalled: pick b1 (step 1/3)"
+    assert words.state(RETRYING, 0) == "tries again: pick b1 (step 1/3)"
+    assert words.state("pick", 0) == "pick b1 (step 1/3)"
+    assert words.state(IDLE, 0) == IDLE
+    assert words.state(STALLED, -1) == STALLED
+
+
+def test_waits_name_robot_and_task_until_it_is_complete() -> None:
+    words = PlanWords(two_robot_tpg([(0, 0, 1, 1), (0, 2, 1, 1)]))
+    done = {(0, 0)}
+    assert words.wait(1, 1, lambda *node: node in done) == (
+        "waits for robot_0: transit 0 (step 1/1)"
+    )
+    done.add((0, 2))
+    assert words.wait(1, 1, lambda *node: node in done) == ""
+    assert words.wait(1, 0, lambda *_: False) == ""
+    assert ("waits for robot_0: transit 0 (step 1/1)", "waiting") in words.lane(1)
+
+
+@pytest.mark.parametrize(
+    "policy", ["asynchronous", "sequential", "synchronous", "open-loop"]
+)
+def test_waits_are_told_under_every_policy(policy: Policy, tmp_path: Path) -> None:
+    tpg = toy_of(["gp4", "gp4"])
+    tpg = replace(tpg, slots=np.arange(len(tpg.tasks)))
+    path = tmp_path / "run.rrd"
+    run, events = recorded_run(path, tpg, SkillDurations({}), policy=policy)
+    texts = [cell[0] for _, cell in rows(path, "/events", "TextLog:text")]
+    told = [text for text in texts if " waits for " in text]
+    waits = [event for event in events if event.kind == "waiting"]
+    assert len(told) == len(waits) > 0
+    graph = with_barriers(tpg) if policy == "synchronous" else tpg
+    for text, event in zip(told, waits, strict=True):
+        assert "node" not in text
+        if policy == "open-loop":
+            assert text == f"{event.robot} {event.detail}"
+            continue
+        k = tpg.chain_index[event.robot]
+        sources = {
+            f"{event.robot} waits for {graph.chains[a].robot}: task"
+            for a, m, b, n in graph.edges.tolist()
+            if (b, n) == (k, event.node) and run.end_ns[a][m] > event.t_ns
+        } or {f"{event.robot} {event.detail}"}
+        assert any(text.startswith(source) for source in sources)

@@ -1,5 +1,3 @@
-"""None"""
-
 from __future__ import annotations
 
 import json
@@ -13,15 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from planning.errors import OutputError, RequestError
-from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import load_plan, save_plan
-from tests.twin.turning_arms import SCENARIO, turning_plan
-from twin.cli import app
+from tests.twin.program import invoke
+from tests.twin.turning_arms import planned_arms, run_arms
 from twin.host.guard import replacing, write_json
-from twin.planning.build_workcell import build_workcell
 from twin.run.folder import (
     hashes_as_written,
     keep_new,
@@ -31,7 +26,6 @@ from twin.run.folder import (
     run_folder,
     set_aside,
 )
-from twin.scenario.manifest import load_scenario
 from twin.trial.plan_result import plan_of_run
 
 
@@ -208,16 +202,14 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["value.json"]
 
 
-def replayed(folder: Path) -> str:
-    """Return what ``twin replay`` says of a run that cannot be replayed."""
-    result = CliRunner().invoke(app, ["replay", str(folder)])
-    assert result.exit_code in (1, 2)
-    return result.stderr
-
-
 def test_a_run_without_a_recording_cannot_be_replayed(tmp_path: Path) -> None:
-    assert "it has no run.rrd" in replayed(tmp_path)
-    assert "no such file" in replayed(tmp_path / "nowhere")
+    for folder, why in (
+        (tmp_path, "it has no run.rrd"),
+        (tmp_path / "x", "no such file"),
+    ):
+        said = invoke("replay", folder, code=2).stderr
+        assert "nothing to replay" in said
+        assert why in said
 
 
 def test_without_a_display_replay_says_what_to_do(
@@ -226,29 +218,16 @@ def test_without_a_display_replay_says_what_to_do(
     (tmp_path / "run.rrd").write_bytes(b"")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    said = replayed(tmp_path)
+    said = invoke("replay", tmp_path, code=1).stderr
     assert "rerun run.rrd" in said
     assert "--stills" in said
-
-
-def invoke(*arguments: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [str(a) for a in arguments])
-    return result.exit_code, result.output
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scenario, a plan of it, and a run of the plan."""
-    folder = tmp_path_factory.mktemp("runs")
-    (folder / "two.yaml").write_text(SCENARIO)
-    cell = build_workcell(load_scenario(folder / "two.yaml"), folder)
-    save_plan(build_tpg(turning_plan(cell)), folder / "plan")
-    options = ["--plan", folder / "plan", "--no-audit", "--no-recording"]
-    for out, more in (("run", []), ("stalled", ["--stalls", 100])):
-        code, said = invoke(
-            "run", folder / "two.yaml", *options, *more, "--out", folder / out
-        )
-        assert code == 0, said
+    folder = planned_arms(tmp_path_factory.mktemp("runs"))
+    run_arms(folder)
     return folder
 
 
@@ -287,8 +266,7 @@ def test_files_that_are_not_as_written_are_refused(
     (run / name).write_bytes(later if later != content else content + b"\n")
     first, *options = command
     events = [run / "events.jsonl"] if first == "follow" else []
-    code, said = invoke(first, run, *events, *options)
-    assert code == 2, said
+    said = invoke(first, run, *events, *options, code=2).output
     assert f"{run / name} is not as the run wrote it" in said.replace("\n", "")
 
 
@@ -304,8 +282,7 @@ def test_a_plan_of_another_run_is_refused_even_without_a_summary(
     save_plan(tpg, run)
     with pytest.raises(OutputError, match=r"is not the one of manifest\.json beside"):
         plan_of_run(run)
-    code, said = invoke("verify", run)
-    assert code == 2
+    said = invoke("verify", run, code=2).output
     assert "is not the one of manifest.json beside it" in said.replace("\n", " ")
     (run / "manifest.json").unlink()
     assert len(plan_of_run(run).chains) == 2  # a plan alone stands for itself
@@ -324,8 +301,9 @@ def test_paths_in_a_manifest_are_seen_from_its_folder(place: Path) -> None:
     assert str(place) not in (place / "run" / "plan.json").read_text()
 
 
-def test_more_stalls_than_nodes_are_told_of(place: Path) -> None:
-    warnings = json.loads((place / "stalled" / "summary.json").read_text())["warnings"]
+def test_more_stalls_than_nodes_are_told_of(tmp_path: Path) -> None:
+    stalled = run_arms(planned_arms(tmp_path), "--stalls", 100)
+    warnings = json.loads((stalled / "summary.json").read_text())["warnings"]
     told = [text for text in warnings if "stalls.count_per_robot is 100" in text]
     assert len(told) == 2
     assert "robot 'left' has" in told[0]

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from tests.twin.simulated import simulate
+from tests.twin.recorders.recorded_toys import recorded_run
 from tests.twin.twin_toys import random_tpg, toy_cell
-from twin.recorders.observers import MemoryRecorder
-from twin.recorders.rerun.recorder import write_recording
 from twin.run.viewer import ViewerError, render_stills
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -38,9 +36,7 @@ def test_stills_show_the_robot_where_it_is(tmp_path: Path) -> None:
     urdf.write_text(ARM)
     tpg = random_tpg(1, dofs=(1,), tasks=2)
     tpg = replace(tpg, cell=toy_cell((1,), urdf=urdf))
-    memory = MemoryRecorder()
-    run = simulate(tpg, SkillDurations({}), seed=0, recorders=[memory])
-    write_recording(tmp_path / "run.rrd", tpg, run, memory.events)
+    run, _ = recorded_run(tmp_path / "run.rrd", tpg, SkillDurations({}), seed=0)
     times = (0.0, run.makespan_s / 2)
     try:
         pictures = render_stills(tmp_path / "run.rrd", times, tmp_path / "stills")

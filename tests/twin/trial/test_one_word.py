@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner, Result
 
 from tests.twin.planning.test_pipeline import SCENARIO
-from twin.cli import app
+from tests.twin.program import invoke
 
 SHORTCUTS = "asynchronous + shortcuts"
 QUICK = ("--no-audit", "--no-recording", "-q")
 FEW = ("-n", "20", "--workers", "0", "-q")
 
 
-def twin(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
-
-
-def done(*arguments: object) -> None:
-    result = twin(*arguments)
-    assert result.exit_code == 0, result.output
+done = partial(invoke, code=0)
+refused = partial(invoke, code=2)
 
 
 def summary(folder: Path) -> dict[str, Any]:
@@ -82,8 +77,8 @@ def test_a_plan_in_turns_that_was_changed_is_refused(file: Path, run: Path) -> N
     try:
         (run / "in-turns" / "plan.npz").write_bytes(other)
         (run / "in-turns" / "plan.json").write_text((run / "plan.json").read_text())
-        result = twin("run", file, "--plan", run, "--out", file.parent / "x", *QUICK)
-        assert result.exit_code == 2
+        out = file.parent / "x"
+        result = refused("run", file, "--plan", run, "--out", out, *QUICK)
         assert "not the plan in turns of the manifest" in result.stderr
     finally:
         (run / "in-turns" / "plan.npz").write_bytes(turns)
@@ -136,14 +131,12 @@ def test_a_given_plan_is_studied_under_its_own_policy(
 def test_what_a_given_plan_cannot_be_studied_under(
     run: Path, tmp_path: Path, options: tuple[str, ...], says: str
 ) -> None:
-    result = twin("study", "--plan", run, *options, *FEW, "--out", tmp_path / "no")
-    assert result.exit_code == 2
+    result = refused("study", "--plan", run, *options, *FEW, "--out", tmp_path / "no")
     assert says in " ".join(result.stderr.split())
 
 
 def test_run_says_how_a_policy_with_another_plan_is_had(file: Path) -> None:
-    result = twin("run", file, "--policy", "asynchronous+shortcut", *QUICK)
-    assert result.exit_code == 2
+    result = refused("run", file, "--policy", "asynchronous+shortcut", *QUICK)
     assert (
         f"policy '{SHORTCUTS}' is asynchronous of the plan shortened" in result.stderr
     )

@@ -1,4 +1,4 @@
-"""A run that was killed is resumed: its files are those of a run that never was."""
+"""A run that was killed, or found no room, is resumed: its files are those of a run that never was."""
 
 from __future__ import annotations
 
@@ -11,16 +11,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
 from planning.errors import OutputError
-from scheduling.build_tpg import build_tpg
-from scheduling.graph.plan_files import save_plan
-from tests.twin.turning_arms import SCENARIO, turning_plan
-from twin.cli import app
-from twin.planning.build_workcell import build_workcell
+from tests.twin.program import invoke
+from tests.twin.turning_arms import planned_arms, run_arms
 from twin.run.folder import locked
-from twin.scenario.manifest import load_scenario
 from twin.trial.trial import ResumeError, resume_run
 
 ROOT = Path(__file__).parents[3]
@@ -56,26 +51,15 @@ def command(folder: Path, out: Path) -> list[str]:
     ]
 
 
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
-
-
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("plan")
-    (folder / "two.yaml").write_text(SCENARIO + DISTURBED)
-    cell = build_workcell(load_scenario(folder / "two.yaml"), folder)
-    save_plan(build_tpg(turning_plan(cell)), folder)
-    return folder
+    return planned_arms(tmp_path_factory.mktemp("plan"), DISTURBED)
 
 
 @pytest.fixture(scope="module")
 def whole(plan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that was never killed."""
-    out = tmp_path_factory.mktemp("whole") / "run"
-    result = invoke(*command(plan, out))
-    assert result.exit_code == 0, result.output
-    return out
+    return run_arms(plan, out=tmp_path_factory.mktemp("whole") / "run")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -105,33 +89,25 @@ def test_a_killed_run_is_brought_to_its_end(
     assert done.returncode == -signal.SIGKILL
     assert len((out / "events.jsonl").read_text().splitlines()) == 16
     assert not (out / "summary.json").exists()
-    result = invoke("resume", out)
-    assert result.exit_code == 0, result.output
+    result = invoke("resume", out, code=0)
     assert "16 events of the log happened again" in result.stdout
     assert contents(out) == contents(whole)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.37, 0.9, 1.0])
-def test_a_log_may_be_torn_anywhere(whole: Path, tmp_path: Path, share: float) -> None:
-    size = int(share * (whole / "events.jsonl").stat().st_size)
+@pytest.mark.parametrize("share", [None, 0.0, 0.001, 0.37, 0.9, 1.0])
+def test_a_log_may_be_torn_anywhere_or_missing(
+    whole: Path, tmp_path: Path, share: float | None
+) -> None:
+    size = int((share or 0.0) * (whole / "events.jsonl").stat().st_size)
     out = cut(whole, tmp_path / "run", size)
+    if share is None:
+        (out / "events.jsonl").unlink()
     done = resume_run(out)
     assert contents(out) == contents(whole)
     lines = (whole / "events.jsonl").read_bytes()[:size].count(b"\n")
     assert done.resumed is not None
     assert done.resumed.agreed == lines
     assert sum(done.resumed) == len((whole / "events.jsonl").read_text().splitlines())
-
-
-def test_a_run_killed_before_its_first_event_is_resumed(
-    whole: Path, tmp_path: Path
-) -> None:
-    out = cut(whole, tmp_path / "run", 0)
-    (out / "events.jsonl").unlink()
-    done = resume_run(out)
-    assert done.resumed is not None
-    assert done.resumed.agreed == 0
-    assert contents(out) == contents(whole)
 
 
 def test_a_run_that_the_user_broke_off_is_resumed(whole: Path, tmp_path: Path) -> None:
@@ -155,8 +131,7 @@ def test_a_run_that_has_ended_is_left_alone(whole: Path, tmp_path: Path) -> None
     out = tmp_path / "run"
     shutil.copytree(whole, out)
     before = contents(out)
-    result = invoke("resume", out)
-    assert result.exit_code == 0
+    result = invoke("resume", out, code=0)
     assert "come to its end already" in result.stdout
     assert contents(out) == before
     assert json.loads(invoke("resume", out, "--json").stdout)["outcome"] == "completed"
@@ -179,7 +154,7 @@ def test_a_log_of_another_run_is_refused_and_left_alone(
     with pytest.raises(ResumeError, match=rf"events.jsonl:{number}: the log says"):
         resume_run(out)
     assert (out / "events.jsonl").read_text() == changed
-    assert invoke("resume", out).exit_code == 1
+    invoke("resume", out, code=1)
 
 
 def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
@@ -195,15 +170,91 @@ def test_folders_without_a_run_are_refused(whole: Path, tmp_path: Path) -> None:
     (out / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(OutputError, match="scenario_sha256"):
         resume_run(out)
-    assert invoke("resume", out).exit_code == 2
+    invoke("resume", out, code=2)
 
 
 def test_a_run_that_is_alive_is_not_resumed(whole: Path, tmp_path: Path) -> None:
     out = cut(whole, tmp_path / "run", 0)
     with locked(out):
-        result = invoke("resume", out)
-    assert result.exit_code == 2
+        result = invoke("resume", out, code=2)
     assert "a running process writes its results there" in result.stderr
     assert (out / "events.jsonl").read_bytes() == b""
     resume_run(out)
     assert contents(out) == contents(whole)
+
+
+FULL = """
+import resource, sys
+limit = int(sys.argv.pop(1))
+from twin.cli import app
+import twin.trial.trial, twin.recorders.observers
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+app()
+"""
+
+
+def full(limit: int, arguments: list[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-B", "-c", FULL, str(limit), *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        0,
+        700,
+        20_000,
+        *(pytest.param(k, marks=pytest.mark.nightly) for k in (3000, 9000)),
+    ],
+)
+def test_a_full_disk_is_a_failed_run(
+    plan: Path, whole: Path, tmp_path: Path, limit: int
+) -> None:
+    largest = max(len(content) for content in contents(whole).values())
+    assert limit < largest
+    out = tmp_path / "run"
+    done = full(limit, command(plan, out))
+    assert done.returncode in (1, 2), done.stderr
+    assert "Traceback" not in done.stderr
+    assert "File too large" in done.stderr
+    assert not (out / "summary.json").exists()
+    if (out / "manifest.json").exists() and (out / "plan.npz").exists():
+        invoke("resume", out, code=0)
+        assert contents(out) == contents(whole)
+
+
+def test_a_recording_that_does_not_fit_is_a_failed_run(
+    plan: Path, whole: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    with_recording = [part for part in command(plan, out) if part != "--no-recording"]
+    largest = max(len(content) for content in contents(whole).values())
+    done = full(largest + 1, with_recording)
+    assert done.returncode == 1, done.stderr
+    assert "run.rrd" in done.stderr
+    assert not (out / "run.rrd").exists()
+    assert not (out / "summary.json").exists()
+
+
+def test_earlier_results_outlive_a_full_disk(
+    plan: Path, whole: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    invoke(*command(plan, out), code=0)
+    before = contents(out)
+    done = full(3000, command(plan, out))
+    assert done.returncode == 1
+    assert contents(out) == before
+
+
+def test_a_study_on_a_full_disk_has_failed(whole: Path, tmp_path: Path) -> None:
+    study = ["study", "--plan", str(whole), "-n", "20", "--workers", "0", "--quiet"]
+    done = full(2000, [*study, "--out", str(tmp_path / "study")])
+    assert done.returncode == 1, done.stderr
+    assert "File too large" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -8,15 +8,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner, Result
 
-from scheduling.build_tpg import build_tpg
-from scheduling.graph.plan_files import save_plan
-from tests.twin.turning_arms import SCENARIO, turning_plan
-from twin.cli import app
-from twin.planning.build_workcell import build_workcell
+from tests.twin.program import invoke
+from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
 from twin.run.summary import summary_rows
-from twin.scenario.manifest import load_scenario
 
 FILES = {
     "manifest.json",
@@ -33,23 +28,21 @@ FILES = {
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("plan")
-    (folder / "two.yaml").write_text(SCENARIO)
-    cell = build_workcell(load_scenario(folder / "two.yaml"), folder)
-    save_plan(build_tpg(turning_plan(cell)), folder)
-    return folder
+    return planned_arms(tmp_path_factory.mktemp("plan"))
 
 
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+@pytest.fixture(scope="module")
+def ran(plan: Path) -> tuple[Path, str]:
+    """A run that is audited and recorded, and what was printed."""
+    out = plan / "run"
+    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out, code=0)
+    return out, result.stdout
 
 
 def test_run_leaves_every_promised_file_and_prints_the_figures(
-    plan: Path, tmp_path: Path
+    ran: tuple[Path, str],
 ) -> None:
-    out = tmp_path / "run"
-    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out)
-    assert result.exit_code == 0, result.output
+    out, printed = ran
     assert {p.name for p in out.iterdir()} == FILES
     summary = json.loads((out / "summary.json").read_text())
     assert summary["outcome"] == "completed"
@@ -59,16 +52,14 @@ def test_run_leaves_every_promised_file_and_prints_the_figures(
     assert summary["makespan_s"] < 0.75 * summary["makespan_sequential_s"]
     assert set(summary["wait_s"].values()) == {0.0}
     for word in ("makespan", "below", "wait of left", "nodes", "clean", "twin replay"):
-        assert word in result.stdout
+        assert word in printed
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["scenario"]["name"] == "two"
     assert [r["name"] for r in manifest["robots"]] == ["left", "right"]
 
 
-def test_every_file_key_and_column_is_documented(plan: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    arguments = ("run", plan / "two.yaml", "--plan", plan, "--out", out, "-q")
-    assert invoke(*arguments).exit_code == 0
+def test_every_file_key_and_column_is_documented(ran: tuple[Path, str]) -> None:
+    out, _ = ran
     page = Path(__file__).parents[3] / "docs" / "reference" / "formats.md"
     words = set(re.findall(r"`([\w.]+)`", page.read_text()))
     names = {p.name for p in out.iterdir()}
@@ -89,8 +80,8 @@ def test_json_output_is_the_summary_and_nothing_else(
     result = invoke(
         *("run", plan / "two.yaml", "--plan", plan, "--out", out),
         *("--json", "--no-audit", "--no-recording"),
+        code=0,
     )
-    assert result.exit_code == 0, result.output
     assert result.stderr == ""
     content = json.loads(result.stdout)
     assert content["folder"] == str(out)
@@ -123,14 +114,17 @@ def test_options_reach_the_run_and_the_manifest(plan: Path, tmp_path: Path) -> N
     assert results[0]["makespan_s"] == results[0]["makespan_sequential_s"]
 
 
-def test_the_same_seed_gives_the_same_tables(plan: Path, tmp_path: Path) -> None:
-    tables = []
-    for name in ("a", "b"):
-        out = tmp_path / name
-        arguments = ("run", plan / "two.yaml", "--plan", plan, "--out", out, "-q")
-        assert invoke(*arguments, "--no-audit", "--no-recording").exit_code == 0
-        table = pq.read_table(out / "trajectory.parquet").to_pydict()
-        tables.append((table, (out / "events.jsonl").read_text()))
+def test_the_same_seed_gives_the_same_tables(
+    plan: Path, ran: tuple[Path, str], tmp_path: Path
+) -> None:
+    again = run_arms(plan, out=tmp_path / "again")
+    tables = [
+        (
+            pq.read_table(out / "trajectory.parquet").to_pydict(),
+            (out / "events.jsonl").read_text(),
+        )
+        for out in (ran[0], again)
+    ]
     assert tables[0] == tables[1]
 
 

@@ -1,17 +1,55 @@
-"""Small things that keep the terminal clean."""
+"""What commands print beside their results: errors that nobody foresaw, progress, and names in pictures."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 import trimesh
+import typer
 from numba import njit
 
 from planning.meshes.mesh_form import mesh_form
+from twin.host.guard import UNFORESEEN, guarded
+from twin.host.pictures import fitted
 from twin.host.progress import StageDisplay, compilation_shown
+
+
+@guarded
+def broken() -> None:
+    raise LookupError("no such\nthing")
+
+
+def test_an_unforeseen_error_is_one_line_and_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(typer.Exit) as ended:
+        broken()
+    assert ended.value.exit_code == UNFORESEEN == 70
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "Traceback" not in said
+    (report,) = tmp_path.iterdir()
+    assert str(report) in said
+    text = report.read_text()
+    assert "LookupError: no such" in text
+    assert "in broken" in text
+    assert "assembly-twin: " in text
+
+
+def test_without_room_for_a_report_the_line_remains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(typer.Exit) as ended:
+        broken()
+    assert ended.value.exit_code == UNFORESEEN
+    assert "no report could be written" in capsys.readouterr().err
+
 
 ROOT = Path(__file__).parents[3]
 
@@ -77,3 +115,25 @@ def test_progress_prints_nothing_when_standard_error_is_no_terminal(
         display("motions", 0, 10)
         display("motions", 10, 10)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "width", "lines", "shown"),
+    [
+        ("housing", 60.0, 1, "housing"),
+        ("housing", 20.0, 1, ""),
+        ("left_2x4_c", 40.0, 3, "left_2x4_c"),
+        ("left_2x4_c", 24.0, 3, "left_\n2x4_c"),
+        ("beam13", 20.0, 3, "beam\n13"),
+        ("connector", 20.0, 3, "conne\nctor"),
+        ("connector", 20.0, 1, ""),
+        ("connector", 3.0, 9, ""),
+        ("lower left bolt", 20.0, 3, "lower\nleft\nbolt"),
+    ],
+)
+def test_a_name_is_broken_where_its_words_end(
+    name: str, width: float, lines: int, shown: str
+) -> None:
+    assert fitted(name, width, 6.0, lines=lines) == shown
+    found = fitted(name, width, 6.0, lines=lines)
+    assert all(len(line) * 0.6 * 6.0 <= width for line in found.split("\n"))
