@@ -105,8 +105,7 @@ class CheckReport:
         """Return a finding with its place in the text."""
         label = "" if finding.error else "warning: "
         at = finding.at if self.document.nearest(finding.at) else _ABSENT
-        mark = self.document.mark_of(at, key=at[-1:] == ("name",))
-        return FileProblem(mark, label + finding.message)
+        return self.document.problem(at, label + finding.message)
 
     def excerpts(self, findings: tuple[Finding, ...]) -> InvalidScenarioError:
         """Return some findings as an error, which words them with their places and lines."""

@@ -9,16 +9,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
-from planning.lego.bricks.drawing import Spot
 from planning.lego.bricks.grid import joined_to_plate
 from planning.lego.skills.targets import supported_span
-from twin.scenario.document.validation import (
-    FileProblem,
-    Found,
-    mark_problems,
-    unknown_name,
-)
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.validation import Found, unknown_name
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.lego import (
     BrickStepSection,
     LegoSection,
@@ -28,34 +22,24 @@ from twin.scenario.sections.lego import (
     places_of,
     support_of,
 )
-from twin.scenario.sections.shapes import (
-    ReadStructure,
-    mark_of_spot,
-    read_structure,
-)
-
-Drawn = Iterator[tuple[KeyPath, Spot | None, str]]
+from twin.scenario.sections.shapes import read_structure
 
 
-def find_lego_problems(
-    assembly: LegoSection, document: YamlDocument
-) -> list[FileProblem]:
-    """Return everything in a LEGO section that cannot be as it is written.
+def find_lego_problems(assembly: LegoSection) -> Found:
+    """Yield everything in a LEGO section that cannot be as it is written.
 
     Args:
         assembly: passed the checks of its single values.
-        document: where it was read from.
     """
     types = brick_types(assembly)
     unknown = list(_unknown_bricks(assembly, types))
+    yield from unknown
     if unknown:  # the other checks need every size
-        return mark_problems(document, unknown)
-    problems = mark_problems(
-        document, [*_check_layout(assembly, types), *_check_supply(assembly)]
-    )
-    if assembly.structure is not None:
-        problems += find_structure_problems(assembly, types, document)
-    return problems
+        return
+    yield from _check_layout(assembly, types)
+    yield from _check_supply(assembly)
+    for path, message in find_structure_problems(assembly):
+        yield ("assembly", "structure", *path), message
 
 
 def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
@@ -235,35 +219,21 @@ def _ordinal(n: int) -> str:
     return f"{n}{'th' if teen else {1: 'st', 2: 'nd', 3: 'rd'}.get(n % 10, 'th')}"
 
 
-def find_structure_problems(
-    assembly: LegoSection,
-    types: Mapping[str, BrickType],
-    document: YamlDocument,
-    prefix: KeyPath = ("assembly", "structure"),
-) -> list[FileProblem]:
-    """Return everything in the structure of an assembly that cannot be as it is drawn.
+def find_structure_problems(assembly: LegoSection) -> Found:
+    """Yield everything in the structure of an assembly that cannot be as it is drawn.
+
+    No two bricks in one place, none off the plate or in the air, and enough in stock.
 
     Args:
-        assembly: with a structure; its stock consists of known brick types.
-        types: brick types by name.
-        document: in which the structure is written.
-        prefix: where in the document the structure is.
+        assembly: its stock consists of known brick types.
     """
-    assert assembly.structure is not None
+    if assembly.structure is None:
+        return
+    types = brick_types(assembly)
     read = read_structure(assembly.structure, types)
-    found = list(read.problems)
-    if not found:
-        found += _check_drawn(read, assembly, types)
-    return [
-        FileProblem(mark_of_spot(document, (*prefix, *path), spot), message)
-        for path, spot, message in found
-    ]
-
-
-def _check_drawn(
-    read: ReadStructure, assembly: LegoSection, types: Mapping[str, BrickType]
-) -> Drawn:
-    """No two bricks in one place, none off the plate or in the air, and enough in stock."""
+    yield from read.problems
+    if read.problems:
+        return
     taken: dict[GridPlace, str] = {}
     for item in assembly.stock:
         if item.fixed or assembly.storage_plate is None:
@@ -275,17 +245,17 @@ def _check_drawn(
     _, stations, supply = _free_stock(assembly)
     total = Counter(brick.brick.name for brick in read.bricks)
     need: Counter[str] = Counter()
-    for k, (path, spot) in enumerate(read.places):
+    for k, path in enumerate(read.places):
         brick, kind = read.bricks[k], read.bricks[k].brick.name
         words, places = f"brick {brick.name} ({kind})", sorted(studs[k])
         if other := _first_taken(places, taken):
-            yield path, spot, f"{words} goes where {other} already is"
+            yield path, f"{words} goes where {other} already is"
         if message := _off_plate(places, assembly.plate.studs, ""):
-            yield path, spot, f"{words}: {message}"
+            yield path, f"{words}: {message}"
         taken.update(dict.fromkeys(places, brick.name))
         if k not in held:
-            yield path, spot, f"{words} floats: it is not joined to the plate"
+            yield path, f"{words} floats: it is not joined to the plate"
         need[kind] += 1
         if need[kind] == supply[kind] + 1 and kind not in stations:
             text = f"the structure needs {total[kind]} bricks {kind}, but the stock has"
-            yield path, spot, f"{text} {supply[kind]}"
+            yield path, f"{text} {supply[kind]}"

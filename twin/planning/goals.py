@@ -19,8 +19,7 @@ from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import FileProblem, mark_problems, unknown_name
-from twin.scenario.document.yaml_text import YamlDocument
+from twin.scenario.document.validation import Found, unknown_name
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.goals import GoalsSection, MoveSection
 from twin.scenario.sections.shapes import build_transform
@@ -47,18 +46,13 @@ class GoalsKind(AssemblyKind):
         """Return that nothing is built."""
         return "no parts"
 
-    def problems(self, cell: CellSection, document: YamlDocument) -> list[FileProblem]:
-        """Return the moves of robots that the file does not have."""
+    def problems(self, cell: CellSection) -> Found:
+        """Yield the moves of robots that the file does not have."""
         names = tuple(robot.name for robot in cell.robots)
-        found = (
-            (
-                ("assembly", "moves", k, "robot"),
-                unknown_name("robot", move.robot, names),
-            )
-            for k, move in enumerate(self.section.moves)
-            if move.robot not in names
-        )
-        return mark_problems(document, found)
+        for k, move in enumerate(self.section.moves):
+            if move.robot not in names:
+                words = unknown_name("robot", move.robot, names)
+                yield ("assembly", "moves", k, "robot"), words
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

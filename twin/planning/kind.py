@@ -17,8 +17,8 @@ from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
 from twin.audit.wanted import Wanted
 from twin.host.progress import StageWatch
-from twin.scenario.document.validation import FileProblem
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.validation import Found
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.scenario import AssemblySection, Scenario
 
@@ -89,14 +89,13 @@ class AssemblyKind(Protocol):
         """Return what of its own has a name that nothing else may have, None if nothing."""
         return None
 
-    def problems(self, cell: CellSection, document: YamlDocument) -> list[FileProblem]:
-        """Return the problems of the section.
+    def problems(self, cell: CellSection) -> Found:
+        """Yield the problems of the section.
 
         Args:
             cell: what the file says of the robots and fixtures around it.
-            document: where all that was read from.
         """
-        return []
+        yield from ()
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the fixtures it brings."""

@@ -25,8 +25,8 @@ from planning.progress import Progress, no_progress
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import FileProblem
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.validation import Found
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.lego import (
     BrickStepSection,
@@ -91,11 +91,11 @@ class LegoKind(AssemblyKind):
             else "a brick of a feeding station"
         )
 
-    def problems(self, _cell: CellSection, document: YamlDocument) -> list[FileProblem]:
-        """Return the problems of the section."""
+    def problems(self, _cell: CellSection) -> Found:
+        """Yield the problems of the section."""
         from twin.planning.brick_checks import find_lego_problems
 
-        return find_lego_problems(self.section, document)
+        return find_lego_problems(self.section)
 
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the plates."""

@@ -24,8 +24,8 @@ from twin.planning.part_assembly.problems import (
     machine_names,
 )
 from twin.planning.part_assembly.wanted import wanted_of
-from twin.scenario.document.validation import FileProblem, mark_problems
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.validation import Found
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.scenario.sections.shapes import build_transform
@@ -67,14 +67,11 @@ class PartKind(AssemblyKind):
             yield ("assembly", "parts", i, "name"), part.name
         yield from machine_names(self.section)
 
-    def problems(self, cell: CellSection, document: YamlDocument) -> list[FileProblem]:
-        """Return the problems of the section: steps and parts name what there is, no part twice."""
-        found = (
-            *check_steps(self.section),
-            *check_line(self.section),
-            *check_work(self.section, cell),
-        )
-        return mark_problems(document, found)
+    def problems(self, cell: CellSection) -> Found:
+        """Yield the problems of the section: steps and parts name what there is, no part twice."""
+        yield from check_steps(self.section)
+        yield from check_line(self.section)
+        yield from check_work(self.section, cell)
 
     def object_kinds(self) -> Iterable[str]:
         """Return the types of the parts, each once."""

@@ -22,13 +22,8 @@ from twin.durations.measured import Empirical
 from twin.durations.model import DurationModel
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
-from twin.scenario.document.validation import (
-    FileProblem,
-    Found,
-    mark_problems,
-    unknown_name,
-)
-from twin.scenario.document.yaml_text import KeyPath, YamlDocument
+from twin.scenario.document.validation import Found, unknown_name
+from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection, LimitsSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
@@ -40,12 +35,8 @@ def changed_tools(cell: CellSection) -> Mapping[str, str]:
     return {name: robot.name for robot in cell.robots for name in robot.tools}
 
 
-def check_tools(scenario: Scenario) -> Found:
-    """Yield what is wrong with tools that are changed, each with its key.
-
-    Args:
-        scenario: passed the checks of its single values.
-    """
+def _check_tools(scenario: Scenario) -> Found:
+    """Yield what is wrong with tools that are changed."""
     tools, owners = scenario.cell.tools, dict[str, str]()
     for i, robot in enumerate(scenario.cell.listed):
         at: KeyPath = ("cell", "robots", i)
@@ -84,8 +75,8 @@ def check_tools(scenario: Scenario) -> Found:
         yield where, "tools are not changed yet where products are made again and again"
 
 
-def check_tool_speeds(scenario: Scenario) -> Found:
-    """Yield limits of the tool's speed where no plan within limits is made, each with its key."""
+def _check_tool_speeds(scenario: Scenario) -> Found:
+    """Yield limits of the tool's speed where no plan within limits is made."""
     if scenario.speed_model == "limits":
         return
     cell = scenario.cell
@@ -108,39 +99,31 @@ _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
 """States of a robot in charts, beside the skills."""
 
 
-def find_problems(scenario: Scenario, document: YamlDocument) -> list[FileProblem]:
-    """Return everything in the scenario that cannot be as it is written.
+def find_problems(scenario: Scenario, folder: Path) -> Found:
+    """Yield everything in the scenario that cannot be as it is written.
 
     Args:
         scenario: passed the checks of its single values.
-        document: where it was read from, for places and relative paths.
+        folder: where relative paths in it start.
     """
-    folder = document.path.parent
-    try:
-        assembly_kind(scenario.assembly).steps()
-    except ScenarioError as error:  # then it has no names and places to be checked
-        return mark_problems(document, [(("assembly", "model"), str(error))])
-    found: list[tuple[KeyPath, str]] = []
-    found += _check_robots(scenario.cell, folder)
-    found += _check_names(scenario)
-    found += _check_meshes(scenario.cell.fixtures, ("cell", "fixtures"), folder)
-    found += _check_meshes(scenario.assembly, ("assembly",), folder)
-    found += _check_durations(scenario.execution, ("execution",), folder)
-    found += _check_processes(scenario)
-    found += check_tools(scenario)
-    found += check_tool_speeds(scenario)
-    found += _check_overrides(scenario)
-    found += _check_robot_names(scenario)
     assembly = assembly_kind(scenario.assembly)
-    unknown = [
-        FileProblem(document.mark_of(path, key=path[-1] != "skill"), message)
-        for path, message in _check_skills(scenario)
-    ]
-    return [
-        *mark_problems(document, found),
-        *unknown,
-        *assembly.problems(scenario.cell, document),
-    ]
+    try:
+        assembly.steps()
+    except ScenarioError as error:  # then it has no names and places to be checked
+        yield ("assembly", "model"), str(error)
+        return
+    yield from _check_robots(scenario.cell, folder)
+    yield from _check_names(scenario)
+    yield from _check_meshes(scenario.cell.fixtures, ("cell", "fixtures"), folder)
+    yield from _check_meshes(scenario.assembly, ("assembly",), folder)
+    yield from _check_durations(scenario.execution, ("execution",), folder)
+    yield from _check_processes(scenario)
+    yield from _check_tools(scenario)
+    yield from _check_tool_speeds(scenario)
+    yield from _check_overrides(scenario)
+    yield from _check_robot_names(scenario)
+    yield from _check_skills(scenario)
+    yield from assembly.problems(scenario.cell)
 
 
 def _check_names(scenario: Scenario) -> Found:
@@ -287,8 +270,8 @@ def _check_skills(scenario: Scenario) -> Found:
     changes = (LEAVE_TOOL, TAKE_TOOL) if changed_tools(scenario.cell) else ()
     valid = (*SKILLS, HOLD, *changes, *scenario.processes)
     named: list[tuple[KeyPath, str]] = [
-        *((("skills", name), name) for name in execution.skills),
-        *((("failures", name), name) for name in execution.failures),
+        *((("skills", name, "[key]"), name) for name in execution.skills),
+        *((("failures", name, "[key]"), name) for name in execution.failures),
         *(
             (("skill_overrides", i, "skill"), item.skill)
             for i, item in enumerate(execution.skill_overrides)

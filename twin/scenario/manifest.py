@@ -226,8 +226,9 @@ def scenario_of(path: Path, text: str) -> tuple[Scenario, YamlDocument]:
     scenario = validated(document, Scenario, scenario_schema)
     if included is not None:
         _check_structure_file(scenario, included)
-    problems = [*document.problems, *find_problems(scenario, document)]
-    if problems:
+    found = [document.problem(*item) for item in find_problems(scenario, path.parent)]
+    if found or document.problems:
+        problems = [*document.problems, *found]
         raise InvalidScenarioError(path, problems, document.lines)
     return scenario, document
 
@@ -297,7 +298,7 @@ def _check_structure_file(scenario: Scenario, included: YamlDocument) -> None:
     types = brick_types(lego)
     if any(item.brick not in types for item in lego.stock):
         return
-    problems = find_structure_problems(lego, types, included, ())
+    problems = [included.problem(*item) for item in find_structure_problems(lego)]
     if problems:
         raise InvalidScenarioError(included.path, problems, included.lines)
 

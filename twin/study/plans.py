@@ -298,12 +298,12 @@ def _planned(request: StudyRequest, layout: Variant, progress: Report) -> Plans:
 
 def _errors(scenario: Scenario, base: Path) -> Iterator[str]:
     """Yield what makes every plan of a layout impossible or false."""
+    for _, message in find_problems(scenario, base):
+        yield message
+        return
     # Its places are those of no file: only the messages are told.
     text = json.dumps(resolved(scenario))
     document = parsed(base / f"{scenario.name}.yaml", text)
-    for problem in find_problems(scenario, document):
-        yield problem.message
-        return
     report = check_scenario(scenario, document, base)
     if report.errors:
         yield "; ".join(item.message for item in report.errors)

@@ -79,9 +79,11 @@ class LoadedScenario:
             return self
         sections = varied(self.sections, values)
         if not all(map(is_of_execution, values)):
-            found = find_problems(sections, self.document)
+            found = dict.fromkeys(
+                text for _, text in find_problems(sections, self.folder)
+            )
             if found:
-                said = "; ".join(dict.fromkeys(problem.message for problem in found))
+                said = "; ".join(found)
                 raise ScenarioError(f"cannot vary {', '.join(values)}: {said}")
         # Names of robots and files of times are looked at now, not after planning.
         names = tuple(robot.name for robot in sections.cell.robots)

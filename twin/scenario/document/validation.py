@@ -33,16 +33,6 @@ Found = Iterator[tuple[KeyPath, str]]
 """What is wrong with a scenario, each with its key."""
 
 
-def mark_problems(
-    document: YamlDocument, found: Iterable[tuple[KeyPath, str]]
-) -> list[FileProblem]:
-    """Return problems found at some keys, each with its place in the text."""
-    return [
-        FileProblem(document.mark_of(path, key=path[-1:] == ("name",)), message)
-        for path, message in found
-    ]
-
-
 class InvalidScenarioError(ScenarioError):
     """A scenario file with everything that is wrong with it.
 
@@ -213,8 +203,8 @@ def schema_problems(
             at = _mapping_at(document, tuple(parent))
             if key := meant_key(str(name), valid):
                 meant.add((*at, key))
-            mark = document.mark_of((*at, name), key=True)
-            out.append(FileProblem(mark, unknown_key(str(name), valid)))
+            text = unknown_key(str(name), valid)
+            out.append(document.problem((*at, name, "[key]"), text))
     for error in errors:
         kind, loc = str(error["type"]), tuple(error["loc"])
         at = document.nearest(loc)

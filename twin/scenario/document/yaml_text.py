@@ -14,8 +14,14 @@ from typing import Any
 
 import yaml
 
-KeyPath = tuple[str | int, ...]
-"""Keys and list positions from the top of the document to a value."""
+Spot = tuple[int, int]
+"""Line and column in a text, both from 0."""
+
+KeyPath = tuple[str | int | Spot, ...]
+"""Keys and list positions from the top of the document to a value, and a spot in a text there.
+
+What ends in ``"[key]"`` is the last key itself, not its value.
+"""
 
 # An alias is cheap to write and may unfold without bound; no real scenario comes near this.
 _MOST_NODES = 500_000
@@ -91,11 +97,29 @@ class YamlDocument:
         return at
 
     def mark_of(self, path: KeyPath, *, key: bool = False) -> Mark:
-        """Return the place of the value at ``path``, or of its key, or of what holds it."""
+        """Return the place of the value at ``path``, or of its key, or of what holds it.
+
+        In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the
+        whole text has to do for a spot in it.
+        """
         at = self.nearest(path)
         if key and at in self.keys:
             return self.keys[at]
-        return self.values.get(at, Mark(1, 1))
+        mark = self.values.get(at, Mark(1, 1))
+        if not path or not isinstance(path[-1], tuple):
+            return mark
+        row, (line, column) = mark.line, path[-1]
+        head = self.lines[row - 1][mark.column - 1 :]
+        if not head.startswith("|") or row + line >= len(self.lines):
+            return mark
+        first = next((text for text in self.lines[row:] if text.strip()), "")
+        indent = len(first) - len(first.lstrip(" "))
+        return Mark(row + line + 1, indent + column + 1)
+
+    def problem(self, path: KeyPath, message: str) -> FileProblem:
+        """Return what is wrong at ``path``, of names at their key."""
+        key = path[-1:] in (("name",), ("[key]",))
+        return FileProblem(self.mark_of(path, key=key), message)
 
 
 def read_yaml(path: Path, text: str) -> YamlDocument:

@@ -20,7 +20,6 @@ from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, Cell, PlacedB
 from planning.lego.bricks.drawing import (
     Drawing,
     DrawnBrick,
-    Spot,
     name_bricks,
     read_elevation,
     read_layer,
@@ -28,7 +27,7 @@ from planning.lego.bricks.drawing import (
 from planning.transforms import Transform, from_quat_wxyz, from_rpy, readonly
 from twin.scenario.document.section import Name, Section, Several, Three, Two
 from twin.scenario.document.validation import unknown_name
-from twin.scenario.document.yaml_text import KeyPath, Mark, YamlDocument
+from twin.scenario.document.yaml_text import KeyPath
 
 # No cell reaches ten kilometres: what is beyond is a slip of the pen or of the unit.
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -295,13 +294,13 @@ class ReadStructure:
 
     Attributes:
         bricks: all of them, with names of their own.
-        places: for each brick, the path of the value it is in, and its spot in a drawing.
+        places: for each brick, the path of the value it is in, with its spot in a drawing.
         problems: what is wrong, each with its place.
     """
 
     bricks: tuple[PlacedBrick, ...]
-    places: tuple[tuple[KeyPath, Spot | None], ...]
-    problems: tuple[tuple[KeyPath, Spot | None, str], ...]
+    places: tuple[KeyPath, ...]
+    problems: tuple[tuple[KeyPath, str], ...]
 
 
 def read_structure(
@@ -314,24 +313,24 @@ def read_structure(
         types: brick types by name.
     """
     drawn: list[DrawnBrick] = []
-    places: list[tuple[KeyPath, Spot | None]] = []
-    problems: list[tuple[KeyPath, Spot | None, str]] = []
+    places: list[KeyPath] = []
+    problems: list[tuple[KeyPath, str]] = []
     for path, drawing in _drawings(section, types):
         drawn += drawing.bricks
-        places += [(path, item.spot) for item in drawing.bricks]
-        problems += [(path, spot, message) for spot, message in drawing.problems]
+        places += [(*path, item.spot) for item in drawing.bricks]
+        problems += [((*path, spot), message) for spot, message in drawing.problems]
     given: dict[int, tuple[int, str]] = {}
     for i, item in enumerate(section.bricks):
         if item.brick not in types:
             message = unknown_name("brick type", item.brick, tuple(types))
-            problems.append((("bricks", i, "brick"), None, message))
+            problems.append((("bricks", i, "brick"), message))
             continue
         if item.name is not None:
             given[len(drawn)] = i, item.name
         cell = Cell(item.at[0], item.at[1], item.at[2], item.turned, item.raised)
         stem = item.name or f"{item.brick}_"
         drawn.append(DrawnBrick(stem, types[item.brick], cell, (0, 0)))
-        places.append((("bricks", i, "at"), None))
+        places.append(("bricks", i, "at"))
     bricks = list(name_bricks(drawn))
     for k, (_, name) in given.items():
         bricks[k] = replace(bricks[k], name=name)
@@ -339,7 +338,7 @@ def read_structure(
     for i, name in given.values():
         if counts[name] > 1:
             message = f"another brick is called {name!r} too"
-            problems.append((("bricks", i, "name"), None, message))
+            problems.append((("bricks", i, "name"), message))
     return ReadStructure(tuple(bricks), tuple(places), tuple(problems))
 
 
@@ -355,21 +354,3 @@ def _drawings(
         at = (view.at[0], view.at[1], view.at[2])
         drawing = read_elevation(view.drawing, at, view.along, view.depth, types)
         yield ("elevations", k, "drawing"), drawing
-
-
-def mark_of_spot(document: YamlDocument, path: KeyPath, spot: Spot | None) -> Mark:
-    """Return the place of a character of a drawing in the file.
-
-    In a block (``|``) the text starts on the line after the mark; elsewhere the mark of the whole
-    value has to do.
-    """
-    mark = document.mark_of(path)
-    if spot is None:
-        return mark
-    head = document.lines[mark.line - 1][mark.column - 1 :]
-    row = mark.line + spot[0]
-    if not head.startswith("|") or row >= len(document.lines):
-        return mark
-    block = [line for line in document.lines[mark.line :] if line.strip()]
-    indent = len(block[0]) - len(block[0].lstrip(" ")) if block else 0
-    return Mark(row + 1, indent + spot[1] + 1)
