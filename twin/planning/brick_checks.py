@@ -6,7 +6,7 @@ Steps are checked one after another, a drawn structure as a whole.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.grid import joined_to_plate

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-
-from pydantic import BaseModel
 
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
 from planning.files import file_named
@@ -22,6 +20,7 @@ from twin.durations.measured import Empirical
 from twin.durations.model import DurationModel
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
+from twin.scenario.document.section import parts_of
 from twin.scenario.document.validation import Found, unknown_name
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection, LimitsSection
@@ -228,40 +227,28 @@ def _check_robot_names(scenario: Scenario) -> Found:
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
     """Yield durations that there cannot be, in whatever may hold some, innermost first."""
-    wrong = False
-    for key, part in _parts(value):
-        for problem in _check_durations(part, (*at, key), folder):
-            wrong = True
-            yield problem
-    if isinstance(value, DurationModel) and not wrong:
-        try:
-            value.located(folder)
-        except ScenarioError as error:
-            yield (*at, "csv") if isinstance(value, Empirical) else at, str(error)
+    wrong: KeyPath = ()
+    for place, part in parts_of(value, at):
+        if isinstance(part, DurationModel) and wrong[: len(place)] != place:
+            try:
+                part.located(folder)
+            except ScenarioError as error:
+                wrong = place
+                own = (*place, "csv") if isinstance(part, Empirical) else place
+                yield own, str(error)
 
 
 def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
     """Yield meshes that cannot be used, in whatever may name some."""
-    if isinstance(value, ShapeSection) and value.mesh is not None:
-        from planning.meshes.mesh_form import mesh_form
+    for place, part in parts_of(value, at):
+        if isinstance(part, ShapeSection) and part.mesh is not None:
+            from planning.meshes.mesh_form import mesh_form
 
-        try:
-            file = file_named(value.mesh, folder, ShapeError)
-            mesh_form(file, value.scale, value.within_m)
-        except ShapeError as error:
-            yield (*at, "mesh"), str(error)
-        return
-    for key, part in _parts(value):
-        yield from _check_meshes(part, (*at, key), folder)
-
-
-def _parts(value: object) -> Iterator[tuple[str | int, object]]:
-    if isinstance(value, BaseModel):
-        yield from value
-    elif isinstance(value, dict):
-        yield from value.items()
-    elif isinstance(value, tuple):
-        yield from enumerate(value)
+            try:
+                file = file_named(part.mesh, folder, ShapeError)
+                mesh_form(file, part.scale, part.within_m)
+            except ShapeError as error:
+                yield (*place, "mesh"), str(error)
 
 
 def _check_skills(scenario: Scenario) -> Found:

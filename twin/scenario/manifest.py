@@ -8,13 +8,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
-
-from pydantic import BaseModel
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import OutputError, RequestError, ScenarioError, listed
@@ -24,6 +22,7 @@ from planning.transforms import Transform, quat_wxyz
 from twin.durations.measured import Empirical
 from twin.host.guard import versions, write_json
 from twin.scenario.checks import find_problems
+from twin.scenario.document.section import parts_of
 from twin.scenario.document.validation import (
     FileProblem,
     InvalidScenarioError,
@@ -113,27 +112,14 @@ def file_hashes(scenario: Scenario, base: Path) -> dict[str, str]:
         OutputError: one cannot be read.
     """
     out = {}
-    for name in sorted(set(_named_files(scenario))):
+    parts = (part for _, part in parts_of(scenario))
+    for name in sorted({part.csv for part in parts if isinstance(part, Empirical)}):
         try:
             content = read_file(base / name)
         except OSError as error:
             raise OutputError(f"{base / name}: cannot be read: {error}") from error
         out[name] = hashlib.sha256(content).hexdigest()
     return out
-
-
-def _named_files(value: object) -> Iterator[str]:
-    if isinstance(value, Empirical):
-        yield value.csv
-    elif isinstance(value, BaseModel):
-        for _, part in value:
-            yield from _named_files(part)
-    elif isinstance(value, Mapping):
-        for part in value.values():
-            yield from _named_files(part)
-    elif isinstance(value, tuple):
-        for part in value:
-            yield from _named_files(part)
 
 
 def require_same_files(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
 from planning.errors import OutputError, ScenarioError
 from planning.files import is_file
+from twin.scenario.document.section import parts_of
 from twin.scenario.document.yaml_text import read_yaml
 from twin.scenario.manifest import scenario_schema
 
@@ -87,7 +88,10 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
     file = target if single else target / SCENARIO
     beside = {
         file.parent / named: (source.parent / named).read_bytes()
-        for named in _named_files(read_yaml(source, text).data, source.parent)
+        for _, named in parts_of(read_yaml(source, text).data)
+        if isinstance(named, str)
+        and Path(named).suffix
+        and is_file(source.parent / named)
     }
     for path, content in {file: None, **beside}.items():
         if path.exists() and (content is None or path.read_bytes() != content):
@@ -104,16 +108,6 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
             _create(path, content)
     _create(file, text.encode())
     return file
-
-
-def _named_files(value: object, folder: Path) -> Iterator[str]:
-    """Yield the files of a folder that values of a scenario name."""
-    if isinstance(value, str):
-        if Path(value).suffix and is_file(folder / value):
-            yield value
-    elif isinstance(value, dict | list):
-        for part in value.values() if isinstance(value, dict) else value:
-            yield from _named_files(part, folder)
 
 
 def _create(path: Path, content: bytes) -> None:

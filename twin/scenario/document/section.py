@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from inspect import cleandoc
-from typing import Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    model_validator,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+
+from twin.scenario.document.yaml_text import KeyPath
 
 _ATTRIBUTES = re.compile(r"^Attributes:\n((?:[ ]+.*\n?|\n)*)", re.MULTILINE)
 _ENTRY = re.compile(r"^    (\w+(?:, \w+)*): ")
@@ -74,18 +83,37 @@ Name = Annotated[str, Field(pattern=NAME, max_length=64)]
 
 
 Item = TypeVar("Item")
-Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
-Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
+if TYPE_CHECKING:
+    Two = tuple[Item, Item]
+    Three = tuple[Item, Item, Item]
+else:
+    Two = Annotated[tuple[Item, ...], Field(min_length=2, max_length=2)]
+    Three = Annotated[tuple[Item, ...], Field(min_length=3, max_length=3)]
 Several = Annotated[tuple[Item, ...], Field(min_length=1)]
 """Lists of two and of three entries, and lists that are not empty."""
 
 
 class Section(BaseModel):
-    """A mapping of the file: no unknown keys, no silent conversion, no change afterwards."""
+    """A mapping of the file: no unknown keys, no silent conversion, no change afterwards.
+
+    Of the keys of each group in ``not_both`` one may be given, which is to have another value than
+    it has by itself.
+    """
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False
     )
+
+    not_both: ClassVar[tuple[tuple[str, ...], ...]] = ()
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> Self:
+        fields = type(self).model_fields
+        for group in self.not_both:
+            given = [k for k in group if getattr(self, k) != fields[k].default]
+            if len(given) > 1:
+                raise ValueError(f"give {' or '.join(given)}, not both")
+        return self
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -104,3 +132,22 @@ def with_tuples(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: with_tuples(entry) for key, entry in value.items()}
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
+
+
+def parts_of(value: object, at: KeyPath = ()) -> Iterator[tuple[KeyPath, object]]:
+    """Yield whatever is in a section, in a list or in a mapping, and that itself last.
+
+    Args:
+        value: where to look.
+        at: its place, that begins those of what is in it.
+    """
+    entries: Any = ()
+    if isinstance(value, BaseModel):
+        entries = value
+    elif isinstance(value, Mapping):
+        entries = value.items()
+    elif isinstance(value, tuple | list):
+        entries = enumerate(value)
+    for key, part in entries:
+        yield from parts_of(part, (*at, key))
+    yield at, value

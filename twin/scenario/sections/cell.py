@@ -44,11 +44,7 @@ class RackSection(PoseSection):
     change_s: Annotated[float, Field(ge=0, le=1e6)] = 2.0
     change: AnyDuration | None = None
 
-    @model_validator(mode="after")
-    def _one_time(self) -> RackSection:
-        if self.change is not None and "change_s" in self.model_fields_set:
-            raise ValueError("give change_s or change, not both")
-        return self
+    not_both = (("change_s", "change"),)
 
     @property
     def change_time(self) -> AnyDuration:
@@ -93,6 +89,8 @@ class ToolSection(Section):
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     rack: RackSection | None = None
 
+    not_both = (("opening_m", "suction"),)
+
     @model_validator(mode="after")
     def _something(self) -> ToolSection:
         if (self.description is None) == (not self.shapes):
@@ -102,9 +100,7 @@ class ToolSection(Section):
         return self
 
     @model_validator(mode="after")
-    def _one_way_to_hold(self) -> ToolSection:
-        if self.suction and self.opening_m is not None:
-            raise ValueError("give opening_m or suction, not both")
+    def _opens(self) -> ToolSection:
         opening = self.opening_m
         if isinstance(opening, tuple) and (
             len(opening) != 2 or opening[0] >= opening[1]
@@ -200,10 +196,10 @@ class RobotSection(Section):
     parked: ParkedSection | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
 
+    not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked"))
+
     @model_validator(mode="after")
-    def _tool_or_tools(self) -> RobotSection:
-        if self.tools and self.tool is not None:
-            raise ValueError("give tool or tools, not both")
+    def _several_tools(self) -> RobotSection:
         if len(set(self.tools)) < len(self.tools) or len(self.tools) == 1:
             raise ValueError("tools are two or more, each named once")
         return self
@@ -216,17 +212,6 @@ class RobotSection(Section):
         return tuple(
             self.model_copy(update={"tool": name, "tools": ()}) for name in self.tools
         )
-
-    @model_validator(mode="after")
-    def _one_home(self) -> RobotSection:
-        given = [
-            key
-            for key in ("home_deg", "home_rad_or_m", "parked")
-            if getattr(self, key) is not None
-        ]
-        if len(given) > 1:
-            raise ValueError(f"give {' or '.join(given)}, not both")
-        return self
 
 
 class RingSection(Section):
@@ -241,6 +226,10 @@ class RingSection(Section):
     radius_m: Annotated[float, Field(ge=0.001, le=1000)]
     centre_m: Vector2 = (0.0, 0.0)
     start_deg: Coordinate = 0.0
+
+
+_OF_A_TEAM = ("model", "tool", "flange", "limits", "joints")
+"""What all robots of a team have alike."""
 
 
 class TeamSection(Section):
@@ -269,6 +258,7 @@ class TeamSection(Section):
     def robots(self) -> tuple[RobotSection, ...]:
         """Return the robots one by one."""
         out = []
+        alike = {key: getattr(self, key) for key in _OF_A_TEAM}
         for k in range(self.count):
             deg = self.ring.start_deg + 360.0 * k / self.count
             x, y = self.ring.centre_m
@@ -280,17 +270,7 @@ class TeamSection(Section):
                 at_m=(round(x, 6), round(y, 6)), facing_deg=round(facing, 6)
             )
             name = f"{self.name}{k + 1}"
-            out.append(
-                RobotSection(
-                    name=name,
-                    model=self.model,
-                    parked=parked,
-                    tool=self.tool,
-                    flange=self.flange,
-                    limits=self.limits,
-                    joints=self.joints,
-                )
-            )
+            out.append(RobotSection(name=name, parked=parked, **alike))
         return tuple(out)
 
 

@@ -46,11 +46,7 @@ class _Refilled(Section):
     refill_s: Seconds = 0.0
     refill: AnyDuration | None = None
 
-    @model_validator(mode="after")
-    def _one_time(self) -> _Refilled:
-        if self.refill is not None and self.refill_s:
-            raise ValueError("give refill_s or refill, not both")
-        return self
+    not_both = (("refill_s", "refill"),)
 
     @property
     def refill_time(self) -> AnyDuration:
@@ -172,10 +168,10 @@ class ProductsSection(Section):
     due: DueSection | Several[Seconds] | None = None
     start_up: Annotated[int, Field(ge=0, le=100_000)] | None = None
 
+    not_both = (("leave_s", "leave"),)
+
     @model_validator(mode="after")
     def _fits_together(self) -> ProductsSection:
-        if self.leave is not None and self.leave_s:
-            raise ValueError("give leave_s or leave, not both")
         if isinstance(self.due, tuple) and len(self.due) != self.count:
             raise ValueError(
                 f"{len(self.due)} due times for {self.count} products: give one for each"

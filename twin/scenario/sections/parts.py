@@ -139,14 +139,14 @@ class PartSection(ShapedSection):
     insert: Direction = (0.0, 0.0, -1.0)
     take_out: Direction = (0.0, 0.0, 1.0)
 
+    not_both = (("mass_kg", "density_kg_m3"),)
+
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> PartSection:
         if (self.start is None) == (self.source is None):
             raise ValueError(
                 "where does it come from? Give start, a pose, or source, the name of one"
             )
-        if self.density_kg_m3 is not None and self.mass_kg > 0.0:
-            raise ValueError("give mass_kg or density_kg_m3, not both")
         return self
 
     @property
@@ -256,10 +256,10 @@ class ProcessSection(Section):
     turns: Annotated[int, Field(ge=1, le=72)] = 8
     distance_m: Annotated[float, Field(ge=0, le=10)] = 0.0
 
+    not_both = (("machine", "unattended"),)
+
     @model_validator(mode="after")
     def _of_robots_or_not(self) -> ProcessSection:
-        if self.machine is not None and self.unattended:
-            raise ValueError("give machine or unattended, not both")
         if self.without_robot:
             of_robots = ("tool", "frame", "approach_m", "path", "turn_deg", "turns")
             for key in (*of_robots, "distance_m"):
@@ -288,10 +288,10 @@ class PlaceOfWork(Section):
     frame: Name | None = None
     pose: PoseSection | None = None
 
+    not_both = (("part", "fixture"),)
+
     @model_validator(mode="after")
-    def _one_place(self) -> PlaceOfWork:
-        if self.part is not None and self.fixture is not None:
-            raise ValueError("give part or fixture, not both")
+    def _known_frame(self) -> PlaceOfWork:
         if self.frame is not None and self.part is None and self.fixture is None:
             raise ValueError(
                 "of which part or fixture is this frame? Give part or fixture, or a pose in the"

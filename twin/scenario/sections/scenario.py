@@ -156,18 +156,14 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _slots_to_execute(self) -> Scenario:
-        if (
-            self.execution.policy == "synchronous"
-            and self.planning.coordination != "synchronous"
-        ):
+        if self.execution.policy != "synchronous":
+            return self
+        if self.planning.coordination != "synchronous":
             raise ValueError(
                 "policy 'synchronous' needs a plan in slots: set the planning's"
                 " coordination to 'synchronous'"
             )
-        if (
-            self.execution.policy == "synchronous"
-            and self.planning.shortcut_candidates not in ("auto", 0)
-        ):
+        if self.planning.shortcut_candidates not in ("auto", 0):
             raise ValueError(
                 "policy 'synchronous' executes the slots as they were planned: leave"
                 " shortcut_candidates away, or choose policy 'asynchronous'"

@@ -53,10 +53,10 @@ class PoseSection(Section):
     rpy_deg: Vector3 | None = None
     quat_wxyz: Vector4 | None = None
 
+    not_both = (("rpy_deg", "quat_wxyz"),)
+
     @model_validator(mode="after")
-    def _one_rotation(self) -> PoseSection:
-        if self.rpy_deg is not None and self.quat_wxyz is not None:
-            raise ValueError("give rpy_deg or quat_wxyz, not both")
+    def _real_rotation(self) -> PoseSection:
         if self.quat_wxyz is not None and not sum(v * v for v in self.quat_wxyz) > 1e-9:
             raise ValueError("quat_wxyz must not be zero")
         return self
@@ -191,12 +191,12 @@ class ShapedSection(Section):
     size_m: Size3 | None = None
     shape: ShapeSection | None = None
 
+    not_both = (("size_m", "shape"),)
+
     @model_validator(mode="after")
-    def _one_shape(self) -> Self:
+    def _some_shape(self) -> Self:
         if self.size_m is None and self.shape is None:
             raise ValueError("key 'size_m' is missing: give it for a box, or a shape")
-        if self.size_m is not None and self.shape is not None:
-            raise ValueError("give size_m or shape, not both")
         return self
 
     @property
