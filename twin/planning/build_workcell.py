@@ -35,13 +35,13 @@ from planning.errors import FittingError, RobotModelError, ShapeError
 from planning.files import file_named
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
-from planning.robots.descriptions.urdf_file import GivenLimits
+from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
 from planning.robots.registry import robot_model, with_tool
 from planning.transforms import Transform, identity, readonly
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.scenario import FixtureSection, Scenario
-from twin.scenario.sections.shapes import ShapeSection, build_transform, plain_values
+from twin.scenario.sections.shapes import ShapeSection, as_planned, build_transform
 
 
 def build_shape(name: str, section: ShapeSection, folder: Path = Path()) -> Shape:
@@ -74,8 +74,7 @@ def _elements(
 
 def _form(section: ShapeSection, folder: Path) -> Form:
     if section.box is not None:
-        x, y, z = section.box
-        return Box((x, y, z))
+        return Box(section.box)
     if section.cylinder is not None:
         return Cylinder(section.cylinder.radius_m, section.cylinder.length_m)
     if section.capsule is not None:
@@ -117,8 +116,9 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
             *assembly.objects(folder),
             *(tool.item for robot in robots for tool in robot.tools),
         ),
-        clearances=Clearances(
-            **plain_values(scenario.cell.clearance),
+        clearances=as_planned(
+            Clearances,
+            scenario.cell.clearance,
             contact_depth=assembly.contact_depth(),
         ),
         machines=tuple(map(machine, assembly.machines())),
@@ -198,12 +198,7 @@ def _rack_tool(
 
 def _fixture(section: FixtureSection, folder: Path) -> Fixture:
     shape = build_shape(section.name, section.described, folder)
-    frames = {name: build_transform(at) for name, at in section.frames.items()}
-    pose = build_transform(section.pose)
-    if section.colour is None:
-        return Fixture(section.name, shape, pose, frames)
-    red, green, blue = section.colour
-    return Fixture(section.name, shape, pose, frames, (red, green, blue))
+    return as_planned(Fixture, section, shape=shape)
 
 
 def fitted_model(
@@ -244,14 +239,14 @@ def _fitting(
 
 def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
     """Return a tool of a cell as planning knows it."""
-    said = ("description", "shapes", "joints", "opening_m", "suction", "rack")
-    return Tool(
+    return as_planned(
+        Tool,
+        section,
         name=name,
         description=_description(name, section, folder),
         shapes=_shapes(name, section, folder),
         held=section.joints,
         grip=section.grip(name),
-        **plain_values(section, without=said),
     )
 
 
@@ -277,7 +272,6 @@ def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...
 
 def build_limits(section: LimitsSection) -> GivenLimits:
     """Return the limits of a robot as planning knows them."""
-    speeds = ("tool_speed_m_s", "loaded_tool_speed_m_s", "payload_kg")
-    given = plain_values(section, without=speeds)
-    listed = {k: v if isinstance(v, tuple) else (v,) for k, v in given.items()}
+    own = {key: getattr(section, key) for key in BY_JOINT}
+    listed = {k: (v,) if isinstance(v, float) else v for k, v in own.items()}
     return GivenLimits(payload=section.payload_kg, **listed)

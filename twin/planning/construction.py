@@ -24,7 +24,7 @@ from twin.scenario.sections.construction import (
     ModelSection,
     SupplySection,
 )
-from twin.scenario.sections.shapes import build_transform, plain_values
+from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
@@ -205,12 +205,11 @@ def supply_layout(section: SupplySection) -> SupplyLayout:
     """Return the layout of a supply."""
     from planning.construction.problem.site import Rows, Spiral
 
-    values = plain_values(section, without=("layout", "near"))
-    return Spiral(**values) if section.layout == "spiral" else Rows(**values)
+    layout: type[Spiral | Rows] = Spiral if section.layout == "spiral" else Rows
+    return as_planned(layout, section)
 
 
 def _own_part(section: ConstructionPartSection) -> ModelPart:
     from planning.construction.problem.models import ModelPart
 
-    own = plain_values(section, without=("size_m", "start", "insertion"))
-    return ModelPart(size=readonly(section.size_m), **own)
+    return as_planned(ModelPart, section, size=readonly(section.size_m))

@@ -31,13 +31,11 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.lego import (
     BrickStepSection,
     LegoSection,
-    PlateSection,
-    StockSection,
     brick_types,
     cell_of,
     support_of,
 )
-from twin.scenario.sections.shapes import build_transform, read_structure
+from twin.scenario.sections.shapes import Colour, as_planned, read_structure
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
@@ -231,12 +229,16 @@ def build_lego(lego: LegoSection) -> LegoAssembly:
     """
     types = brick_types(lego)
     twist = lego.twist_deg.model_dump(by_alias=True)
+    storage = lego.storage_plate
     return LegoAssembly(
-        plate=_plate(lego.plate),
-        stock=tuple(_stock(s, types) for s in lego.stock),
+        plate=as_planned(Plate, lego.plate),
+        stock=tuple(
+            as_planned(StockBrick, item, brick=types[item.brick], cell=cell_of(item))
+            for item in lego.stock
+        ),
         steps=tuple(_step(s, types) for s in lego.steps),
         twist={skill: float(np.deg2rad(angle)) for skill, angle in twist.items()},
-        storage=None if lego.storage_plate is None else _plate(lego.storage_plate),
+        storage=None if storage is None else as_planned(Plate, storage),
     )
 
 
@@ -269,15 +271,14 @@ def sequencing_rules(
     from planning.lego.insertion.rules import SequencingRules
 
     allowed, stock = lego.rules, build_lego(lego).stock
-    return SequencingRules(
+    return as_planned(
+        SequencingRules,
+        allowed,
         support=allowed.support and robots > 1,
         place_up=allowed.place_up and robots > 1,
         hold_down=allowed.hold_down and robots > 1,
-        scaffold=allowed.scaffold,
-        plinth=allowed.plinth,
         force=allowed.press_force_n,
         margin=allowed.press_margin,
-        search_limit=allowed.search_limit,
         robot=carrier,
         types=tuple(dict.fromkeys(s.brick for s in stock if not s.fixed)),
     )
@@ -325,36 +326,19 @@ def find_sequence(
     return replace(assembly, steps=found.steps), found
 
 
-def _plate(section: PlateSection) -> Plate:
-    return Plate(build_transform(section.pose), (section.studs[0], section.studs[1]))
-
-
-def _stock(section: StockSection, types: Mapping[str, BrickType]) -> StockBrick:
-    return StockBrick(
-        section.name,
-        types[section.brick],
-        cell_of(section),
-        section.fixed,
-        section.station,
-    )
-
-
 def _step(section: BrickStepSection, types: Mapping[str, BrickType]) -> LegoStep:
     presses = section.presses or filter(None, [section.press])
     supports = section.supports or filter(None, [section.support])
-    return LegoStep(
+    up = section.place == "up"
+    return as_planned(
+        LegoStep,
+        section,
         brick=types[section.brick],
         cell=cell_of(section),
-        up=section.place == "up",
-        attack=section.attack,
-        stock=section.stock,
-        presses=tuple(Press(item.side, item.offset) for item in presses),
-        supports=tuple(support_of(item, up=section.place == "up") for item in supports),
-        temporary=section.temporary,
+        up=up,
+        presses=tuple(as_planned(Press, item) for item in presses),
+        supports=tuple(support_of(item, up=up) for item in supports),
     )
-
-
-Colour = tuple[int, int, int]
 
 
 def brick_colours(section: LegoSection) -> dict[Cell, Colour]:
@@ -362,11 +346,7 @@ def brick_colours(section: LegoSection) -> dict[Cell, Colour]:
     structure = () if section.structure is None else section.structure.bricks
     given = {cell_of(item): item.colour for item in section.steps}
     given |= {cell_of(item): item.colour for item in structure}
-    return {
-        cell: (colour[0], colour[1], colour[2])
-        for cell, colour in given.items()
-        if colour is not None
-    }
+    return {cell: colour for cell, colour in given.items() if colour is not None}
 
 
 def coloured(

@@ -28,7 +28,7 @@ from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartSection, PartsSection
-from twin.scenario.sections.shapes import build_transform
+from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
@@ -80,12 +80,8 @@ class PartKind(AssemblyKind):
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
         line = written_out(self.section)
-        placed = (*line.section.placed, *line.numbers)
-        parts = (_part(part, placed, folder) for part in line.section.parts)
-        return (
-            *(replace(part, later=part.name in line.later) for part in parts),
-            *_doors(line, folder),
-        )
+        parts = (_part(part, line, folder) for part in line.section.parts)
+        return (*parts, *_doors(line, folder))
 
     def machines(self) -> tuple[str, ...]:
         """Return the machines of sources, those that work, and what takes products away."""
@@ -156,18 +152,16 @@ def _doors(line: Line, folder: Path) -> Iterator[CellObject]:
         )
 
 
-def _part(part: PartSection, steps: tuple[str, ...], folder: Path) -> CellObject:
-    assert part.start is not None
-    red, green, blue = part.colour
+def _part(part: PartSection, line: Line, folder: Path) -> CellObject:
     shape = build_shape(part.name, part.described, folder)
     if part.centre_of_mass_m is not None:
         shape = replace(shape, own_centre=readonly(part.centre_of_mass_m))
-    return CellObject(
-        name=part.name,
+    return as_planned(
+        CellObject,
+        part,
         kind=part.shape_words,
         shape=shape,
-        start=readonly(build_transform(part.start)),
         mass=part.mass_kg or (part.density_kg_m3 or 0.0) * shape.volume,
-        fixed=part.name not in steps,
-        colour=(red, green, blue),
+        fixed=part.name not in line.section.placed and part.name not in line.numbers,
+        later=part.name in line.later,
     )

@@ -26,6 +26,10 @@ _MOVING = ("revolute", "continuous", "prismatic")
 _CONTINUOUS_LIMIT = 2.0 * math.pi
 
 
+BY_JOINT = ("velocity", "acceleration", "jerk", "effort")
+"""Limits that are given of joints."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class GivenLimits:
     """Limits of a robot's joints in place of what its description says.
@@ -46,8 +50,7 @@ class GivenLimits:
 
     def by_joint(self) -> Mapping[str, tuple[float, ...]]:
         """Return the limits that are given of joints, by the names that URDF has for them."""
-        keys = ("velocity", "acceleration", "jerk", "effort")
-        given = {key: getattr(self, key) for key in keys}
+        given = {key: getattr(self, key) for key in BY_JOINT}
         return {key: values for key, values in given.items() if values is not None}
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -40,7 +39,7 @@ from twin.scenario.sections.parts import (
     PlaceOfWork,
     StepSection,
 )
-from twin.scenario.sections.shapes import build_transform, plain_values
+from twin.scenario.sections.shapes import as_planned, build_transform, plain_values
 
 
 def build_assembly(section: PartsSection) -> PartAssembly:
@@ -51,10 +50,12 @@ def build_assembly(section: PartsSection) -> PartAssembly:
 def assembly_of(line: Line) -> PartAssembly:
     """Return goals, steps, grips and supplies of what is written out."""
     section = line.section
-    usual = PartHandling(
-        GripRules(**_grip_rules(section.grips)), section.approach_m, section.leave_m
+    usual = as_planned(
+        PartHandling, section, grips=_grip_rules(section.grips, GripRules())
     )
-    return PartAssembly(
+    return as_planned(
+        PartAssembly,
+        section,
         goals={
             part.name: readonly(build_transform(part.goal))
             for part in section.parts
@@ -66,7 +67,6 @@ def assembly_of(line: Line) -> PartAssembly:
         ),
         usual=usual,
         own={part.name: _ways(part, usual) for part in section.parts},
-        touch=section.touch_m,
         balance=_balance(section),
         overlaps=Overlaps(frozenset(joined_pairs(section)), section.joined_overlap_m),
         supply=line.supply,
@@ -84,33 +84,28 @@ def _balance(section: PartsSection) -> StandingRules | None:
     if not own.check:
         return None
     joints = (
-        Joint(
-            first,
-            second,
-            item.force_n or np.inf,
-            item.torque_nm or np.inf,
-            item.gap_m,
-            item.by,
-        )
+        as_planned(Joint, item, first=first, second=second)
         for item in section.joined
         for first, second in [item.parts]
     )
-    tilt = np.deg2rad(own.tilt_deg)
-    return StandingRules(own.friction, tilt, section.touch_m, tuple(joints))
+    return as_planned(StandingRules, own, touch=section.touch_m, joints=tuple(joints))
 
 
-def _grip_rules(section: GripSection | PartGripSection) -> dict[str, Any]:
+def _grip_rules(section: GripSection | PartGripSection, rules: GripRules) -> GripRules:
+    """Return rules with what a section says in place of what they say."""
     values = plain_values(section)
-    if "directions" in values:
-        values["directions"] = tuple(_unit(d) for d in values["directions"])
-    return values
+    if section.directions is not None:
+        values["directions"] = tuple(map(_unit, section.directions))
+    return replace(rules, **values)
 
 
 def _ways(part: PartSection, usual: PartHandling) -> PartHandling:
     """Return how one part is handled: as it says, else as the assembly says."""
-    own = {} if part.grips is None else _grip_rules(part.grips)
+    rules = usual.grips
+    if part.grips is not None:
+        rules = _grip_rules(part.grips, rules)
     return PartHandling(
-        replace(usual.grips, **own),
+        rules,
         part.approach_m or usual.approach,
         part.leave_m or usual.leave,
         _unit(part.insert),
@@ -124,35 +119,17 @@ def _unit(direction: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> AnyStep:
+    at = step.at
     if step.place is not None:
-        return PlacePart(
-            name=step.known_as,
-            after=step.after,
-            robots=step.robots,
-            hold=step.hold,
-            part=step.place,
-            until=step.until,
-            stop=None if step.at is None else _spot(section, step.at),
-        )
-    assert step.process is not None
-    assert step.at is not None
+        stop = None if at is None else _spot(section, at)
+        own = {"name": step.known_as, "part": step.place}
+        return as_planned(PlacePart, step, stop=stop, **own)
+    assert at is not None
     if job is not None:
-        assert step.at.part is not None
-        return MachineWork(
-            name=step.name,
-            after=step.after,
-            process=step.process,
-            machine=job.machine,
-            part=step.at.part,
-            door=job.door,
-        )
-    return Work(
-        name=step.name,
-        after=step.after,
-        robots=step.robots,
-        hold=step.hold,
-        process=_process(section, step),
-        spot=_spot(section, step.at),
+        own = {"machine": job.machine, "part": at.part, "door": job.door}
+        return as_planned(MachineWork, step, **own)
+    return as_planned(
+        Work, step, process=_process(section, step), spot=_spot(section, at)
     )
 
 
@@ -175,11 +152,10 @@ def _process(section: PartsSection, step: StepSection) -> Process:
     turn = own.turn_deg if step.turn_deg is None else step.turn_deg
     turns = np.arange(own.turns) * 360.0 / own.turns if turn is None else [turn]
     path = own.path if step.path is None else step.path
-    return Process(
+    return as_planned(
+        Process,
+        own,
         name=step.process,
-        tool=own.tool,
-        frame=own.frame,
-        approach=own.approach_m,
         path=tuple(readonly(build_transform(pose)) for pose in path),
         turns=tuple(np.deg2rad(turns).tolist()),
     )

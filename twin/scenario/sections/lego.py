@@ -25,6 +25,7 @@ from twin.scenario.sections.shapes import (
     Raised,
     StructureBrickSection,
     StructureSection,
+    as_planned,
 )
 
 Studs = Two[Annotated[int, Field(ge=1, le=1000)]]
@@ -273,19 +274,13 @@ class LegoSection(Section):
 
 def brick_types(assembly: LegoSection) -> dict[str, BrickType]:
     """Return the brick types by name: the library, then those of the scenario."""
-    own = {
-        name: BrickType(
-            name, (brick.studs[0], brick.studs[1]), brick.mass_kg, brick.height
-        )
-        for name, brick in assembly.bricks.items()
-    }
-    return {**BRICKS, **own}
+    own = assembly.bricks.items()
+    return {**BRICKS, **{k: as_planned(BrickType, v, name=k) for k, v in own}}
 
 
 def cell_of(item: StockSection | BrickStepSection | StructureBrickSection) -> Cell:
     """Return the cell of a brick of the stock, of a step or of a structure."""
-    x, y, z = item.at
-    return Cell(x, y, z, item.turned, item.raised)
+    return Cell(*item.at, item.turned, item.raised)
 
 
 def places_of(

@@ -9,9 +9,9 @@ lists may be mixed: all bricks together are the structure.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -28,6 +28,9 @@ from planning.transforms import Transform, from_quat_wxyz, from_rpy, readonly
 from twin.scenario.document.section import Name, Section, Several, Three, Two
 from twin.scenario.document.validation import unknown_name
 from twin.scenario.document.yaml_text import KeyPath
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 # No cell reaches ten kilometres: what is beyond is a slip of the pen or of the unit.
 Coordinate = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -70,20 +73,29 @@ def build_transform(pose: PoseSection) -> Transform:
     return from_rpy(pose.xyz_m, rpy.tolist())
 
 
-def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str, Any]:
+def as_planned(model: type[Planned], section: Section, **own: Any) -> Planned:
+    """Return the data class of planning that a section describes.
+
+    Args:
+        model: the class; what it has no field for is left out.
+        section: the section, see ``plain_values``.
+        own: fields that the section does not give, or not in this way.
+    """
+    names = {field.name for field in fields(model)}
+    given = {k: v for k, v in plain_values(section).items() if k in names}
+    return model(**{**given, **own})
+
+
+def plain_values(section: Section) -> dict[str, Any]:
     """Return what a section gives, as classes of planning have it: by names without units.
 
     ``size_m`` becomes ``size``, ``yaw_deg`` becomes ``yaw`` in radians, and poses become
     transforms. What has no value is left out.
-
-    Args:
-        section: the section.
-        without: keys to leave out.
     """
     out: dict[str, Any] = {}
     for key, value in section:
         name, _, unit = key.rpartition("_")
-        if key in without or value is None:
+        if value is None:
             continue
         if unit == "deg":
             angles = np.deg2rad(value).tolist()
@@ -92,7 +104,9 @@ def plain_values(section: Section, *, without: Collection[str] = ()) -> dict[str
     return out
 
 
-_UNITS = ("m", "rad", "deg", "kg")
+Planned = TypeVar("Planned", bound="DataclassInstance")
+
+_UNITS = ("m", "rad", "deg", "kg", "n", "nm")
 
 
 def _plain(value: Any) -> Any:
@@ -327,7 +341,7 @@ def read_structure(
             continue
         if item.name is not None:
             given[len(drawn)] = i, item.name
-        cell = Cell(item.at[0], item.at[1], item.at[2], item.turned, item.raised)
+        cell = Cell(*item.at, item.turned, item.raised)
         stem = item.name or f"{item.brick}_"
         drawn.append(DrawnBrick(stem, types[item.brick], cell, (0, 0)))
         places.append(("bricks", i, "at"))
@@ -347,10 +361,8 @@ def _drawings(
 ) -> Iterator[tuple[KeyPath, Drawing]]:
     for k, text in enumerate(section.layers):
         assert section.origin is not None
-        origin = (section.origin[0], section.origin[1])
         if text.strip() or k == len(section.layers) - 1:
-            yield ("layers", k), read_layer(text, origin, k + 1, types)
+            yield ("layers", k), read_layer(text, section.origin, k + 1, types)
     for k, view in enumerate(section.elevations):
-        at = (view.at[0], view.at[1], view.at[2])
-        drawing = read_elevation(view.drawing, at, view.along, view.depth, types)
-        yield ("elevations", k, "drawing"), drawing
+        shown = view.drawing, view.at, view.along, view.depth
+        yield ("elevations", k, "drawing"), read_elevation(*shown, types)
