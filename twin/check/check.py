@@ -15,15 +15,17 @@ from twin.check.lying import (
     check_fixtures,
     check_goals,
     check_joints,
+    check_machines,
     check_meshes,
     check_starts,
+    check_works,
 )
-from twin.check.masses import check_payloads
 from twin.check.reach import check_reach
 from twin.check.robots import (
     check_bases,
     check_efforts,
     check_homes,
+    check_payloads,
     check_skill_times,
     check_speeds,
     check_standing_times,
@@ -36,7 +38,6 @@ from twin.check.tools import (
     check_tool_frames,
     check_units,
 )
-from twin.check.work import check_machines, check_works
 from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
 
-from planning.cell.workcell import Workcell
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import ConstructionError, InfeasibleStepError
-from planning.parts.assembly import PartAssembly
+from planning.parts.assembly import PartAssembly, Work
 from planning.parts.part_steps import KnownStep, part_steps
 from planning.steps.tool_changes import rack_tools, with_every_tool
 from twin.planning.build_workcell import build_workcell
@@ -60,6 +61,26 @@ class OrderedParts:
         except InfeasibleStepError:
             return None
 
+    def works(self) -> Iterator[tuple[int, KnownStep, Work, list[PlacedRobot]]]:
+        """Yield processes of robots in that order: number as listed, from 1, and who may do each.
+
+        There are none where a step cannot be, which is said elsewhere.
+        """
+        listed = {id(step): k for k, step in enumerate(self.listed.steps, start=1)}
+        for known in self.steps or ():
+            step = known.step
+            if not isinstance(step, Work):
+                continue
+            process = step.process
+            robots = [
+                robot
+                for robot in self.cell.robots
+                if step.done_by(robot.name)
+                and process.tool in (None, robot.tool)
+                and process.frame in {"flange", *robot.model.frames}
+            ]
+            yield listed[id(step)], known, step, robots
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -77,6 +98,18 @@ class Finding:
 
 
 Findings = Iterator[Finding]
+
+
+def of_parts(
+    check: Callable[[Subject, OrderedParts], Findings],
+) -> Callable[[Subject], Findings]:
+    """Make a check of assemblies of parts one of all scenarios, which finds nothing in others."""
+
+    @wraps(check)
+    def checked(subject: Subject) -> Findings:
+        return iter(()) if subject.parts is None else check(subject, subject.parts)
+
+    return checked
 
 
 @dataclass(frozen=True)
@@ -113,6 +146,14 @@ class Subject:
         if not isinstance(section, PartsSection):
             return None
         return OrderedParts(self.cell, section)
+
+    @cached_property
+    def unlike_robots(self) -> tuple[PlacedRobot, ...]:
+        """A robot of each model: what its description says holds for the others."""
+        first: dict[RobotModel, PlacedRobot] = {}
+        for robot in self.cell.robots:
+            first.setdefault(robot.model, robot)
+        return tuple(first.values())
 
     @cached_property
     def own_fixtures(self) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Checks of what lies or stands somewhere: overlaps, what hangs in the air or would fall, meshes."""
+"""Checks of what lies somewhere, and what is done to it: overlaps, what hangs or falls, places of work."""
 
 from __future__ import annotations
 
@@ -6,19 +6,38 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from planning.cell.shape import Mesh
+from planning.cell.shape import Mesh, Shape
+from planning.cell.workcell import Fixture, PlacedRobot
 from planning.contacts.touching import (
     MOST_OVERLAP,
     Lying,
     bounds,
     near_to,
+    nearest_to,
     nearest_words,
     standing,
 )
-from planning.parts.assembly import PlacePart
-from planning.parts.part_steps import node_remedy, steps_in_order, wide_joints
-from twin.check.finding import Finding, Findings, Subject, millimetres, position
-from twin.scenario.sections.parts import PartsSection
+from planning.grips.tool_grips import tool_bodies
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.parts.assembly import MachineWork, PlacePart, Process
+from planning.parts.part_skills import process_targets
+from planning.parts.part_steps import (
+    KnownStep,
+    node_remedy,
+    steps_in_order,
+    wide_joints,
+)
+from planning.transforms import Transform, inverse
+from twin.check.finding import (
+    Finding,
+    Findings,
+    OrderedParts,
+    Subject,
+    millimetres,
+    of_parts,
+    position,
+)
+from twin.scenario.sections.parts import MachineSection, PartsSection
 
 _TOUCH = 0.002
 """Distance up to which things touch where the scenario does not say [m]."""
@@ -61,12 +80,10 @@ def check_starts(subject: Subject) -> Findings:
             )
 
 
-def check_goals(subject: Subject) -> Findings:
+@of_parts
+def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield parts of an assembly that overlap, or hang in the air, in their places."""
-    if subject.parts is None:
-        return
-    cell, section = subject.cell, subject.parts.section
-    assembly = subject.parts.found
+    cell, section, assembly = subject.cell, parts.section, parts.found
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
@@ -104,21 +121,15 @@ def check_goals(subject: Subject) -> Findings:
             )
 
 
-def check_joints(subject: Subject) -> Findings:
+@of_parts
+def check_joints(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield what is joined to something that is farther from it than the joint says."""
-    if subject.parts is None:
-        return
-    listed = [set(item.parts) for item in subject.parts.section.joined]
-    for joint, words in wide_joints(subject.cell, subject.parts.listed):
-        own = {_listed(name, subject.parts.section) for name in joint.ends}
-        at = ("assembly", "joined", listed.index(own))
-        yield Finding(at, words, error=True)
-
-
-def _listed(name: str, section: PartsSection) -> str:
-    """Return the name that the file has for a part, that of a product without its number."""
-    known = {end for item in section.joined for end in item.parts}
-    return name if name in known else name.rpartition(".")[0]
+    listed = [set(item.parts) for item in parts.section.joined]
+    known = set().union(*listed)
+    for joint, words in wide_joints(subject.cell, parts.listed):
+        # That of a product has the name that the file has for it without its number.
+        own = {k if k in known else k.rpartition(".")[0] for k in joint.ends}
+        yield Finding(("assembly", "joined", listed.index(own)), words, error=True)
 
 
 def check_centres(subject: Subject) -> Findings:
@@ -137,12 +148,12 @@ def check_centres(subject: Subject) -> Findings:
             )
 
 
-def check_balance(subject: Subject) -> Findings:
+@of_parts
+def check_balance(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield the first part that would fall, in the order in which parts are put in place."""
     from planning.parts.balance import PartBalance, balance_groups
 
-    parts = subject.parts
-    if parts is None or parts.steps is None or parts.listed.balance is None:
+    if parts.steps is None or parts.listed.balance is None:
         return
     gone = parts.listed.supply.leaves.keys()
     for _, own, rule in balance_groups(parts.steps, parts.listed.balance, gone):
@@ -233,3 +244,120 @@ def check_meshes(subject: Subject) -> Findings:
                     " of the convex pieces that planning sees: close its holes, or give a smaller"
                     " within_m",
                 )
+
+
+_BRIDGED = 0.02
+"""A tool that stays no farther than this from what it works at works at it [m]."""
+
+_BESIDE = 0.5
+"""A machine works at parts no farther than this from its door, and from each other [m]."""
+
+
+@of_parts
+def check_works(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield processes in which the tool stays far from all that they are done at.
+
+    Some tools do work at a distance, and their processes say at which (``distance_m``).
+    """
+    for number, known, step, robots in parts.works():
+        if number > len(parts.section.steps):
+            continue  # of another product
+        lying = standing(subject.cell) | known.others
+        there = {name: lying[name] for name in known.touched} or lying
+        found = [
+            (gap, robot.name, name)
+            for robot in robots
+            for name, gap in _nearest(robot, known, step.process, there)
+        ]
+        room = parts.section.processes[step.process.name].distance_m
+        if not found or min(found)[0] <= _BRIDGED + room:
+            continue
+        gap, robot, name = min(found)
+        said = f"distance_m {room:g} says" if room else "works at"
+        yield Finding(
+            subject.step_at(number),
+            f"{step.words}: the tool of {robot} stays {millimetres(gap)} away from {name}, the nearest that it"
+            f" could work at, and at most {millimetres(_BRIDGED + room)} is what a tool {said}: move the place"
+            f" of work or the tool's frame {step.process.frame!r}; for what works at a distance, such as a"
+            f" camera, say processes.{step.process.name}.distance_m",
+        )
+
+
+def _nearest(
+    robot: PlacedRobot, known: KnownStep, process: Process, there: Mapping[str, Lying]
+) -> Iterator[tuple[str, float]]:
+    """Yield what is nearest to the tool of a robot at each pose of its path, and how far it is [m]."""
+    body = Shape((), tuple(tool_bodies(robot.model)))
+    tip = inverse(frame_in_last_joint(robot.model, process.frame))
+    way = process_targets(process, known.place, process.turns[0])
+    for goal in way.targets.subgoals[way.first : way.last + 1]:
+        pose: Transform = goal.pose @ tip
+        found = nearest_to((Fixture("tool", body, pose), pose), there)
+        if found is not None:
+            yield found
+
+
+@of_parts
+def check_machines(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield machines that work at parts elsewhere than they stand, or nowhere that anybody tells.
+
+    Where a machine names its fixtures, a part that lies on none of them cannot be worked at. Where it does
+    not, it stands where its parts are brought to; so they are to be brought, and to one place.
+    """
+    if isinstance(parts.found, str):
+        return
+    cell, machines, moved = subject.cell, parts.section.machines, set[str]()
+    places: dict[str, Transform] = {}
+    for number, step, where, _ in steps_in_order(cell, parts.listed):
+        if isinstance(step, PlacePart):
+            moved.add(step.part)
+        if not isinstance(step, MachineWork) or step.machine not in machines:
+            continue
+        name, pose, own = step.machine, where[step.part], machines[step.machine]
+        at, lying = subject.step_at(number), (cell.object(step.part), pose)
+        first = places.setdefault(name, pose)
+        spread = float(np.linalg.norm(pose[:3, 3] - first[:3, 3]))
+        tell = f"machines.{name}.fixtures says where it stands"
+        if own.fixtures:
+            named = {k: v for k, v in standing(cell).items() if k in own.fixtures}
+            nearest = nearest_to(lying, named)
+            if nearest is not None and not near_to(lying, named, parts.section.touch_m):
+                yield Finding(
+                    at,
+                    f"{name} works at {step.part}, which lies on none of its fixtures by then: {nearest[0]} is"
+                    f" {millimetres(nearest[1])} away (touch_m {parts.section.touch_m:g}); put it there before"
+                    " ({place: PART, at: {fixture: NAME}}), or change machines."
+                    + name
+                    + ".fixtures",
+                    error=True,
+                )
+        elif (gap := _from_door(own, lying, subject)) is not None and gap > _BESIDE:
+            yield Finding(
+                at,
+                f"{name} works at {step.part} {gap:.2f} m away from its door: {tell}",
+            )
+        elif spread > _BESIDE:
+            yield Finding(
+                at,
+                f"{name} works at {step.part} {spread:.2f} m away from where it worked before, at"
+                f" {position(first[:3, 3].tolist())}: one of the two is not in the machine; {tell}",
+            )
+        elif step.part not in moved and own.door is None:
+            yield Finding(
+                at,
+                f"{name} works at {step.part} where that lies at the start, at"
+                f" {position(pose[:3, 3].tolist())}: no step brings it to the machine; {tell}",
+            )
+
+
+def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | None:
+    """Return how far a part is from the door of a machine, None where it has none [m]."""
+    if own.door is None:
+        return None
+    from twin.planning.build_workcell import build_shape
+    from twin.scenario.sections.shapes import build_transform
+
+    shape = build_shape("door", own.door.described, subject.folder)
+    pose = build_transform(own.door.pose)
+    found = nearest_to(lying, {"door": (Fixture("door", shape, pose), pose)})
+    return None if found is None else max(0.0, found[1])

@@ -7,7 +7,6 @@ and objects where they are at the start, and the places that objects go to as ou
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -17,7 +16,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
-from scipy.spatial import ConvexHull, QhullError
 
 from planning.cell.cover import box_body
 from planning.cell.shape import Shape
@@ -36,18 +34,24 @@ from twin.check.close_ups import (
     widened,
 )
 from twin.check.finding import Subject
-from twin.host.pictures import INK, new_picture, save_png, style_axes
+from twin.check.views import (
+    FROM_THE_SIDE,
+    DrawnShape,
+    View,
+    draw_axes,
+    draw_shapes,
+    placed_points,
+    style_view,
+)
+from twin.host.pictures import INK, new_picture, save_png
 from twin.scenario.sections.lego import LegoSection
-from twin.scenario.sections.parts import PartsSection
 
 
 def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
     """Yield what is put somewhere, with the corners of each of its pieces there, shape (v, 3) [m]."""
     section = subject.scenario.assembly
-    if isinstance(section, PartsSection):
-        from twin.planning.part_assembly.built import build_assembly
-
-        assembly, cell = build_assembly(section), subject.cell
+    if subject.parts is not None:
+        assembly, cell = subject.parts.listed, subject.cell
         stops = [
             (step.part, spot_pose(cell, step.stop))
             for step in assembly.steps
@@ -86,8 +90,6 @@ PICTURE = "cell.png"
 
 _ROBOTS = ("#2f6db5", "#d9822b", "#3d9a50", "#8e5bb5", "#c23b54", "#2a9d9d")
 _FIXTURE, _FIXTURE_EDGE, _GOAL = "#dfe3e8", "#a7afb9", "#5b6470"
-AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
-"""Of the x, y and z axes of frames."""
 _FIXTURE_NAME = "#6b7480"
 _MOST_ASIDE = 12
 """Things that are named in a view from the side: more stand behind each other."""
@@ -105,33 +107,7 @@ _ARROW = 0.1
 """Length of the axes of a tool frame, x red, y green, z blue [m]."""
 
 
-@dataclass(frozen=True)
-class _Viewpoint:
-    """A projection: the axes of the world that go right and up, and the one towards the eye."""
-
-    title: str
-    right: int
-    up: int
-    eye: int
-    towards: float
-
-
-_VIEWS = (
-    _Viewpoint("from above", 0, 1, 2, 1.0),
-    _Viewpoint("from the side (-y)", 0, 2, 1, -1.0),
-)
-
-
-@dataclass(frozen=True)
-class _DrawnShape:
-    """A convex hull to draw: corners in the world, and how."""
-
-    corners: Array
-    face: object
-    edge: object
-    alpha: float
-    counts: bool = True
-    of_robot: bool = False
+_FROM_ABOVE = View("from above", 0, 1, 2, 1.0)
 
 
 def draw_cell(subject: Subject, folder: Path) -> Path:
@@ -166,9 +142,14 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
         subject: the scenario and its cell.
         width_in: of the picture [in]; the narrower it is, the fewer names have room.
     """
-    shapes = list(_shapes(subject))
+    things = list(_things_drawn(subject))
+    shapes = [*things, *_robots_drawn(subject)]
+    goals = [
+        DrawnShape(corners, "none", _GOAL, 1.0, 0.6, (0, (3, 2)))
+        for _, corners in goal_boxes(subject)
+    ]
     reaches = {r.name: reach_radius(r, _frame(r)) for r in subject.cell.robots}
-    least, most = _extent(subject, shapes)
+    least, most = _extent(subject)
     size = np.maximum(most - least, 0.1)
     wide = 0.5 * (width_in - 1.4)
     tall = float(
@@ -186,12 +167,12 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
         height_ratios=[tall + 0.6, below] if larger else [1.0],
     )
     half = max(len(larger), 1)
-    for k, view in enumerate(_VIEWS):
+    for k, view in enumerate((_FROM_ABOVE, FROM_THE_SIDE)):
         area = picture.add_subplot(grid[0, k * half : (k + 1) * half])
-        low, high = least[[view.right, view.up]], most[[view.right, view.up]]
-        _style(area, view, view.title)
-        _draw_shapes(area, view, shapes)
-        _draw_goals(area, view, subject)
+        low, high = least[view.flat], most[view.flat]
+        style_view(area, view)
+        draw_shapes(area, view, shapes)
+        draw_shapes(area, view, goals)
         names = Names(area, scale, low, high, beside=view.eye == 2)
         _draw_robots(area, view, subject, reaches, names)
         for item in larger if view.eye == 2 else ():
@@ -204,12 +185,11 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
         area = picture.add_subplot(grid[1, 2 * k : 2 * k + 2])
         wide = panel_width(width_in, len(larger))
         low, high = widened(item.low, item.high, wide / (below - 0.7))
-        _style(area, _VIEWS[0], f"{item.letter}, larger, without robots")
-        things = [shape for shape in shapes if not shape.of_robot]
-        _draw_shapes(area, _VIEWS[0], things)
-        _draw_goals(area, _VIEWS[0], subject)
+        style_view(area, _FROM_ABOVE, f"{item.letter}, larger, without robots")
+        draw_shapes(area, _FROM_ABOVE, things)
+        draw_shapes(area, _FROM_ABOVE, goals)
         names = Names(area, float(high[0] - low[0]) / (72.0 * wide), low, high)
-        _draw_names(names, _VIEWS[0], subject, goals=True)
+        _draw_names(names, _FROM_ABOVE, subject, goals=True)
         area.set_xlim(low[0], high[0])
         area.set_ylim(low[1], high[1])
     picture.suptitle(
@@ -222,26 +202,22 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
     return picture
 
 
-def _style(area: Axes, view: _Viewpoint, title: str) -> None:
-    style_axes(area)
-    area.set_title(title, color=INK, fontsize=10, loc="left")
-    area.set_aspect("equal")
-    area.set_xlabel("xyz"[view.right] + " [m]", color=INK)
-    area.set_ylabel("xyz"[view.up] + " [m]", color=INK)
-
-
 def _things(subject: Subject) -> Iterator[tuple[str, Array, bool]]:
     """Yield objects that are there and places that they go to: names, corners of boxes, whether it is a place."""
     for thing in subject.cell.objects:
         if not thing.later:
-            corners = placed_points(_corners(thing.shape), thing.start)
-            yield thing.name, _bounds(corners), False
+            yield thing.name, _box(thing.shape, thing.start), False
     for name, pieces in groupby(goal_boxes(subject), key=itemgetter(0)):
         yield name, _bounds(np.vstack([corners for _, corners in pieces])), True
 
 
+def _box(shape: Shape, pose: Transform) -> Array:
+    """Return the lower and the upper corner of an upright box around a shape, shape (2, 3) [m]."""
+    corners = np.vstack([piece.vertices for piece in shape.pieces])
+    return _bounds(placed_points(corners, pose))
+
+
 def _bounds(corners: Array) -> Array:
-    """Return the lower and the upper corner of an upright box around points, shape (2, 3) [m]."""
     return np.array([corners.min(axis=0), corners.max(axis=0)])
 
 
@@ -262,28 +238,29 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
     )
 
 
-def _shapes(subject: Subject) -> Iterator[_DrawnShape]:
-    cell = subject.cell
-    for item in cell.fixtures:
-        counts = item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
+def _things_drawn(subject: Subject) -> Iterator[DrawnShape]:
+    for item in subject.cell.fixtures:
         face = _FIXTURE if item.colour is None else _unit(item.colour)
         for piece in item.shape.pieces:
             corners = placed_points(piece.vertices, item.pose)
-            yield _DrawnShape(corners, face, _FIXTURE_EDGE, 1.0, counts)
-    for thing in cell.objects:
+            yield DrawnShape(corners, face, _FIXTURE_EDGE, 1.0)
+    for thing in subject.cell.objects:
         if not thing.later:
             face = _unit(thing.colour)
             for piece in thing.shape.pieces:
-                yield _DrawnShape(
+                yield DrawnShape(
                     placed_points(piece.vertices, thing.start), face, INK, 0.95
                 )
-    for number, robot in enumerate(cell.robots):
+
+
+def _robots_drawn(subject: Subject) -> Iterator[DrawnShape]:
+    for number, robot in enumerate(subject.cell.robots):
         colour = _ROBOTS[number % len(_ROBOTS)]
         poses = joint_poses_of(robot, robot.home)
         for part in robot.model.parts:
             corners = placed_points(part.body.vertices, poses[part.joint + 1])
             alpha = 0.9 if part.group == "tool" else 0.55
-            yield _DrawnShape(corners, colour, colour, alpha, of_robot=True)
+            yield DrawnShape(corners, colour, colour, alpha)
 
 
 def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -292,26 +269,19 @@ def _unit(colour: tuple[int, int, int]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _corners(shape: Shape) -> Array:
-    return np.vstack([piece.vertices for piece in shape.pieces])
-
-
-def _extent(subject: Subject, shapes: list[_DrawnShape]) -> tuple[Array, Array]:
-    corners = [shape.corners for shape in shapes if shape.counts]
-    corners += [box for _, box in goal_boxes(subject)]
+def _extent(subject: Subject) -> tuple[Array, Array]:
+    """Return the corners of what is to be seen: all but a floor that no file lists."""
+    corners = [shape.corners for shape in _robots_drawn(subject)]
+    corners += [box for _, box, _ in _things(subject)]
+    corners += [
+        _box(item.shape, item.pose)
+        for item in subject.cell.fixtures
+        if item.name in subject.own_fixtures or float(np.max(item.size)) < 5.0
+    ]
     every = np.vstack(corners)
     least, most = every.min(axis=0), every.max(axis=0)
     margin = 0.05 * float((most - least).max())
     return least - margin, most + margin
-
-
-def _draw_shapes(area: Axes, view: _Viewpoint, shapes: list[_DrawnShape]) -> None:
-    """Draw shapes, those that are nearer to the eye over the others."""
-    ordered = sorted(
-        shapes, key=lambda s: float((view.towards * s.corners[:, view.eye]).max())
-    )
-    for shape in ordered:
-        _draw_shape(area, view, shape)
 
 
 def _draw_frame(area: Axes, item: CloseUp, names: Names) -> None:
@@ -330,37 +300,9 @@ def _draw_frame(area: Axes, item: CloseUp, names: Names) -> None:
     names.mark(np.array([item.low[0], item.high[1]]), item.letter, INK, NAME_SIZE + 1)
 
 
-def _draw_shape(area: Axes, view: _Viewpoint, shape: _DrawnShape) -> None:
-    outline = hull_outline(shape.corners[:, [view.right, view.up]])
-    area.add_patch(
-        Polygon(
-            outline,
-            closed=True,
-            facecolor=shape.face,
-            edgecolor=shape.edge,
-            alpha=shape.alpha,
-            linewidth=0.5,
-        )
-    )
-
-
-def _draw_goals(area: Axes, view: _Viewpoint, subject: Subject) -> None:
-    for _, corners in goal_boxes(subject):
-        area.add_patch(
-            Polygon(
-                hull_outline(corners[:, [view.right, view.up]]),
-                closed=True,
-                fill=False,
-                edgecolor=_GOAL,
-                linewidth=0.6,
-                linestyle=(0, (3, 2)),
-            )
-        )
-
-
 def _draw_robots(
     area: Axes,
-    view: _Viewpoint,
+    view: View,
     subject: Subject,
     reaches: Mapping[str, float | None],
     names: Names,
@@ -381,23 +323,15 @@ def _draw_robots(
                 )
             )
         tool = frame_pose(robot, robot.home, _frame(robot))
-        for axis, line in enumerate(AXIS_COLOURS):
-            tip = tool[:3, 3] + _ARROW * tool[:3, axis]
-            area.plot(
-                [tool[view.right, 3], tip[view.right]],
-                [tool[view.up, 3], tip[view.up]],
-                color=line,
-                linewidth=1.8,
-                zorder=5,
-            )
+        draw_axes(area, view, tool, _ARROW)
         foot = joint_poses_of(robot, robot.home)[min(3, robot.model.dof)]
         at = foot[:3, 3] if robot.model.is_mobile else base
-        names.mark(at[[view.right, view.up]], robot.name, colour)
+        names.mark(at[view.flat], robot.name, colour)
 
 
 def _draw_names(
     names: Names,
-    view: _Viewpoint,
+    view: View,
     subject: Subject,
     *,
     goals: bool = False,
@@ -412,34 +346,20 @@ def _draw_names(
         goals: whether to name places, too.
         again: where things are drawn again, and named there.
     """
-    flat = [view.right, view.up]
     for name, box, goal in _things(subject):
-        there = any(item.holds(box[:, flat]) for item in again)
+        there = any(item.holds(box[:, view.flat]) for item in again)
         if goals or not (goal or there):
-            names.name(box[:, flat], name, _GOAL if goal else INK)
+            names.name(box[:, view.flat], name, _GOAL if goal else INK)
     fixtures = [
-        (f.name, _bounds(placed_points(_corners(f.shape), f.pose)))
+        (f.name, _box(f.shape, f.pose))
         for f in subject.cell.fixtures
         if f.name in subject.own_fixtures
     ]
     for name, box in sorted(
         fixtures, key=lambda entry: float(np.ptp(entry[1], axis=0).max())
     ):
-        names.name(box[:, flat], name, _FIXTURE_NAME)
+        names.name(box[:, view.flat], name, _FIXTURE_NAME)
 
 
 def _frame(robot: PlacedRobot) -> str:
     return "tool" if "tool" in robot.model.frames else "flange"
-
-
-def placed_points(points: Array, pose: Transform) -> Array:
-    """Return points of a frame in the world, shape (n, 3) [m]."""
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
-
-
-def hull_outline(points: Array) -> Array:
-    """Return the corners of the hull of points in a plane, in order, shape (c, 2)."""
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except QhullError:  # seen edge-on
-        return points

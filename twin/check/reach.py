@@ -19,7 +19,7 @@ from planning.errors import (
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import robot_grips
 from planning.kinematics.kinematics import frame_in_last_joint, inverse_kinematics
-from planning.parts.assembly import PartHandling, PlacePart, Work
+from planning.parts.assembly import PartHandling, PlacePart
 from planning.parts.part_skills import pick_targets, place_targets, process_targets
 from planning.parts.part_steps import steps_in_order
 from planning.steps.skill import SkillPath, SkillTargets, skill_postures
@@ -28,8 +28,8 @@ from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, position
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.scenario import GoalsSection
 
 _MOST_GRIPS = 40
 """Grips of a part that are tried by each robot."""
@@ -206,18 +206,8 @@ def _legs(subject: Subject, parts: OrderedParts) -> Iterator[_PartLeg]:
 
 def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield places of work that no robot that may work there reaches."""
-    for found in parts.steps or ():  # none where one cannot be, which is said elsewhere
-        step = found.step
-        if not isinstance(step, Work):
-            continue
+    for number, found, step, robots in parts.works():
         process = step.process
-        robots = [
-            robot
-            for robot in subject.cell.robots
-            if step.done_by(robot.name)
-            and process.tool in (None, robot.tool)
-            and process.frame in {"flange", *robot.model.frames}
-        ]
         if any(
             _does(robot, process_targets(process, found.place, turn).targets)
             for robot in robots
@@ -225,9 +215,8 @@ def _check_works(subject: Subject, parts: OrderedParts) -> Findings:
         ):
             continue
         who = ", ".join(robot.name for robot in robots)
-        number = next(k for k, item in enumerate(parts.listed.steps) if item is step)
         yield Finding(
-            ("assembly", "steps", number),
+            subject.step_at(number),
             f"no robot reaches {step.spot.words}, at {position(found.place[:3, 3].tolist())}, with frame"
             f" {process.frame!r} and approach_m {process.approach:g}: tried {who or 'nobody'} in"
             f" {len(process.turns)} turns",

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from planning.cell.robot_model import DriveLimits, RobotModel, limits_of
 from planning.cell.workcell import PlacedRobot
@@ -23,13 +22,20 @@ from planning.robots.overview import LinkRow, Overview, overview
 from planning.robots.registry import ROBOTS, robot_model
 from planning.timing.torque import why_unchecked
 from planning.transforms import Array, Transform, identity, inverse
-from twin.check.picture import AXIS_COLOURS, hull_outline, placed_points
 from twin.check.tools import finger_gap, misplaced
-from twin.host.pictures import INK, new_picture, save_png, style_axes
+from twin.check.views import (
+    FROM_THE_SIDE,
+    DrawnShape,
+    View,
+    draw_axes,
+    draw_shapes,
+    placed_points,
+    style_view,
+)
+from twin.host.pictures import INK, new_picture, save_png
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
-_VIEWS = (("from the front (+x)", 1, 2, 0, 1.0), ("from the side (-y)", 0, 2, 1, -1.0))
-"""Title, axes to the right and up, axis towards the eye and its sign."""
+_VIEWS = (View("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
 
 
 @dataclass(frozen=True)
@@ -89,32 +95,16 @@ def _figure(thing: PicturedThing) -> Figure:
     least, most = corners.min(axis=0), corners.max(axis=0)
     size = float((most - least).max())
     picture = new_picture(12.0, 6.6, dpi=110)
-    for (title, right, up, eye, towards), area in zip(
-        _VIEWS, picture.subplots(1, 2), strict=True
-    ):
-        style_axes(area)
-        area.set_aspect("equal")
-        area.set_title(title, color=INK, fontsize=10, loc="left")
-        area.set_xlabel("xyz"[right] + " [m]", color=INK)
-        area.set_ylabel("xyz"[up] + " [m]", color=INK)
-        for hull, tool in sorted(
-            thing.hulls,
-            key=lambda item: (item[1], float((towards * item[0][:, eye]).max())),
-        ):
-            colour = _TOOL_COLOUR if tool else _ARM_COLOUR
-            area.add_patch(
-                Polygon(
-                    hull_outline(hull[:, [right, up]]),
-                    closed=True,
-                    facecolor=colour,
-                    edgecolor=INK,
-                    linewidth=0.6,
-                    alpha=0.55,
-                )
-            )
-        _draw_frames(area, thing, (right, up), 0.12 * size)
-        area.set_xlim(least[right] - 0.15 * size, most[right] + 0.15 * size)
-        area.set_ylim(least[up] - 0.15 * size, most[up] + 0.15 * size)
+    for view, area in zip(_VIEWS, picture.subplots(1, 2), strict=True):
+        style_view(area, view)
+        for wanted, colour in ((False, _ARM_COLOUR), (True, _TOOL_COLOUR)):
+            hulls = (hull for hull, tool in thing.hulls if tool == wanted)
+            drawn = (DrawnShape(hull, colour, INK, 0.55, 0.6) for hull in hulls)
+            draw_shapes(area, view, drawn)
+        _draw_frames(area, thing, view, 0.12 * size)
+        low, high = least[view.flat] - 0.15 * size, most[view.flat] + 0.15 * size
+        area.set_xlim(low[0], high[0])
+        area.set_ylim(low[1], high[1])
     picture.suptitle(thing.title, color=INK, fontsize=12)
     picture.supxlabel(
         "collision hulls: arm grey, tool orange; frames: x red, y green, z blue",
@@ -124,22 +114,11 @@ def _figure(thing: PicturedThing) -> Figure:
     return picture
 
 
-def _draw_frames(
-    area: Axes, thing: PicturedThing, view: tuple[int, int], length: float
-) -> None:
-    right, up = view
+def _draw_frames(area: Axes, thing: PicturedThing, view: View, length: float) -> None:
     named: list[tuple[float, float]] = []
     for pose, names in _together(thing.frames):
-        for axis, colour in enumerate(AXIS_COLOURS):
-            tip = pose[:3, 3] + length * pose[:3, axis]
-            area.plot(
-                [pose[right, 3], tip[right]],
-                [pose[up, 3], tip[up]],
-                color=colour,
-                linewidth=1.8,
-                zorder=5,
-            )
-        at = float(pose[right, 3]), float(pose[up, 3])
+        draw_axes(area, view, pose, length)
+        at = float(pose[view.right, 3]), float(pose[view.up, 3])
         # Frames that are in one place in this view have their names one below the other.
         near = sum(np.hypot(at[0] - x, at[1] - y) < length for x, y in named)
         named.append(at)

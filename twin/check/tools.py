@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planning.cell.cover import ConvexBody
+from planning.cell.cover import ConvexBody, box_body
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, distance_at
@@ -19,14 +19,21 @@ from planning.grips.shape_grips import thinnest
 from planning.grips.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.overview import flange_doubt, overview
-from planning.transforms import Array, Transform, readonly
-from twin.check.finding import Finding, Findings, Subject, millimetres
+from planning.transforms import Array, Transform, readonly, translation
+from twin.check.finding import (
+    Finding,
+    Findings,
+    OrderedParts,
+    Subject,
+    millimetres,
+    of_parts,
+)
 from twin.check.reach import away_from, reach_bound
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import ConstructionSection
-from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.parts import PartsSection
+from twin.scenario.sections.scenario import GoalsSection
 from twin.scenario.sections.shapes import PoseSection
 
 _FAR = 0.02
@@ -47,14 +54,10 @@ _ALONG = 0.7
 _NOWHERE = np.zeros(0)
 
 
-def check_grips(subject: Subject) -> Findings:
+@of_parts
+def check_grips(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield parts that the fingers cannot span, or cannot hold both at the start and in place."""
-    section = subject.scenario.assembly
-    if not isinstance(section, PartsSection):
-        return
-    from twin.planning.part_assembly.built import build_assembly
-
-    assembly, robots = build_assembly(section), subject.cell.robots
+    assembly, robots = parts.listed, subject.cell.robots
     tools = dict.fromkeys(robot.model.grip for robot in robots)
     for name in dict.fromkeys(assembly.placed):
         part = subject.cell.object(name)
@@ -69,21 +72,18 @@ def check_grips(subject: Subject) -> Findings:
                 error=True,
             )
             continue
-        goal = assembly.goals[name]
         for key, at, where in (
             ("start", part.start, "where it lies at the start"),
-            ("goal", goal, "in its place"),
+            ("goal", assembly.goals[name], "in its place"),
         ):
-            if tool_grips(robots, part.shape, at, at, rules):
-                continue
-            steepest = np.degrees(rules.steepest)
-            yield Finding(
-                subject.thing_at(name, key),
-                f"no face of {name} can be gripped {where}: {listing}, and the tool leans at most"
-                f" {steepest:.0f} deg from assembly.grips.directions; turn the part, or allow more of"
-                " opening_m, directions or steepest_deg",
-                error=True,
-            )
+            if not tool_grips(robots, part.shape, at, at, rules):
+                yield Finding(
+                    subject.thing_at(name, key),
+                    f"no face of {name} can be gripped {where}: {listing}, and the tool leans at most"
+                    f" {np.degrees(rules.steepest):.0f} deg from assembly.grips.directions; turn the"
+                    " part, or allow more of opening_m, directions or steepest_deg",
+                    error=True,
+                )
 
 
 def _opens(tool: ToolGrip | None, rules: GripRules) -> str:
@@ -116,20 +116,12 @@ def check_tool_frames(subject: Subject) -> Findings:
             continue
         seen.add(key)
         at = subject.robot_at(name, "frames", "model")
-        if not holds and _well_in_front(model, pose):
-            continue  # what a camera looks at, or a nozzle sprays on
+        if not holds and tool_bodies(model):
+            heights = tool_heights(model, model.flange @ pose)
+            if float(heights.max()) < -_FAR:
+                continue  # what a camera looks at, or a nozzle sprays on
         for words in misplaced(model, readonly(pose)):
             yield Finding(at, f"frame {frame!r} of {name} ({model.name}) {words}")
-
-
-def _well_in_front(model: RobotModel, frame: Array) -> bool:
-    """Tell whether all of a tool is far behind a frame: it works at a distance."""
-    bodies = tool_bodies(model)
-    if not bodies:
-        return False
-    tip = model.flange @ frame
-    corners = np.vstack([body.vertices for body in bodies])
-    return float(((corners - tip[:3, 3]) @ tip[:3, 2]).max()) < -_FAR
 
 
 def _frames(subject: Subject) -> Iterator[tuple[str, str, bool]]:
@@ -155,11 +147,9 @@ def _frames(subject: Subject) -> Iterator[tuple[str, str, bool]]:
 
 def check_flanges(subject: Subject) -> Findings:
     """Yield flanges out of which another axis points than z, unless the tool makes up for it."""
-    seen: set[RobotModel] = set()
-    for robot in subject.cell.robots:
+    for robot in subject.unlike_robots:
         model = robot.model
-        doubt = None if model in seen else flange_doubt(model)
-        seen.add(model)
+        doubt = flange_doubt(model)
         pose = model.flange @ model.frames.get("tool", np.eye(4))
         along = abs(float(pose[:3, 2] @ model.chain.axis[-1]))
         if doubt is not None and along < _ALONG:
@@ -171,14 +161,10 @@ def check_suction(subject: Subject) -> Findings:
     """Yield tools that are said to hold by suction, and whose descriptions have fingers that move."""
     section = subject.scenario.assembly
     everywhere = isinstance(section, PartsSection) and section.grips.suction
-    seen: set[RobotModel] = set()
-    for robot in subject.cell.robots:
+    for robot in subject.unlike_robots:
         model = robot.model
         suction = everywhere if model.grip is None else model.grip.suction
-        if not suction or model in seen:
-            continue
-        seen.add(model)
-        fingers = moving_fingers(model)
+        fingers = _moving_fingers(model) if suction else []
         if len(fingers) > 1:
             tool = "its tool" if model.grip is None else model.grip.tool
             said = "assembly.grips" if model.grip is None else f"cell.tools.{tool}"
@@ -194,7 +180,7 @@ _TOLD = 4
 """How many joints are named."""
 
 
-def moving_fingers(model: RobotModel) -> list[str]:
+def _moving_fingers(model: RobotModel) -> list[str]:
     """Return the joints of a tool that its description lets move, and that are held here."""
     seen = overview(model)
     links = {row.joint for row in seen.links if row.group == "tool"}
@@ -207,15 +193,11 @@ def moving_fingers(model: RobotModel) -> list[str]:
 
 def check_openings(subject: Subject) -> Findings:
     """Yield fingers that are held farther apart than they open, or nearer than parts are wide."""
-    seen: set[RobotModel] = set()
-    for robot in subject.cell.robots:
+    for robot in subject.unlike_robots:
         model = robot.model
-        if model in seen or model.grip is None or model.grip.opening is None:
+        if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
             continue
-        seen.add(model)
         least, most = model.grip.opening
-        if most == 0.0:
-            continue
         gap = finger_gap(model, model.frames.get("tool", np.eye(4)))
         tool, at = model.grip.tool, subject.robot_at(robot.name, "tool", "model")
         if gap is None:
@@ -281,14 +263,18 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
     if not bodies:
         return
     tip = model.flange @ frame
-    point = Solid("tip", _point(tip[:3, 3]), np.eye(4))
+    # Hulls need a volume.
+    grain = box_body("tip", (1e-5, 1e-5, 1e-5))
+    point = Solid("tip", grain, readonly(translation(*tip[:3, 3])))
     gaps = [
         distance_at(point, _NOWHERE, Solid(body.name, body, np.eye(4)), _NOWHERE)
         for body in bodies
     ]
     nearest = int(np.argmin(gaps))
     between = 0.5 * (finger_gap(model, frame) or 0.0)
-    if gaps[nearest] > max(_FAR + _half_opening(model), between + _PLAY):
+    opening = None if model.grip is None else model.grip.opening
+    apart = 0.0 if opening is None else 0.5 * opening[1]
+    if gaps[nearest] > max(_FAR + apart, between + _PLAY):
         yield (
             f"is {millimetres(gaps[nearest])} away from the tool (nearest: {bodies[nearest].name}):"
             " parts would hang beside it; give the robot 'frames' with the point between its fingers,"
@@ -314,21 +300,6 @@ def misplaced(model: RobotModel, frame: Array) -> Iterator[str]:
         )
 
 
-def _half_opening(model: RobotModel) -> float:
-    """Return how far the fingers may be from the point between them [m]."""
-    if model.grip is None or model.grip.opening is None:
-        return 0.0
-    return 0.5 * model.grip.opening[1]
-
-
-def _point(at: Array) -> ConvexBody:
-    """Return a body as small as a point: hulls need a volume."""
-    from planning.cell.cover import box_body
-
-    grain = box_body("tip", (1e-5, 1e-5, 1e-5))
-    return ConvexBody("tip", grain.vertices + at, grain.capsules)
-
-
 _AWAY = 20.0
 """Nothing that has to do with an arm is farther away from it than so many of its lengths."""
 
@@ -344,10 +315,9 @@ def check_units(subject: Subject) -> Findings:
     robots = subject.cell.robots
     if not robots:
         return
-    places = list(_places(subject))
-    yield from _far_from_robots(robots, places)
-    yield from _robots_far_from(subject, [at for _, _, at in places])
     longest = max(map(_length, robots))
+    places = list(_places(subject))
+    yield from _far_apart(subject, places)
     for item in subject.cell.objects if subject.parts is not None else ():
         size = item.shape.size
         if float(size.max()) > _LARGE * longest:
@@ -379,26 +349,21 @@ def _places(subject: Subject) -> Iterator[Place]:
             yield f"the place of {item.name} is", at, goals[item.name]
 
 
-def _far_from_robots(
-    robots: Sequence[PlacedRobot], places: Sequence[Place]
-) -> Findings:
-    """Yield places that are far away from every robot."""
+def _far_apart(subject: Subject, places: Sequence[Place]) -> Findings:
+    """Yield places that are far away from every robot, and robots that are from every place."""
+    robots = subject.cell.robots
     for words, at, place in places:
-        ways = {robot.name: away_from(robot, place) for robot in robots}
-        nearest = min(robots, key=lambda robot: ways[robot.name] / _length(robot))
-        if ways[nearest.name] > _AWAY * _length(nearest):
+        nearest = min(robots, key=lambda item: away_from(item, place) / _length(item))
+        away = away_from(nearest, place)
+        if away > _AWAY * _length(nearest):
             yield Finding(
                 at,
-                f"{words} {ways[nearest.name]:.4g} m away from {nearest.name}, whose arm is"
+                f"{words} {away:.4g} m away from {nearest.name}, whose arm is"
                 f" {_length(nearest):.2f} m long, and no other robot is nearer: {_remedy(place[:3, 3])}",
                 error=True,
             )
-
-
-def _robots_far_from(subject: Subject, places: Sequence[Transform]) -> Findings:
-    """Yield robots that are far away from all places."""
-    for robot in subject.cell.robots if places else ():
-        away = min(away_from(robot, place) for place in places)
+    for robot in robots if places else ():
+        away = min(away_from(robot, place) for _, _, place in places)
         if away > _AWAY * _length(robot):
             yield Finding(
                 subject.robot_at(robot.name, "base"),

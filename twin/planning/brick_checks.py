@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from planning.lego.bricks.assembly import BRICK_LEVELS, BrickType, GridPlace
 from planning.lego.bricks.grid import joined_to_plate
 from planning.lego.skills.targets import supported_span
-from twin.scenario.document.validation import Found, unknown_name
+from twin.scenario.document.validation import Found, unknown_name, unless_known
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.lego import (
     BrickStepSection,
@@ -45,9 +45,8 @@ def find_lego_problems(assembly: LegoSection) -> Found:
 def _unknown_bricks(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:
     for group in ("stock", "steps"):
         for i, item in enumerate(getattr(assembly, group)):
-            if item.brick not in types:
-                text = unknown_name("brick type", item.brick, tuple(types))
-                yield ("assembly", group, i, "brick"), text
+            at = ("assembly", group, i, "brick")
+            yield from unless_known(at, "brick type", item.brick, types)
 
 
 def _check_layout(assembly: LegoSection, types: Mapping[str, BrickType]) -> Found:

@@ -19,9 +19,9 @@ from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import readonly
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.scenario.document.validation import Found, unknown_name
+from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.sections.cell import CellSection
-from twin.scenario.sections.goals import GoalsSection, MoveSection
+from twin.scenario.sections.scenario import GoalsSection, MoveSection
 from twin.scenario.sections.shapes import build_transform
 
 if TYPE_CHECKING:
@@ -50,9 +50,8 @@ class GoalsKind(AssemblyKind):
         """Yield the moves of robots that the file does not have."""
         names = tuple(robot.name for robot in cell.robots)
         for k, move in enumerate(self.section.moves):
-            if move.robot not in names:
-                words = unknown_name("robot", move.robot, names)
-                yield ("assembly", "moves", k, "robot"), words
+            at = ("assembly", "moves", k, "robot")
+            yield from unless_known(at, "robot", move.robot, names)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch

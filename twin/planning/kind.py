@@ -117,10 +117,6 @@ class AssemblyKind(Protocol):
         """Return how long machines take for their tasks."""
         return ()
 
-    def products(self) -> int:
-        """Return the number of products."""
-        return 1
-
     def due(self) -> tuple[tuple[float, ...], int | None]:
         """Return when each product is due [s], and how many at the beginning do not count."""
         return (), None

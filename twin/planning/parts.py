@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Workcell
+from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.tasks.task import DOOR
-from planning.transforms import readonly
-from twin.audit.wanted import Wanted
+from planning.transforms import Transform, readonly
+from twin.audit.wanted import ChangedTool, Wanted, WantedProcess, WantedRest
+from twin.audit.wanted import Place as WantedPlace
 from twin.durations.lifetimes import SkillOverride
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.planning.part_assembly.built import assembly_of
+from twin.planning.part_assembly.built import assembly_of, joined_pairs, line_pattern
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
 from twin.planning.part_assembly.problems import (
     check_line,
@@ -23,7 +27,6 @@ from twin.planning.part_assembly.problems import (
     check_work,
     machine_names,
 )
-from twin.planning.part_assembly.wanted import wanted_of
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
@@ -96,17 +99,13 @@ class PartKind(AssemblyKind):
         products = self.section.products
         return ((), None) if products is None else (products.due_s(), products.start_up)
 
-    def products(self) -> int:
-        """Return the number of products."""
-        return written_out(self.section).products
-
     def contact_depth(self) -> float:
         """Return how deep they may be: bars that are joined may meet in a node [m]."""
         return max(CONTACT_DEPTH, self.section.joined_overlap_m + _ROUNDING)
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
-        return wanted_of(self.section, cell)
+        return _wanted(self.section, cell)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -130,13 +129,123 @@ class PartKind(AssemblyKind):
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with the way in which they go on, and which tasks are for which product."""
-        from twin.planning.part_assembly.built import line_pattern
-
         line = written_out(self.section)
         if line.products == 1:
             return motions
         pattern = line_pattern(line, motions.motion_plan.tasks)
         return replace(motions, pattern=pattern)
+
+
+def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
+    """Return the goals of the parts, where they lie on their way, and what is done to them.
+
+    Args:
+        section: what the file says of the assembly.
+        cell: what it says of robots and fixtures.
+    """
+    line = written_out(section, whole=True)
+    assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
+    gone = {
+        name for leaving in line.supply.leaves.values() for name, _ in leaving.parts
+    }
+    where = {k: build_transform(p.start) for k, p in parts.items() if p.start}
+    if section.order == "find":  # then all is done at parts in their places
+        where |= {name: assembly.goals[name] for name in assembly.placed}
+    places, processes, rests = [], [], []
+    for k, step in enumerate(assembly.steps, start=1):
+        known: Any = {"name": step.name or f"step {k}", "after": step.after}
+        if isinstance(step, Work):
+            processes.append(_wanted_process(cell, step, known))
+        elif isinstance(step, MachineWork):
+            lies = where[step.part]
+            machine = section.processes[step.process].machine
+            done = step.words, step.part, lies, step.process, machine
+            rests.append(WantedRest(*done, **known))
+        elif step.stop is not None:
+            frame = _fixture_frame(cell, step.stop.owner, step.stop.frame)
+            where[step.part] = readonly(frame @ step.stop.pose)
+            rests.append(WantedRest(step.words, step.part, where[step.part]))
+        else:
+            where[step.part] = assembly.goals[step.part]
+            if step.part not in gone:
+                place = WantedPlace(
+                    f"goal of step {k}",
+                    assembly.goals[step.part],
+                    parts[step.part].shape_words,
+                    step.part,
+                    held=step.hold is not None,
+                    name=step.name,
+                    after=step.after,
+                )
+                places.append(place)
+    own_grips = [part.grips for part in section.parts if part.grips]
+    return Wanted(
+        tuple(places),
+        "weight",
+        section.touch_m,
+        max([section.grips.opening_m, *(own.opening_m or 0.0 for own in own_grips)]),
+        processes=tuple(processes),
+        joined=joined_pairs(section),
+        joined_overlap_m=section.joined_overlap_m,
+        rests=tuple(rests),
+        doors=frozenset(job.door for job in line.jobs.values() if job.door),
+        tools=tuple(_changed_tools(cell)),
+        keeps={
+            step.part: step.until
+            for step in assembly.steps
+            if isinstance(step, PlacePart) and step.until is not None
+        },
+    )
+
+
+def _changed_tools(cell: CellSection) -> Iterator[ChangedTool]:
+    for robot in cell.robots:
+        for name in robot.tools:
+            section = cell.tools[name]
+            assert section.rack is not None
+            yield ChangedTool(
+                name,
+                robot.name,
+                build_transform(section.mount),
+                build_transform(section.rack),
+                section.grip(name),
+                first=name == robot.tools[0],
+            )
+
+
+def _fixture_frame(
+    cell: CellSection, fixture: str | None, frame: str | None
+) -> Transform:
+    """Return the pose of a fixture of the file, or of one of its frames; None for the world."""
+    for item in cell.fixtures:
+        if item.name == fixture:
+            inside = np.eye(4) if frame is None else build_transform(item.frames[frame])
+            return np.asarray(build_transform(item.pose) @ inside)
+    return np.eye(4)
+
+
+def _wanted_process(cell: CellSection, step: Work, known: Any) -> WantedProcess:
+    spot, tool = step.spot, step.process.tool
+    owner, pose = spot.owner, spot.pose
+    robots = step.robots
+    if tool is not None:
+        having = [r.name for r in cell.robots if tool in (r.tool, *r.tools)]
+        robots = tuple(name for name in having if step.done_by(name))
+    if any(item.name == owner for item in cell.fixtures):
+        pose = _fixture_frame(cell, owner, spot.frame) @ pose
+        owner = None
+    return WantedProcess(
+        words=step.words,
+        process=step.process.name,
+        owner=owner,
+        pose=pose,
+        path=step.process.path or (readonly(np.eye(4)),),
+        frame=step.process.frame,
+        robots=robots,
+        tool=tool,
+        hold=step.hold,
+        **known,
+    )
 
 
 def _doors(line: Line, folder: Path) -> Iterator[CellObject]:

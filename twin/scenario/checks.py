@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
@@ -21,17 +21,17 @@ from twin.durations.model import DurationModel
 from twin.planning.kind import assembly_kind
 from twin.planning.part_assembly.problems import disturbed_machines
 from twin.scenario.document.section import parts_of
-from twin.scenario.document.validation import Found, unknown_name
+from twin.scenario.document.validation import Found, unknown_name, unless_known
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.cell import CellSection, LimitsSection
+from twin.scenario.sections.cell import CellSection, RobotSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import ShapeSection
 
 
-def changed_tools(cell: CellSection) -> Mapping[str, str]:
-    """Return the tools that are changed, each with the robot that may have it on it."""
-    return {name: robot.name for robot in cell.robots for name in robot.tools}
+def _changed_tools(cell: CellSection) -> tuple[str, ...]:
+    """Return the names of the tools that are changed."""
+    return tuple(dict.fromkeys(name for r in cell.robots for name in r.tools))
 
 
 def _check_tools(scenario: Scenario) -> Found:
@@ -44,10 +44,8 @@ def _check_tools(scenario: Scenario) -> Found:
             words = "tools are changed in assemblies of kind 'assembly' only"
             yield (*at, "tools"), f"{words}, and this is a {kind}: give tool"
         if robot.tools and robot.frames:
-            yield (
-                (*at, "frames"),
-                "frames of tools that are changed belong to the tools",
-            )
+            words = "frames of tools that are changed belong to the tools"
+            yield (*at, "frames"), words
         for k, name in enumerate(robot.tools):
             here: KeyPath = (*at, "tools", k)
             if name not in tools:
@@ -55,18 +53,13 @@ def _check_tools(scenario: Scenario) -> Found:
             elif tools[name].rack is None:
                 yield here, f"{name} has no rack: give cell.tools.{name}.rack"
             elif name in owners:
-                words = (
-                    f"{name} is a tool of {owners[name]} already: one robot has a tool"
-                )
-                yield here, f"{words}, describe another one for {robot.name}"
+                words = f"{name} is a tool of {owners[name]} already: one robot"
+                yield here, f"{words} has a tool, describe another one for {robot.name}"
             owners.setdefault(name, robot.name)
     for i, robot in enumerate(scenario.cell.robots):
         if robot.tool in owners:
-            key: KeyPath = (
-                ("cell", "robots", i) if i < len(scenario.cell.listed) else ()
-            )
-            at = (*key, "tool") if key else ("cell", "team", "tool")
             words = f"{robot.tool} is changed by {owners[robot.tool]}"
+            at = _place(scenario.cell, i, "tool")
             yield at, f"{words}: describe another one for {robot.name}"
     products = getattr(scenario.assembly, "products", None)
     if owners and products is not None:
@@ -78,17 +71,11 @@ def _check_tool_speeds(scenario: Scenario) -> Found:
     """Yield limits of the tool's speed where no plan within limits is made."""
     if scenario.speed_model == "limits":
         return
-    cell = scenario.cell
-    sections: list[tuple[KeyPath, LimitsSection]] = [
-        (("cell", "robots", i), robot.limits) for i, robot in enumerate(cell.listed)
-    ]
-    if cell.team is not None:
-        sections.append((("cell", "team"), cell.team.limits))
-    for at, limits in sections:
+    for i, robot in _unlike_robots(scenario.cell):
         for key in ("tool_speed_m_s", "loaded_tool_speed_m_s"):
-            if getattr(limits, key) is not None:
+            if getattr(robot.limits, key) is not None:
                 yield (
-                    (*at, "limits", key),
+                    (*_place(scenario.cell, i, "limits"), key),
                     f"{key} is kept to with planning.speed_model: limits, and this plan has the speed"
                     f" model {scenario.speed_model!r}",
                 )
@@ -96,6 +83,10 @@ def _check_tool_speeds(scenario: Scenario) -> Found:
 
 _STATES = ("waiting", "stalled", "stopped", "retrying", "failed", "idle")
 """States of a robot in charts, beside the skills."""
+
+_MOTIONS = (HOLD, STRAIGHT, TRANSIT, LEAVE_TOOL, TAKE_TOOL)
+_TAKEN = frozenset((*SKILLS, *_MOTIONS, *SUPPLY_KINDS, *_STATES))
+"""Names that no process may have: those of tasks, and of these states."""
 
 
 def find_problems(scenario: Scenario, folder: Path) -> Found:
@@ -127,17 +118,16 @@ def find_problems(scenario: Scenario, folder: Path) -> Found:
 
 def _check_names(scenario: Scenario) -> Found:
     """Robots have names of their own; so have fixtures and objects together."""
-    robots = [
-        (_place(scenario.cell, i, "name"), r.name)
-        for i, r in enumerate(scenario.cell.robots)
-    ]
+    cell, assembly = scenario.cell, assembly_kind(scenario.assembly)
+    robots = [(_place(cell, i, "name"), r.name) for i, r in enumerate(cell.robots)]
     things: list[tuple[KeyPath, str]] = [
-        (("cell", "fixtures", i, "name"), f.name)
-        for i, f in enumerate(scenario.cell.fixtures)
+        *(
+            (("cell", "fixtures", i, "name"), f.name)
+            for i, f in enumerate(cell.fixtures)
+        ),
+        *((("cell", "tools", name), name) for name in _changed_tools(cell)),
+        *assembly.names(),
     ]
-    assembly = assembly_kind(scenario.assembly)
-    things += [(("cell", "tools", name), name) for name in changed_tools(scenario.cell)]
-    things += assembly.names()
     for group in (robots, things):
         seen: set[str] = set()
         for path, name in group:
@@ -158,21 +148,25 @@ def _place(cell: CellSection, robot: int, key: str) -> KeyPath:
     return ("cell", "team", key)
 
 
+def _unlike_robots(cell: CellSection) -> Iterator[tuple[int, RobotSection]]:
+    """Yield robots with their numbers; those of a team are alike, so one of them stands for all."""
+    yield from enumerate(cell.robots[: len(cell.listed) + 1])
+
+
 def _check_robots(cell: CellSection, folder: Path) -> Found:
     from twin.planning.build_workcell import fitted_model
 
-    # The robots of a team are alike: what is wrong with one is said once.
-    for i, robot in enumerate(cell.robots[: len(cell.listed) + 1]):
+    for i, robot in _unlike_robots(cell):
+        own = robot
         try:
             model = fitted_model(robot, cell.tools, folder)
-            for worn in robot.outfits if robot.tools else ():
-                if worn.tool in cell.tools:
-                    fitted_model(worn, cell.tools, folder)
+            for own in robot.outfits if robot.tools else ():
+                if own.tool in cell.tools:
+                    fitted_model(own, cell.tools, folder)
         except FittingError as error:
             at = _place(cell, i, error.key)
-            tool = worn.tool if robot.tools else robot.tool
-            if error.key == "tool" and tool in cell.tools:
-                yield ("cell", "tools", str(tool)), str(error)
+            if error.key == "tool" and own.tool in cell.tools:
+                yield ("cell", "tools", str(own.tool)), str(error)
             elif error.key == "tool" and error.choices:
                 yield at, unknown_name("tool", str(robot.tool), error.choices)
             else:
@@ -190,18 +184,13 @@ def _check_robots(cell: CellSection, folder: Path) -> Found:
             place = _place(cell, i, "ring" if in_team else "parked")
             yield place, f"{robot.model} cannot park: its first joints do not drive it"
         home = robot.home_deg or robot.home_rad_or_m
-        key = "home_deg" if robot.home_deg else "home_rad_or_m"
+        at = _place(cell, i, "home_deg" if robot.home_deg else "home_rad_or_m")
         if home is not None and len(home) != model.dof:
             joints = ", ".join(model.joint_names)
-            yield (
-                _place(cell, i, key),
-                f"{len(home)} values for the {model.dof} joints of {robot.model} ({joints})",
-            )
+            words = f"the {model.dof} joints of {robot.model} ({joints})"
+            yield at, f"{len(home)} values for {words}"
         if robot.home_deg and model.chain.prismatic.any():
-            yield (
-                _place(cell, i, key),
-                f"{robot.model} has sliding joints: use home_rad_or_m",
-            )
+            yield at, f"{robot.model} has sliding joints: use home_rad_or_m"
 
 
 def _is_path(model: str) -> bool:
@@ -214,15 +203,11 @@ def _check_robot_names(scenario: Scenario) -> Found:
     if isinstance(scenario.assembly, PartsSection):
         machines = tuple(disturbed_machines(scenario.assembly))
     for name in scenario.execution.machines:
-        if name not in machines:
-            words = unknown_name("machine", name, machines)
-            if not machines:
-                words = f"there is no machine {name!r}"
-            yield ("execution", "machines", name), words
+        at, none = ("execution", "machines", name), f"there is no machine {name!r}"
+        yield from unless_known(at, "machine", name, machines, none)
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
-        if name not in names:
-            yield ("execution", *path), unknown_name("robot", name, names)
+        yield from unless_known(("execution", *path), "robot", name, names)
 
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
@@ -254,7 +239,7 @@ def _check_meshes(value: object, at: KeyPath, folder: Path) -> Found:
 def _check_skills(scenario: Scenario) -> Found:
     """Durations and failures are of skills that there are."""
     execution = scenario.execution
-    changes = (LEAVE_TOOL, TAKE_TOOL) if changed_tools(scenario.cell) else ()
+    changes = (LEAVE_TOOL, TAKE_TOOL) if _changed_tools(scenario.cell) else ()
     valid = (*SKILLS, HOLD, *changes, *scenario.processes)
     named: list[tuple[KeyPath, str]] = [
         *((("skills", name, "[key]"), name) for name in execution.skills),
@@ -265,24 +250,14 @@ def _check_skills(scenario: Scenario) -> Found:
         ),
     ]
     for path, name in named:
-        if name not in valid:
-            yield ("execution", *path), unknown_name("skill", name, valid)
+        yield from unless_known(("execution", *path), "skill", name, valid)
 
 
 def _check_processes(scenario: Scenario) -> Found:
     """Every process has a name that nothing else has, and takes some time."""
     for name in scenario.processes:
         at: KeyPath = ("assembly", "processes", name)
-        if name in (
-            *SKILLS,
-            HOLD,
-            STRAIGHT,
-            TRANSIT,
-            LEAVE_TOOL,
-            TAKE_TOOL,
-            *SUPPLY_KINDS,
-            *_STATES,
-        ):
+        if name in _TAKEN:
             yield at, f"a process cannot be called {name!r}: that means something else"
         elif name not in scenario.execution.skills:
             yield at, f"how long does {name} take? Give it a duration"
@@ -292,16 +267,14 @@ def _check_overrides(scenario: Scenario) -> Found:
     robots = tuple(robot.name for robot in scenario.cell.robots)
     kinds = (
         *assembly_kind(scenario.assembly).object_kinds(),
-        *changed_tools(scenario.cell),
+        *_changed_tools(scenario.cell),
     )
     seen: dict[tuple[str, str | None, str | None], int] = {}
     for i, item in enumerate(scenario.execution.skill_overrides):
         at: KeyPath = ("execution", "skill_overrides", i)
-        if item.robot is not None and item.robot not in robots:
-            yield (*at, "robot"), unknown_name("robot", item.robot, robots)
-        if item.object is not None and item.object not in kinds:
-            text = unknown_name("type of object", item.object, kinds)
-            yield (*at, "object"), text if kinds else "there are no objects"
+        yield from unless_known((*at, "robot"), "robot", item.robot, robots)
+        what, none = "type of object", "there are no objects"
+        yield from unless_known((*at, "object"), what, item.object, kinds, none)
         key = (item.skill, item.robot, item.object)
         if key in seen:
             yield at, f"the same exception as entry {seen[key] + 1}"

@@ -16,7 +16,7 @@ from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.planted import planted
 from tests.twin.check.test_tools import CELL
 from twin.check.finding import Subject
-from twin.check.masses import check_payloads
+from twin.check.robots import check_payloads
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario, read_scenario
 from twin.scenario.sections.scenario import resolved, restored

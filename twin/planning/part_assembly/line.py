@@ -57,29 +57,22 @@ def machine_jobs(section: PartsSection, period: int) -> Mapping[int, MachineJob]
     uses = Counter(step.process for step in section.steps if step.process)
     length = len(section.steps) // period
     found: dict[int, MachineJob] = {}
-    counted: Counter[str] = Counter()
-    turns: Counter[tuple[str, int]] = Counter()
+    counted: Counter[tuple[str, int]] = Counter()
     for number, step in enumerate(section.steps, start=1):
         name = step.process or ""
         process = section.processes.get(name)
         if process is None or not process.without_robot:
             continue
         product = (number - 1) // length + 1
-        if process.machine is None:
-            counted[name] += 1
-            own = name if uses[name] == 1 else numbered(name, counted[name])
-            found[number] = MachineJob(own, product=product)
-            continue
-        machine = process.machine
-        declared = section.machines.get(machine)
-        if declared is None or declared.door is None:
-            found[number] = MachineJob(machine, product=product)
-            continue
-        turns[machine, product] += 1
-        part = f"{machine}.door"
-        if turns[machine, product] > 1:
-            part += str(turns[machine, product])
-        door = numbered(part, product) if section.products is not None else part
+        machine, door, part = process.machine, None, None
+        if machine is None:
+            counted[name, 0] += 1
+            machine = name if uses[name] == 1 else numbered(name, counted[name, 0])
+        elif machine in section.machines and section.machines[machine].door:
+            counted[machine, product] += 1
+            turn = counted[machine, product]
+            part = f"{machine}.door{turn if turn > 1 else ''}"
+            door = part if section.products is None else numbered(part, product)
         found[number] = MachineJob(machine, door, part, product)
     return found
 
@@ -291,10 +284,10 @@ class _Writer:
             (self._taken(names, q), places[q % len(places)]) for q in range(first, last)
         )
         section = self.section.sources[source]
+        machine = presenter(source, section)
         if isinstance(section, ConveyorSection):
-            machine = presenter(source, section)
             return Refill(machine, parts, source, section.buffer)
-        return Refill(presenter(source, section), parts)
+        return Refill(machine, parts)
 
     def _leaves(self) -> Iterator[tuple[int, Leaving]]:
         """Yield what leaves after which step."""
@@ -332,14 +325,12 @@ class _Writer:
         update: dict[str, object] = {
             "after": tuple(numbered(name, product) for name in step.after)
         }
-        if step.place is not None:
-            update["place"] = self._name(step.place, product)
-        if step.name is not None:
-            update["name"] = numbered(step.name, product)
-        if step.until is not None:
-            update["until"] = numbered(step.until, product)
-        if step.hold is not None:
-            update["hold"] = self._name(step.hold, product)
+        for key in ("place", "hold", "name", "until"):
+            if (name := getattr(step, key)) is not None:
+                own = key in ("name", "until")
+                update[key] = (
+                    numbered(name, product) if own else self._name(name, product)
+                )
         if step.at is not None and step.at.part is not None:
             part = self._name(step.at.part, product)
             update["at"] = step.at.model_copy(update={"part": part})

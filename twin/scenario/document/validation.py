@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -111,6 +111,23 @@ def unknown_name(what: str, name: str, valid: Sequence[str]) -> str:
     hint = f"; did you mean {close[0]!r}?" if close else ""
     known = f" (valid: {', '.join(valid)})" if valid else ": there is none"
     return f"unknown {what} {name!r}{hint}{known}"
+
+
+def unless_known(
+    at: KeyPath, what: str, name: str | None, valid: Collection[str], none: str = ""
+) -> Found:
+    """Yield that a name is unknown, where one is given and is.
+
+    Args:
+        at: its key.
+        what: what it is the name of.
+        name: the name.
+        valid: those there are.
+        none: what is said where there are none.
+    """
+    if name is not None and name not in valid:
+        said = none if not valid else ""
+        yield at, said or unknown_name(what, name, tuple(valid))
 
 
 def _split_unit(key: str) -> tuple[str, str]:
@@ -265,7 +282,10 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
     if kind == "union_tag_not_found":
         return f"key 'kind' is missing (valid: {', '.join(_tags(node))})"
     if kind == "union_tag_invalid":
-        return _unknown_kind(str(context["tag"]), _tags(node))
+        given, valid = str(context["tag"]), _tags(node)
+        if _RENAMED.get(given) in valid:
+            return f"the kind {given!r} is called {_RENAMED[given]!r} now: write that"
+        return unknown_name("kind", given, valid)
     if kind in ("literal_error", "enum"):
         expected = str(context.get("expected", "")).replace("'", "")
         valid = expected.replace(" or ", ", ").split(", ")
@@ -296,16 +316,8 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
 
 def _given(error: Mapping[str, Any]) -> str:
     value = error.get("input")
-    return "nothing" if value is None else _describe(value)
-
-
-def _unknown_kind(kind: str, valid: list[str]) -> str:
-    if _RENAMED.get(kind) in valid:
-        return f"the kind {kind!r} is called {_RENAMED[kind]!r} now: write that"
-    return unknown_name("kind", kind, valid)
-
-
-def _describe(value: Any) -> str:
+    if value is None:
+        return "nothing"
     if isinstance(value, dict):
         return "a mapping"
     if isinstance(value, list | tuple):

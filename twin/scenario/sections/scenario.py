@@ -20,16 +20,54 @@ from pydantic import (
 from planning.errors import ScenarioError
 from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
 from twin.durations.lifetimes import SkillOverride
-from twin.scenario.document.section import Name, Section
+from twin.scenario.document.section import Name, Section, Several
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
 from twin.scenario.sections.execution import ReferenceDuration
-from twin.scenario.sections.goals import GoalsSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import PartsSection, ProcessSection
+from twin.scenario.sections.shapes import Configuration, PoseSection
+
+
+class MoveSection(Section):
+    """One robot goes to one goal.
+
+    Attributes:
+        robot: who.
+        to_deg: configuration of a robot with revolute joints only [deg]; or
+        to_rad_or_m: configuration of any robot, joint by joint [rad or m]; or
+        to: pose of the frame in the world.
+        frame: tool frame that goes there.
+    """
+
+    robot: Name
+    to_deg: Configuration | None = None
+    to_rad_or_m: Configuration | None = None
+    to: PoseSection | None = None
+    frame: Name = "tool"
+
+    @model_validator(mode="after")
+    def _one_goal(self) -> MoveSection:
+        given = [v for v in (self.to_deg, self.to_rad_or_m, self.to) if v is not None]
+        if len(given) != 1:
+            raise ValueError("give 'to', 'to_deg' or 'to_rad_or_m', one of them")
+        return self
+
+
+class GoalsSection(Section):
+    """Goals of the robots.
+
+    Attributes:
+        kind: ``goals``.
+        moves: in the order of a sequential plan.
+    """
+
+    kind: Literal["goals"]
+    moves: Several[MoveSection]
+
 
 AssemblySection = Annotated[
     LegoSection | PartsSection | GoalsSection | ConstructionSection,
