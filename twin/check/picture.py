@@ -145,7 +145,7 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
     things = list(_things_drawn(subject))
     shapes = [*things, *_robots_drawn(subject)]
     goals = [
-        DrawnShape(corners, "none", _GOAL, 1.0, 0.6, (0, (3, 2)))
+        DrawnShape(corners, "none", _GOAL, None, 0.6, (0, (3, 2)))
         for _, corners in goal_boxes(subject)
     ]
     reaches = {r.name: reach_radius(r, _frame(r)) for r in subject.cell.robots}

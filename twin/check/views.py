@@ -44,7 +44,7 @@ class DrawnShape:
     corners: Array
     face: object
     edge: object
-    alpha: float
+    alpha: float | None
     width: float = 0.5
     line: Any = "solid"
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from planning.errors import TwinError
 from tests.planted import planted
-from twin.check.check import CheckReport, check_scenario
+from tests.twin.written import checked, written
 from twin.cli import app
 from twin.scenario.manifest import read_scenario
 from twin.trial.planning import plan_scenario
@@ -79,17 +79,6 @@ speeds beyond the limits        | {speed_model: joint}                         |
 """)
 
 
-def checked(file: Path) -> CheckReport:
-    scenario, document = read_scenario(file)
-    return check_scenario(scenario, document, file.parent)
-
-
-def written(folder: Path, text: str) -> Path:
-    file = folder / "own.yaml"
-    file.write_text(text, encoding="utf-8")
-    return file
-
-
 def test_a_sound_cell_passes(tmp_path: Path) -> None:
     assert checked(written(tmp_path, CELL)).findings == ()
 
@@ -97,10 +86,9 @@ def test_a_sound_cell_passes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_found_at_its_line(mistake: str, tmp_path: Path) -> None:
     old, new, level, words, line = MISTAKES[mistake]
-    assert old in CELL
     line = line or new
-    text = CELL.replace(old, new, 1)
-    report = checked(written(tmp_path, text))
+    file = written(tmp_path, CELL, (old, new))
+    report, text = checked(file), file.read_text(encoding="utf-8")
     found = [item for item in report.findings if words in item.message]
     assert found, [item.message for item in report.findings]
     assert all(item.error == (level == "error") for item in found)
@@ -119,10 +107,8 @@ PHYSICAL = ("parts in each other", "part in a fixture")
 )
 def test_what_is_refused_could_not_be_planned(mistake: str, tmp_path: Path) -> None:
     old, new, *_ = MISTAKES[mistake]
-    text = CELL.replace(old, new, 1).replace(
-        "planning: {", "planning: {shortcut_candidates: 0, attempts: 1, "
-    )
-    file = written(tmp_path, text)
+    quick = "planning: {", "planning: {shortcut_candidates: 0, attempts: 1, "
+    file = written(tmp_path, CELL, (old, new), quick)
     with pytest.raises(TwinError):
         plan_scenario(read_scenario(file)[0], tmp_path)
 
@@ -152,19 +138,17 @@ def test_exceptions_of_every_robot_stand_in_for_packaged_times(
 
 def test_many_findings_at_one_place_are_counted(tmp_path: Path) -> None:
     text = (ROOT / "scenarios/construction/wall.yaml").read_text(encoding="utf-8")
-    file = written(tmp_path, text.replace("growth_m: 0.05", "growth_m: 0.0"))
+    file = written(tmp_path, text, ("growth_m: 0.05", "growth_m: 0.0"))
     messages = [item.message for item in checked(file).errors]
     assert len(messages) == 6
     assert messages[-1].startswith("and ")
 
 
 def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
-    text = CELL
-    planted = ("parts in each other", "goal in the air", "speeds beyond the limits")
-    for name in planted:
-        text = text.replace(*MISTAKES[name][:2], 1)
-    messages = " ".join(f.message for f in checked(written(tmp_path, text)).findings)
-    assert all(MISTAKES[name][3] in messages for name in planted)
+    names = ("parts in each other", "goal in the air", "speeds beyond the limits")
+    file = written(tmp_path, CELL, *(MISTAKES[name][:2] for name in names))
+    messages = " ".join(f.message for f in checked(file).findings)
+    assert all(MISTAKES[name][3] in messages for name in names)
 
 
 @pytest.mark.parametrize(
@@ -195,20 +179,16 @@ def test_the_speeds_of_the_shipped_boat_are_called_too_high() -> None:
 
 def test_goals_that_no_arm_is_long_enough_for(tmp_path: Path) -> None:
     text = (ROOT / "scenarios/multi_arm/multi_goal.yaml").read_text(encoding="utf-8")
-    old = "{robot: west, to: {xyz_m: [-0.35, 0.1, 0.21]"
-    assert old in text
-    far = written(tmp_path, text.replace(old, "{robot: west, to: {xyz_m: [3, 0, 0.2]"))
-    (error,) = checked(far).errors
+    goal = "{robot: west, to: {xyz_m: "
+    far = goal + "[-0.35, 0.1, 0.21]", goal + "[3, 0, 0.2]"
+    (error,) = checked(written(tmp_path, text, far)).errors
     assert "west does not reach (3.00, 0.00, 0.20) m" in error.message
 
 
 def test_bricks_that_no_robot_reaches(tmp_path: Path) -> None:
     text = (ROOT / "scenarios/lego/cliff.yaml").read_text(encoding="utf-8")
     old = "{xyz_m: [0.44, 0, 1.1145]}, studs: [48, 48]"
-    assert old in text
-    file = written(
-        tmp_path, text.replace(old, "{xyz_m: [0.44, 2.0, 1.1145]}, studs: [48, 48]")
-    )
+    file = written(tmp_path, text, (old, old.replace(" 0,", " 2.0,")))
     report = checked(file)
     assert len(report.errors) >= 6
     assert "step 1" in report.errors[0].message
@@ -216,10 +196,11 @@ def test_bricks_that_no_robot_reaches(tmp_path: Path) -> None:
     assert "# a" in lines[report.problem(report.errors[0]).mark.line - 1]
 
 
+OVERLAP = MISTAKES["parts in each other"][:2]
+
+
 def test_the_command_prints_places_and_draws_the_cell(tmp_path: Path) -> None:
-    file = written(
-        tmp_path, CELL.replace("[-0.2, -0.3, 0.0155]", "[-0.2, -0.21, 0.0155]")
-    )
+    file = written(tmp_path, CELL, OVERLAP)
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["check", str(file), "--out", str(out)])
     assert done.exit_code == 2
@@ -233,9 +214,7 @@ def test_the_command_prints_places_and_draws_the_cell(tmp_path: Path) -> None:
 
 
 def test_a_run_ends_before_planning(tmp_path: Path) -> None:
-    file = written(
-        tmp_path, CELL.replace("[-0.2, -0.3, 0.0155]", "[-0.2, -0.21, 0.0155]")
-    )
+    file = written(tmp_path, CELL, OVERLAP)
     out = tmp_path / "run"
     done = CliRunner().invoke(app, ["run", str(file), "--out", str(out)])
     assert done.exit_code == 2
@@ -245,11 +224,9 @@ def test_a_run_ends_before_planning(tmp_path: Path) -> None:
 
 @pytest.mark.expensive
 def test_a_run_keeps_warnings(tmp_path: Path) -> None:
-    text = CELL.replace(
-        "planning: {speed_model: joint}",
-        "planning: {speed_model: l1, speed_rad_s: 5.0, shortcut_candidates: 0}",
-    )
-    file, out = written(tmp_path, text), tmp_path / "run"
+    fast = "speed_model: l1, speed_rad_s: 5.0, shortcut_candidates: 0"
+    file = written(tmp_path, CELL, ("speed_model: joint", fast))
+    out = tmp_path / "run"
     done = CliRunner().invoke(
         app, ["run", str(file), "--out", str(out), "--no-audit", "--no-recording"]
     )
@@ -277,6 +254,6 @@ def test_a_full_pallet_has_left_when_the_next_one_is_filled(tmp_path: Path) -> N
     )
     text = CELL.split("assembly:")[0] + "assembly:" + line
     assert [item.message for item in checked(written(tmp_path, text)).errors] == []
-    sunk = text.replace("0.3, 0.1465]", "0.3, 0.1365]")
-    (found, *_) = checked(written(tmp_path, sunk)).errors
+    sunk = "0.3, 0.1465]", "0.3, 0.1365]"
+    (found, *_) = checked(written(tmp_path, text, sunk)).errors
     assert "b.1 goes where a.1 is by then" in found.message

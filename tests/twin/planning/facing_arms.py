@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-FACING_ARMS = """\
-version: 1
-name: small
-seed: 3
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [0.7, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
-assembly:
+from tests.twin.scenarios.cells import GP4S, cell
+
+FACING_ARMS = cell(
+    "small",
+    GP4S,
+    """\
   kind: lego
   plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
-"""
+""",
+    "{name: table, size_m: [0.7, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}",
+).replace("cell:", "seed: 3\ncell:")

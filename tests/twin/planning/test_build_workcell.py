@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from planning.lego.bricks.assembly import Cell, Press, Support
+from tests.twin.written import loaded
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego
-from twin.scenario.manifest import load_scenario
 
 SCENARIO = """\
 version: 1
@@ -47,9 +47,7 @@ assembly:
 
 
 def test_cell_and_assembly_hold_what_the_file_says(tmp_path: Path) -> None:
-    path = tmp_path / "tiny.yaml"
-    path.write_text(SCENARIO)
-    scenario = load_scenario(path)
+    scenario = loaded(tmp_path, SCENARIO)
     cell, assembly = build_workcell(scenario, tmp_path), build_lego(scenario.assembly)
 
     left, right = cell.robots

@@ -20,6 +20,8 @@ from scheduling.ordering.improvement import (
 )
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
+from tests.twin.scenarios.cells import GP4S, cell
+from tests.twin.written import loaded
 from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import plan_motions
@@ -46,16 +48,10 @@ SCENARIO = (
 """
 )
 
-PARTS = """\
-version: 1
-name: parts
-seed: 2
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures: [{name: plate, size_m: [0.384, 0.384, 0.005], pose: {xyz_m: [0.44, 0, 1.112]}}]
-assembly:
+PARTS = cell(
+    "parts",
+    GP4S,
+    """\
   kind: assembly
   parts:
     - {name: a, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.34, 0.12, 1.1193]}, goal: {xyz_m: [0.42, 0, 1.1193]}}
@@ -63,14 +59,14 @@ assembly:
     - {name: c, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.34, -0.12, 1.1193]}, goal: {xyz_m: [0.42, 0, 1.1289]}}
     - {name: d, size_m: [0.0158, 0.0318, 0.0096], start: {xyz_m: [0.54, -0.12, 1.1193]}, goal: {xyz_m: [0.46, 0, 1.1289]}}
   steps: [a, b, c, d]
-"""
+""",
+    "{name: plate, size_m: [0.384, 0.384, 0.005], pose: {xyz_m: [0.44, 0, 1.112]}}",
+)
 
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
-    file = tmp_path_factory.mktemp("four") / "four.yaml"
-    file.write_text(SCENARIO)
-    return load_scenario(file)
+    return loaded(tmp_path_factory.mktemp("four"), SCENARIO)
 
 
 @pytest.fixture(scope="module")
@@ -141,9 +137,7 @@ def test_what_is_known_of_other_plans_changes_no_rating(first: PlannedMotions) -
 def test_what_is_known_of_other_plans_of_parts_changes_no_rating(
     tmp_path: Path,
 ) -> None:
-    file = tmp_path / "parts.yaml"
-    file.write_text(PARTS)
-    planned = plan_motions(load_scenario(file), tmp_path, StageWatch())
+    planned = plan_motions(loaded(tmp_path, PARTS), tmp_path, StageWatch())
     assert _rates_as_fresh(planned) == 1  # nothing is known of other orders of parts
 
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from planning.lego.bricks.grid import box_pose
 from scheduling.verification.verify import verify_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
+from tests.twin.scenarios.executed import executed
+from tests.twin.written import loaded
 from twin.planning.goals import MOTION
-from twin.scenario.manifest import load_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
+from twin.scenario.sections.scenario import Scenario
+from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
 
 SCENARIO = (
     FACING_ARMS
@@ -35,25 +36,22 @@ SCENARIO = (
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("three")
-    (folder / "three.yaml").write_text(SCENARIO)
-    return folder
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
+    return loaded(tmp_path_factory.mktemp("three"), SCENARIO)
 
 
 @pytest.fixture(scope="module")
-def planned(folder: Path) -> PlanResult:
-    return plan_scenario(load_scenario(folder / "three.yaml"), folder)
+def planned(scenario: Scenario) -> PlanResult:
+    return plan_scenario(scenario)
 
 
 @pytest.fixture(scope="module")
-def trial(planned: PlanResult, folder: Path) -> RunResult:
-    out = folder / "run"
-    out.mkdir()
-    scenario = load_scenario(folder / "three.yaml")
-    return try_plan(
-        given_plan(LoadedScenario(scenario), planned.tpg), out, recording=False
-    )
+def trial(
+    scenario: Scenario,
+    planned: PlanResult,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> RunResult:
+    return executed(scenario, planned.tpg, tmp_path_factory.mktemp("run"))
 
 
 def test_the_plan_uses_the_stock_that_is_prescribed(planned: PlanResult) -> None:
@@ -62,10 +60,11 @@ def test_the_plan_uses_the_stock_that_is_prescribed(planned: PlanResult) -> None
     assert set(planned.planning_s) == {"assignment", "motion", "tpg", "shortcut"}
 
 
-def test_the_same_seed_gives_the_same_plan(planned: PlanResult, folder: Path) -> None:
+def test_the_same_seed_gives_the_same_plan(
+    scenario: Scenario, planned: PlanResult
+) -> None:
     seen: list[tuple[str, float, float]] = []
-    scenario = load_scenario(folder / "three.yaml")
-    again = plan_scenario(scenario, folder, lambda *stage: seen.append(stage))
+    again = plan_scenario(scenario, Path(), lambda *stage: seen.append(stage))
     np.testing.assert_array_equal(again.tpg.edges, planned.tpg.edges)
     for ours, theirs in zip(planned.tpg.chains, again.tpg.chains, strict=True):
         np.testing.assert_array_equal(ours.waypoints, theirs.waypoints)
@@ -81,10 +80,6 @@ def test_the_plan_is_safe_by_the_other_proof(planned: PlanResult) -> None:
 def test_bricks_end_where_the_file_says_and_the_audit_is_clean(
     planned: PlanResult, trial: RunResult
 ) -> None:
-    import pyarrow.parquet as pq
-
-    assert trial.passed
-    assert trial.summary["audit"]["violations"] == []
     last = {}
     for row in pq.read_table(trial.folder / "objects.parquet").to_pylist():
         last[row["object"]] = row

@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
@@ -16,6 +17,7 @@ from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
 from tests.planted import planted
 from tests.twin.twin_toys import random_tpg
+from tests.twin.written import Change, loaded, refusal
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.lifetimes import (
     AnyDuration,
@@ -29,8 +31,6 @@ from twin.durations.lifetimes import (
 from twin.durations.measured import Packaged, packaged_timings
 from twin.durations.model import DurationModel, PackagedSkill
 from twin.durations.normal import Lognormal, TruncatedNormal
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations
@@ -64,91 +64,59 @@ def section(content: dict[str, object]) -> DurationModel:
     return SECTION.validate_json(json.dumps(content))
 
 
-def problem(folder: Path, text: str) -> tuple[str, str]:
+def problem(folder: Path, text: str, *changes: Change) -> tuple[str, str]:
     """Return the text at the place of the only problem, and what is said about it."""
-    path = folder / "small.yaml"
-    path.write_text(text)
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(path)
-    (found,) = caught.value.problems
-    line = text.splitlines()[found.mark.line - 1]
-    return line[found.mark.column - 1 :], found.message
+    found = refusal(folder, text, *changes)
+    (one,) = found.problems
+    return found.lines[one.mark.line - 1][one.mark.column - 1 :], one.message
 
 
-MEANT: list[tuple[dict[str, object], DurationModel]] = [
-    ({"kind": "fixed", "value_s": 2}, Fixed(value_s=2.0)),
-    ({"kind": "uniform", "low_s": 2, "high_s": 3}, Uniform(low_s=2.0, high_s=3.0)),
-    (
-        {"kind": "triangular", "low_s": 2, "mode_s": 3, "high_s": 5},
-        Triangular(low_s=2.0, mode_s=3.0, high_s=5.0),
-    ),
-    (
-        {"kind": "pert", "low_s": 2, "mode_s": 3, "high_s": 5},
-        Pert(low_s=2.0, mode_s=3.0, high_s=5.0),
-    ),
-    ({"kind": "normal", "mean_s": 5, "sd_s": 1}, TruncatedNormal(mean_s=5.0, sd_s=1.0)),
-    (
-        {"kind": "normal", "mean_s": 5, "sd_s": 1, "low_s": 4, "high_s": 7},
-        TruncatedNormal(mean_s=5.0, sd_s=1.0, low_s=4.0, high_s=7.0),
-    ),
-    (
-        {"kind": "lognormal", "median_s": 5, "p95_s": 7},
-        Lognormal(median_s=5.0, p95_s=7.0),
-    ),
-    (
-        {"kind": "lognormal", "mean_s": 5, "cv": 0.2},
-        Lognormal(mean_s=5.0, cv=0.2),
-    ),
-    ({"kind": "exponential", "mean_s": 5}, Exponential(mean_s=5.0)),
-    ({"kind": "gamma", "shape": 5, "scale_s": 2}, Gamma(shape=5.0, scale_s=2.0)),
-    ({"kind": "gamma", "mean_s": 5, "cv": 0.2}, Gamma(mean_s=5.0, cv=0.2)),
-    ({"kind": "weibull", "shape": 5, "scale_s": 2}, Weibull(shape=5.0, scale_s=2.0)),
-    (
-        {
-            "kind": "shifted",
-            "offset_s": 3,
-            "model": {"kind": "gamma", "shape": 5, "scale_s": 2, "scale": 2},
-        },
-        Shifted(model=Gamma(shape=5.0, scale_s=2.0, scale=2.0), offset_s=3.0),
-    ),
-    (
-        {
-            "kind": "retries",
-            "attempt": {"kind": "fixed", "value_s": 5},
-            "probability": 0.2,
-        },
-        Retries(attempt=Fixed(value_s=5.0), probability=0.2, retries=2),
-    ),
-    (
-        {
-            "kind": "retries",
-            "attempt": {"kind": "fixed", "value_s": 5},
-            "probability": 0.2,
-            "retries": 1,
-            "retry": {"kind": "fixed", "value_s": 3},
-            "scale": 1.5,
-        },
-        Retries(
-            attempt=Fixed(value_s=5.0),
-            probability=0.2,
-            retries=1,
-            retry=Fixed(value_s=3.0),
-            scale=1.5,
+MEANT = [
+    (model, yaml.safe_load(content))
+    for model, content in (
+        (Fixed, "{kind: fixed, value_s: 2}"),
+        (Uniform, "{kind: uniform, low_s: 2, high_s: 3}"),
+        (Triangular, "{kind: triangular, low_s: 2, mode_s: 3, high_s: 5}"),
+        (Pert, "{kind: pert, low_s: 2, mode_s: 3, high_s: 5}"),
+        (TruncatedNormal, "{kind: normal, mean_s: 5, sd_s: 1}"),
+        (TruncatedNormal, "{kind: normal, mean_s: 5, sd_s: 1, low_s: 4, high_s: 7}"),
+        (Lognormal, "{kind: lognormal, median_s: 5, p95_s: 7}"),
+        (Lognormal, "{kind: lognormal, mean_s: 5, cv: 0.2}"),
+        (Exponential, "{kind: exponential, mean_s: 5}"),
+        (Gamma, "{kind: gamma, shape: 5, scale_s: 2}"),
+        (Gamma, "{kind: gamma, mean_s: 5, cv: 0.2}"),
+        (Weibull, "{kind: weibull, shape: 5, scale_s: 2}"),
+        (
+            Shifted,
+            "{kind: shifted, offset_s: 3, model: {kind: gamma, shape: 5, scale_s: 2, scale: 2}}",
         ),
-    ),
+        (
+            Retries,
+            "{kind: retries, attempt: {kind: fixed, value_s: 5}, probability: 0.2}",
+        ),
+        (
+            Retries,
+            "{kind: retries, attempt: {kind: fixed, value_s: 5}, probability: 0.2,"
+            " retries: 1, retry: {kind: fixed, value_s: 3}, scale: 1.5}",
+        ),
+    )
 ]
+"""Models, and the sections that say them."""
 
 
-@pytest.mark.parametrize(("content", "model"), MEANT, ids=lambda v: str(v)[:40])
+@pytest.mark.parametrize(("model", "content"), MEANT, ids=str)
 def test_each_section_is_its_model(
-    content: dict[str, object], model: DurationModel
+    model: type[DurationModel], content: dict[str, object]
 ) -> None:
-    assert section(content) == model
+    found = section(content)
+    assert type(found) is model
+    assert found.model_dump(exclude_unset=True) == content
+    assert getattr(found, "retries", 2) == content.get("retries", 2)
 
 
 def test_every_kind_is_tried() -> None:
     kinds = set(SECTION.json_schema()["discriminator"]["mapping"])
-    assert kinds == {c["kind"] for c, _ in MEANT} | {"empirical", "packaged"}
+    assert kinds == {c["kind"] for _, c in MEANT} | {"empirical", "packaged"}
 
 
 def test_measured_and_packaged_times(tmp_path: Path) -> None:
@@ -185,8 +153,7 @@ unknown skill                             | {kind: packaged, skill: pik}        
 def test_a_wrong_duration_is_reported_at_its_place(
     tmp_path: Path, entry: str, at: str, says: str
 ) -> None:
-    text = SMALL.replace(LAST, f"    pick: {entry}\n")
-    found, message = problem(tmp_path, text)
+    found, message = problem(tmp_path, SMALL, (LAST, f"    pick: {entry}\n"))
     assert found.startswith(at)
     assert says in message
 
@@ -228,9 +195,7 @@ def test_a_wrong_exception_is_reported_at_its_place(
 
 
 def test_the_strongest_exception_wins(tmp_path: Path) -> None:
-    path = tmp_path / "small.yaml"
-    path.write_text(SMALL + OVERRIDES)
-    durations = skill_durations(load_scenario(path))
+    durations = skill_durations(loaded(tmp_path, SMALL + OVERRIDES))
     cases = {
         ("left", "2x4"): 3.0,
         ("left", "1x2"): 3.0,
@@ -264,9 +229,7 @@ def test_exceptions_reach_the_tasks_of_a_plan() -> None:
 
 
 def test_what_a_file_leaves_out_is_packaged_and_can_be_scaled(tmp_path: Path) -> None:
-    path = tmp_path / "small.yaml"
-    path.write_text(SMALL)
-    scenario = load_scenario(path)
+    scenario = loaded(tmp_path, SMALL)
     assert set(scenario.execution.skills) == set(SKILLS) == set(get_args(PackagedSkill))
     content = resolved(scenario)
     assert content["execution"]["skills"]["handover"] == {
@@ -299,7 +262,7 @@ def with_numbers(content: dict[str, object]) -> st.SearchStrategy[dict[str, obje
 
 
 @settings(deadline=None, max_examples=200)
-@given(st.sampled_from([content for content, _ in MEANT]).flatmap(with_numbers))
+@given(st.sampled_from([content for _, content in MEANT]).flatmap(with_numbers))
 @example({"kind": "normal", "mean_s": -1.0, "sd_s": 1.0})
 @example({"kind": "normal", "mean_s": 1.0, "sd_s": 1e-190})
 @example({"kind": "lognormal", "median_s": 5e-324, "p95_s": 1.0})
@@ -325,8 +288,7 @@ def test_the_lines_of_the_guide_are_a_scenarios(tmp_path: Path) -> None:
     text = SMALL[: SMALL.index("execution:")] + lines
     (tmp_path / "timings").mkdir()
     (tmp_path / "timings" / "pick.csv").write_text("duration_s\n5\n6\n")
-    (tmp_path / "small.yaml").write_text(text)
-    durations = skill_durations(load_scenario(tmp_path / "small.yaml"), tmp_path)
+    durations = skill_durations(loaded(tmp_path, text), tmp_path)
     assert durations.model_of("pick", "left", "1x2") == Triangular(
         low_s=5.0, mode_s=6.0, high_s=9.0
     )

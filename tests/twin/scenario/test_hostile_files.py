@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from tests.planted import rows
+from tests.shipped_runs import SCENARIOS
 from twin.cli import app
-
-SCENARIOS = Path(__file__).parents[3] / "scenarios"
-ARMS, WALL = "multi_arm/multi_goal.yaml", "construction/wall.yaml"
-WELL, TOWER = "construction/well.yaml", "construction/tower.yaml"
 
 SCALED = """\
 <robot name="r">
@@ -35,25 +34,28 @@ endfacet
 endsolid a
 """
 
-CASES = [
-    (ARMS, "seed: 0", "seed: 0x" + "f" * 4000, "12:7: seed: a whole number expected"),
-    (ARMS, "model: panda", "model: " + "a" * 300, "16:27: unknown robot model 'aaa"),
-    (ARMS, "model: panda", 'model: "pan\\0da"', "16:27: no robot 'pan"),
-    (ARMS, "model: panda", "model: /dev/zero", "16:27: unknown robot model"),
-    (ARMS, "model: panda", "model: scaled.urdf", "scale of a <mesh> must be 1e-09 to"),
-    (ARMS, "name: multi_goal", "name: multi\a", "not a text file"),
-    (ARMS, "planning:", "planning:\n  speed_rad_s: 1.0e-6", "must be at least 0.01"),
-    (ARMS, "planning:", "planning:\n  speed_rad_s: 1.0e+9", "must be at most 100"),
-    (WALL, "[0.5, 0.2, 0.2]", "[5.0e-324, 0.2, 0.2]", "size_m[0]: must be at least"),
-    (WELL, "radius_m: 0.86", "radius_m: 5.0e-324", "radius_m: must be at least 0.001"),
-    (TOWER, "[0.6, 0.2, 0.12]", "[0.7, 1.0e-308, 1]", "size_m[1]: must be at least"),
-    (
-        "construction/pavilion.yaml",
-        "joint_m: 0.012",
-        "joint_m: 0.4",
-        "the joint leaves nothing of it",
-    ),
-]
+CASES = rows(r"""
+file                       | old              | new                         | says
+multi_arm/multi_goal       | seed: 0          | BIG                         | 12:7: seed: a whole number expected
+multi_arm/multi_goal       | model: panda     | LONG                        | 16:27: unknown robot model 'aaa
+multi_arm/multi_goal       | model: panda     | "model: \"pan\\0da\""       | 16:27: no robot 'pan
+multi_arm/multi_goal       | model: panda     | model: /dev/zero            | 16:27: unknown robot model
+multi_arm/multi_goal       | model: panda     | model: scaled.urdf          | scale of a <mesh> must be 1e-09 to
+multi_arm/multi_goal       | name: multi_goal | "name: multi\u0007"         | not a text file
+multi_arm/multi_goal       | planning:        | "planning:\n  speed_rad_s: 1.0e-6" | must be at least 0.01
+multi_arm/multi_goal       | planning:        | "planning:\n  speed_rad_s: 1.0e+9" | must be at most 100
+construction/wall          | [0.5, 0.2, 0.2]  | [5.0e-324, 0.2, 0.2]        | size_m[0]: must be at least
+construction/well          | radius_m: 0.86   | radius_m: 5.0e-324          | radius_m: must be at least 0.001
+construction/tower         | [0.6, 0.2, 0.12] | [0.7, 1.0e-308, 1]          | size_m[1]: must be at least
+construction/pavilion      | joint_m: 0.012   | joint_m: 0.4                | the joint leaves nothing of it
+assembly/shapes            | shapes_housing.stl, | other.stl,               | LINE other.stl is not there
+assembly/shapes            | shapes_housing.stl, | housing.step,            | LINE unknown kind
+assembly/shapes            | , scale: 0.001   | ""                          | LINE measures 80 x 36 x 20 m: LINE write scale: 0.001
+assembly/shapes            | , scale: 0.001   | , scale: 0.000001           | LINE a tenth of a millimetre: leave scale
+assembly/shapes            | {cylinder: {radius_m: 0.12, length_m: 0.02}} | {} | LINE give one of box
+assembly/shapes            | length_m: 0.06}  | length_m: 0.06, box: [1, 1, 1]} | LINE box
+assembly/shapes            | "      shape: {mesh" | "      size_m: [1, 1, 1]\n      shape: {mesh" | not both
+""")
 
 
 def validate(path: Path) -> tuple[int, str]:
@@ -61,20 +63,30 @@ def validate(path: Path) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.mark.parametrize(("name", "good", "bad", "message"), CASES)
+@pytest.mark.parametrize(
+    ("name", "good", "bad", "message"), CASES, ids=lambda cell: cell[:30]
+)
 def test_hostile_values_are_refused_at_their_place(
     tmp_path: Path, name: str, good: str, bad: str, message: str
 ) -> None:
-    text = (SCENARIOS / name).read_text(encoding="utf-8")
+    source = SCENARIOS / f"{name}.yaml"
+    text = source.read_text(encoding="utf-8")
     assert good in text
+    line = next(k for k, row in enumerate(text.splitlines(), 1) if good in row)
+    bad = {"BIG": "seed: 0x" + "f" * 4000, "LONG": "model: " + "a" * 300}.get(bad, bad)
     path = tmp_path / "hostile.yaml"
     path.write_text(text.replace(good, bad, 1), encoding="utf-8")
     (tmp_path / "scaled.urdf").write_text(SCALED)
     (tmp_path / "c.stl").write_text(TRIANGLE)
+    for mesh in source.parent.glob("*.stl"):
+        shutil.copy(mesh, tmp_path)
     code, said = validate(path)
     assert code == 2
     assert said.startswith(f"{path}:")
-    assert message in said
+    at, *words = message.split("LINE ")
+    assert at in said
+    assert all(part in said for part in words)
+    assert not words or f"{path}:{line}:" in said
     assert "Traceback" not in said
 
 

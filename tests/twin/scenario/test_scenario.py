@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from tests.planted import planted
+from tests.twin.written import loaded, refusal
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario, scenario_schema
 from twin.scenario.sections.scenario import resolved, restored
@@ -42,26 +44,15 @@ execution:
 """
 
 
-def write(folder: Path, text: str) -> Path:
-    (folder / "handover.csv").write_text("duration_s\n8.5\n9\n")
-    path = folder / "tiny.yaml"
-    path.write_text(text)
-    return path
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with the measured times that the good file names."""
+    (tmp_path / "handover.csv").write_text("duration_s\n8.5\n9\n")
+    return tmp_path
 
 
-def problems(folder: Path, text: str) -> list[tuple[int, int, str]]:
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(write(folder, text))
-    return [(p.mark.line, p.mark.column, p.message) for p in caught.value.problems]
-
-
-def edited(old: str, new: str) -> str:
-    assert GOOD.count(old) == 1, old
-    return GOOD.replace(old, new)
-
-
-def test_a_good_file_loads_with_defaults(tmp_path: Path) -> None:
-    scenario = load_scenario(write(tmp_path, GOOD))
+def test_a_good_file_loads_with_defaults(folder: Path) -> None:
+    scenario = loaded(folder, GOOD)
     assert scenario.seed == 0
     assert scenario.cell.clearance.robot_robot_m == 0.001
     assert scenario.assembly.plate.studs == (48, 48)
@@ -70,12 +61,12 @@ def test_a_good_file_loads_with_defaults(tmp_path: Path) -> None:
     assert scenario.execution.skills["pick"].median_s == 10.0  # type: ignore[union-attr]
 
 
-def test_the_resolved_scenario_reads_back_and_names_itself(tmp_path: Path) -> None:
-    scenario = load_scenario(write(tmp_path, GOOD))
+def test_the_resolved_scenario_reads_back_and_names_itself(folder: Path) -> None:
+    scenario = loaded(folder, GOOD)
     assert restored(resolved(scenario)) == scenario
-    other = load_scenario(write(tmp_path, edited("[4, 0, 1]", "[4, 1, 1]")))
+    other = loaded(folder, GOOD, ("[4, 0, 1]", "[4, 1, 1]"))
     assert resolved(other) != resolved(scenario)
-    spelled = load_scenario(write(tmp_path, GOOD + "seed: 0\n"))
+    spelled = loaded(folder, GOOD + "seed: 0\n")
     assert resolved(spelled) == resolved(scenario)
 
 
@@ -133,40 +124,65 @@ csv column                                   | csv: handover.csv             | c
 
 
 @pytest.mark.parametrize("case", ONE_PROBLEM, ids=lambda c: c.replace(" ", "-"))
-def test_one_mistake_one_message_at_its_place(case: str, tmp_path: Path) -> None:
+def test_one_mistake_one_message_at_its_place(case: str, folder: Path) -> None:
     old, new, at, words = ONE_PROBLEM[case]
-    text = edited(old, new)
-    [(line, column, message)] = problems(tmp_path, text)
-    assert text.splitlines()[line - 1][column - 1 :].startswith(at)
-    assert words in message
+    assert GOOD.count(old) == 1
+    found = refusal(folder, GOOD, (old, new))
+    (problem,) = found.problems
+    written = found.lines[problem.mark.line - 1][problem.mark.column - 1 :]
+    assert written.startswith(at)
+    assert words in problem.message
 
 
-def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
-    text = GOOD
-    for old, new in (
+def test_all_mistakes_are_reported_at_once(folder: Path) -> None:
+    found = refusal(
+        folder,
+        GOOD + "cell: {}\n",
         ("version: 1", "version: 3"),
         ("model: gp4", "modle: gp4"),
         ("[1, 1, 0.1]", "[1, 1, -1]"),
         ("p95_s", "p95"),
-    ):
-        text = text.replace(old, new)
-    found = problems(tmp_path, text + "cell: {}\n")
-    assert [f[0] for f in found] == [1, 6, 9, 22, 25]
-
-
-def test_places_of_bricks_taken_from_named_stock_are_free_again(tmp_path: Path) -> None:
-    text = edited("press: {side: 1, offset: 1}}", "stock: b1}")
-    text = text.replace("{brick: 2x4, at: [24, 26, 2]}", "{brick: 2x4, at: [0, 1, 1]}")
-    assert load_scenario(write(tmp_path, text)).assembly.steps[1].at == (0, 1, 1)
-
-
-def test_a_station_never_runs_out(tmp_path: Path) -> None:
-    text = edited("[4, 0, 1]}", "[4, 0, 1], station: true}")
-    text = text.replace(
-        "    - {brick: 2x4, at: [24, 26, 2]}\n",
-        "".join(f"    - {{brick: 2x4, at: [24, 26, {z}]}}\n" for z in range(2, 9)),
     )
-    assert len(load_scenario(write(tmp_path, text)).assembly.steps) == 8
+    assert [problem.mark.line for problem in found.problems] == [1, 6, 9, 22, 25]
+
+
+def test_places_of_bricks_taken_from_named_stock_are_free_again(folder: Path) -> None:
+    named = "press: {side: 1, offset: 1}}", "stock: b1}"
+    there = "{brick: 2x4, at: [24, 26, 2]}", "{brick: 2x4, at: [0, 1, 1]}"
+    assert loaded(folder, GOOD, named, there).assembly.steps[1].at == (0, 1, 1)
+
+
+def test_a_station_never_runs_out(folder: Path) -> None:
+    station = "[4, 0, 1]}", "[4, 0, 1], station: true}"
+    step = "    - {brick: 2x4, at: [24, 26, 2]}\n"
+    steps = "".join(step.replace("2]", f"{z}]") for z in range(2, 9))
+    assert len(loaded(folder, GOOD, station, (step, steps)).assembly.steps) == 8
+
+
+PARTS = """\
+version: 1
+name: all
+cell: {robots: [{name: arm, model: ur5e}]}
+assembly:
+  kind: assembly
+  ORDER
+  parts:
+    - {name: a, size_m: [0.04, 0.04, 0.04], start: {xyz_m: [0.5, 0, 0.02]}, goal: {xyz_m: [0, 0.5, 0.02]}}
+    - {name: stays, size_m: [0.04, 0.04, 0.04], start: {xyz_m: [0.5, 0.2, 0.02]}}
+    - {name: b, size_m: [0.04, 0.04, 0.04], start: {xyz_m: [0.4, 0, 0.02]}, goal: {xyz_m: [0, 0.5, 0.06]}}
+"""
+
+
+def test_where_an_order_is_found_all_parts_with_a_goal_are_put_in_place(
+    folder: Path,
+) -> None:
+    find = "ORDER", "order: find"
+    assert loaded(folder, PARTS, find).assembly.placed == ("a", "b")
+    said = str(refusal(folder, PARTS, ("ORDER", "order: listed")))
+    assert re.search(r"'steps' is missing: .* 'order: find'", said)
+    none = ", goal: {xyz_m: [0, 0.5, 0.02]}", ", goal: {xyz_m: [0, 0.5, 0.06]}"
+    said = str(refusal(folder, PARTS, find, *((goal, "") for goal in none)))
+    assert "no part has a 'goal'" in said
 
 
 @pytest.mark.parametrize(
@@ -183,9 +199,8 @@ def test_a_station_never_runs_out(tmp_path: Path) -> None:
 def test_files_that_are_no_scenario(content: bytes, words: str, tmp_path: Path) -> None:
     path = tmp_path / "file.yaml"
     path.write_bytes(content)
-    with pytest.raises(InvalidScenarioError) as caught:
+    with pytest.raises(InvalidScenarioError, match=re.escape(words)) as caught:
         load_scenario(path)
-    assert words in str(caught.value)
     assert str(caught.value).startswith(f"{path}:")
 
 
@@ -196,20 +211,16 @@ def test_a_missing_file_and_a_folder_say_so(tmp_path: Path) -> None:
         load_scenario(tmp_path)
 
 
-def test_the_report_shows_the_line_with_a_caret(tmp_path: Path) -> None:
-    path = write(tmp_path, edited("p95_s: 12", "p95: 12"))
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(path)
-    head, line, caret = caught.value.report().splitlines()
-    assert head.startswith(f"{path}:22:44: unknown key 'p95'")
+def test_the_report_shows_the_line_with_a_caret_and_cuts_long_ones_around_it(
+    folder: Path,
+) -> None:
+    report = refusal(folder, GOOD, ("p95_s: 12", "p95: 12")).report()
+    head, line, caret = report.splitlines()
+    assert head.startswith(f"{folder / 'own.yaml'}:22:44: unknown key 'p95'")
     assert line[caret.index("^") :].startswith("p95: 12")
-
-
-def test_long_lines_are_cut_around_the_caret(tmp_path: Path) -> None:
-    text = GOOD + "description: {" + "x" * 300 + ": 1, y: 2}\n"
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(write(tmp_path, text))
-    assert all(len(line) < 130 for line in caught.value.report().splitlines()[1:])
+    long = GOOD + "description: {" + "x" * 300 + ": 1, y: 2}\n"
+    report = refusal(folder, long).report()
+    assert all(len(line) < 130 for line in report.splitlines()[1:])
 
 
 def test_the_committed_schema_is_current() -> None:

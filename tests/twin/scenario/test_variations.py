@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from planning.errors import ScenarioError
+from tests.planted import rows
 from twin.durations.bounded import Uniform
+from twin.planning.build_workcell import build_workcell
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import (
@@ -19,6 +22,7 @@ from twin.scenario.variations import (
     variation,
     varied,
 )
+from twin.trial.loaded_scenario import load
 
 CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
 
@@ -124,21 +128,46 @@ def test_brackets_that_cannot_be_read_are_refused(text: str, message: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("variant", "message"),
-    [
-        ({"latencys": 1}, "execution has no 'latencys' .*latency_s"),
-        ({"stalls.count": 1}, "execution.stalls has no 'count' .*count_per_robot"),
-        ({"latency_s.mean": 1}, "execution.latency_s is a plain value"),
-        ({"stalls.duration_s.7": 1}, r"no entry '7' \(valid: 0, 1\)"),
-        ({"latency_s": -1}, "execution.latency_s: must be at least 0, not -1"),
-        ({"skills.pik": {"kind": "fixed", "value_s": 1}}, "pik"),
-    ],
+    ("key", "value", "message"),
+    rows(r"""
+key                            | value    | says
+latencys                       | 1        | execution has no 'latencys' .*latency_s
+stalls.count                   | 1        | execution.stalls has no 'count' .*count_per_robot
+latency_s.mean                 | 1        | execution.latency_s is a plain value
+stalls.duration_s.7            | 1        | no entry '7' \(valid: 0, 1\)
+latency_s                      | -1       | execution.latency_s: must be at least 0, not -1
+skills.pik                     | {kind: fixed, value_s: 1} | pik
+cell.robots.middle.tool        | slim     | no entry 'middle' .*left, right
+cell.robot.left.tool           | slim     | cell has no 'robot' .*robots
+cell.robots.left.base.xyz_m.0  | 1.0e+9   | cell.robots\[0\].base.xyz_m\[0\]: must be at most
+cell.robots.left.base.xyz_m.3  | 0        | xyz_m has no entry '3' .*0, 1, 2
+planning.speed_model           | quick    | unknown value 'quick'.*joint
+robots                         | two      | no number of robots: 'two'
+cell.robots.left.parked.at_m.0 | 1        | leaves cell.robots.left.parked out
+"""),
 )
-def test_what_does_not_fit_is_refused_with_what_would(
-    cliff: Scenario, variant: dict[str, object], message: str
+def test_paths_and_values_that_do_not_fit_are_refused_by_place(
+    cliff: Scenario, key: str, value: str, message: str
 ) -> None:
     with pytest.raises(ScenarioError, match=message):
-        varied(cliff, variant)
+        varied(cliff, {key: yaml.safe_load(value)})
+
+
+def test_limits_of_the_tools_speed_reach_the_robots_that_they_are_given_for(
+    cliff: Scenario,
+) -> None:
+    """They are kept to in plans within limits only."""
+    first, second = (f"cell.robots.{robot.name}.limits" for robot in cliff.cell.robots)
+    limits = {
+        f"{first}.tool_speed_m_s": 0.5,
+        f"{second}.loaded_tool_speed_m_s": 0.25,
+    }
+    limited = varied(cliff, {"planning.speed_model": "limits", **limits})
+    found = [robot.limits for robot in build_workcell(limited, CLIFF.parent).robots]
+    speeds = [(own.tool_speed, own.loaded_tool_speed) for own in found if own]
+    assert speeds == [(0.5, np.inf), (np.inf, 0.25)]
+    with pytest.raises(ScenarioError, match=r"speed_model: limits.*'l1'"):
+        load(CLIFF).varied(limits)
 
 
 def test_keys_of_a_section_that_is_left_out_make_it(cliff: Scenario) -> None:
@@ -209,25 +238,3 @@ def test_the_number_of_robots_is_varied_with_and_without_a_team(
     assert len(varied(wall, {"cell.team.count": 4}).cell.robots) == 4
     with pytest.raises(ScenarioError, match="the cell has 2 robots and no team"):
         varied(cliff, {"robots": 3})
-
-
-@pytest.mark.parametrize(
-    ("variant", "message"),
-    [
-        ({"cell.robots.middle.tool": "slim"}, "no entry 'middle' .*left, right"),
-        ({"cell.robot.left.tool": "slim"}, "cell has no 'robot' .*robots"),
-        (
-            {"cell.robots.left.base.xyz_m.0": 1e9},
-            r"cell.robots\[0\].base.xyz_m\[0\]: must be at most",
-        ),
-        ({"cell.robots.left.base.xyz_m.3": 0}, r"xyz_m has no entry '3' .*0, 1, 2"),
-        ({"planning.speed_model": "quick"}, "unknown value 'quick'.*joint"),
-        ({"robots": "two"}, "no number of robots: 'two'"),
-        ({"cell.robots.left.parked.at_m.0": 1}, "leaves cell.robots.left.parked out"),
-    ],
-)
-def test_paths_and_values_that_do_not_fit_are_refused_by_place(
-    cliff: Scenario, variant: dict[str, object], message: str
-) -> None:
-    with pytest.raises(ScenarioError, match=message):
-        varied(cliff, variant)

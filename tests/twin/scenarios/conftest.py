@@ -1,7 +1,4 @@
-"""From a scenario's file to a plan of it and a run: a module that says ``file`` has the rest.
-
-Plans of shipped scenarios are those that all tests share.
-"""
+"""From a scenario's file to a plan of it and a clean run: a module that says ``file`` has the rest."""
 
 from __future__ import annotations
 
@@ -9,15 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.shipped_runs import SCENARIOS, ShippedRuns
-from twin.run.folder import prepare_run_folder
+from tests.twin.scenarios.executed import executed
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +20,7 @@ def scenario(file: Path) -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def planned(scenario: Scenario, file: Path, shipped: ShippedRuns) -> PlanResult:
-    if file.is_relative_to(SCENARIOS):
-        return shipped(str(file.relative_to(SCENARIOS).with_suffix(""))).planned
+def planned(scenario: Scenario, file: Path) -> PlanResult:
     return plan_scenario(scenario, file.parent)
 
 
@@ -39,10 +31,5 @@ def trial(
     file: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> RunResult:
-    folder = tmp_path_factory.mktemp(scenario.name)
-    folder = prepare_run_folder(folder / "run", scenario.name)
-    return try_plan(
-        given_plan(LoadedScenario(scenario, file.parent), planned.tpg),
-        folder,
-        recording=False,
-    )
+    out = tmp_path_factory.mktemp("run")
+    return executed(scenario, planned.tpg, out, base=file.parent)

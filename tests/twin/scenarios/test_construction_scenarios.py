@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from typer.testing import CliRunner
 
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
-from planning.errors import ConstructionError, RobotModelError, ScenarioError
+from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from tests.planted import planted
+from tests.twin.written import loaded, written
 from twin.cli import app
 from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch
@@ -22,7 +22,6 @@ from twin.planning.build_workcell import build_workcell
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
-from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved
@@ -56,17 +55,6 @@ def problem_of(path: Path) -> ConstructionProblem:
     seconds = {"pick": 1.0, "place-down": 2.0, "handover": 3.0}
     settings = MotionSettings({}, {}, 0.05, seconds, seed=7)
     return kind.problem(build_workcell(scenario), settings)
-
-
-def written(folder: Path, text: str) -> Path:
-    path = folder / "steps.yaml"
-    path.write_text(text)
-    return path
-
-
-def edited(folder: Path, old: str, new: str) -> Path:
-    assert OWN.count(old) == 1, old
-    return written(folder, OWN.replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -111,20 +99,19 @@ def test_exceptions_hold_for_a_robot_and_for_a_type_of_parts(tmp_path: Path) -> 
         "    - {skill: pick, robot: mover1, duration: {kind: fixed, value_s: 11}}\n"
         "    - {skill: place-down, object: 0.4 x 0.3 x 0.2, duration: {kind: fixed, value_s: 12}}\n"
     )
-    scenario = load_scenario(written(tmp_path, text))
+    scenario = loaded(tmp_path, text)
     cell = build_workcell(scenario)
     kind = assembly_kind(scenario.assembly)
     assert isinstance(kind, ConstructionKind)
-    problem = kind.problem(cell, motion_settings(scenario, cell, tmp_path))
+    settings = motion_settings(scenario, cell, tmp_path)
+    problem = kind.problem(cell, settings)
     low = problem.part("low")
     means = {name: model.mean for name, model in packaged_timings().items()}
     assert problem.seconds_of("pick", "mover1", low) == 11
     assert problem.seconds_of("pick", "mover2", low) == means["pick"]
     assert problem.seconds_of("place-down", "mover2", low) == 12
     assert problem.seconds_of("handover", "mover1", low) == means["handover"]
-    motions = kind.plan(
-        cell, motion_settings(scenario, cell, tmp_path), StageWatch()
-    ).motion_plan
+    motions = kind.plan(cell, settings, StageWatch()).motion_plan
     for task, motion in zip(motions.tasks, motions.motions, strict=True):
         least = {"pick": 11 if task.robot == "mover1" else means["pick"]}
         least["place-down"] = 12
@@ -133,23 +120,24 @@ def test_exceptions_hold_for_a_robot_and_for_a_type_of_parts(tmp_path: Path) -> 
 
 
 def test_where_all_parts_have_a_start_nothing_is_laid_out(tmp_path: Path) -> None:
-    first = "[0, 0, 0.1]}"
-    text = OWN.replace(first, first + ", start: {xyz_m: [-2, 1, 0.1]}")
-    text = text.replace("  supply: {", "  supply: {near: true, ")
-    problem = problem_of(written(tmp_path, text))
+    first = "[0, 0, 0.1]}", "[0, 0, 0.1]}, start: {xyz_m: [-2, 1, 0.1]}"
+    near = "  supply: {", "  supply: {near: true, "
+    problem = problem_of(written(tmp_path, OWN, first, near))
     assert np.allclose(problem.cell.object("low").start[:3, 3], (-2.0, 1.0, 0.1))
 
 
 def test_pads_are_at_a_frame_where_a_part_has_room(tmp_path: Path) -> None:
-    text = OWN.replace("  supply:", "  grips: {frame: flange}\n  supply:")
-    with pytest.raises(RobotModelError, match="cannot hold a part at its frame 'flan"):
-        problem_of(written(tmp_path, text))
-    with pytest.raises(RobotModelError, match=r"no frame 'pad' \(valid: flange, tool"):
-        problem_of(written(tmp_path, text.replace("frame: flange", "frame: pad")))
+    for frame, words in (
+        ("flange", "cannot hold a part at its frame 'flan"),
+        ("pad", r"no frame 'pad' \(valid: flange, tool"),
+    ):
+        grips = "  supply:", f"  grips: {{frame: {frame}}}\n  supply:"
+        with pytest.raises(RobotModelError, match=words):
+            problem_of(written(tmp_path, OWN, grips))
 
 
 def test_shortcuts_keep_the_speeds_of_joints(tmp_path: Path) -> None:
-    scenario = load_scenario(written(tmp_path, OWN))
+    scenario = loaded(tmp_path, OWN)
     cell = build_workcell(scenario)
     for robot in cell.robots:
         speed = motion_settings(scenario, cell, tmp_path).speeds[robot.name]
@@ -160,7 +148,7 @@ def test_shortcuts_keep_the_speeds_of_joints(tmp_path: Path) -> None:
 
 
 def test_another_size_of_team(tmp_path: Path) -> None:
-    content = resolved(load_scenario(written(tmp_path, OWN)))
+    content = resolved(loaded(tmp_path, OWN))
     choose_robots(content["cell"], 5)
     again = Scenario.model_validate_json(json.dumps(content))
     assert [r.name for r in again.cell.robots] == [f"mover{k}" for k in range(1, 6)]
@@ -170,47 +158,6 @@ def test_another_size_of_team(tmp_path: Path) -> None:
     assert lego["cell"]["robots"] == [first]
     with pytest.raises(ScenarioError, match="--robots 3: the cell has 1 robots"):
         choose_robots(lego["cell"], 3)
-
-
-# What is changed in the file, and the words of the one problem.
-PROBLEMS = planted(r"""
-mistake                     | old                                          | new                                 | says
-model and parts             | "  supply:"                                  | "  model: {name: tower}\n  supply:" | give 'model' or 'parts', one of them
-a team of what cannot drive | model: mobile-manipulator                    | model: gp4                          | gp4 cannot park: its first joints do not drive it
-unknown model of a team     | mobile-manipulator                           | mobile-manipulater                  | did you mean 'mobile-manipulator'?
-no robots                   | "  team: {model: mobile-manipulator, count: 2, name: mover, ring: {radius_m: 4.0, start_deg: 90}}" | "  fixtures: []"                    | a cell needs robots, or a team
-the floor's name            | name: low                                    | name: ground                        | is that of the floor
-a robot's name              | name: low                                    | name: mover2                        | is that of a robot
-unknown face                | [+y, +z]                                     | [up]                                | unknown value 'up' (valid: +x, -x,
-""")
-
-
-@pytest.mark.parametrize("case", PROBLEMS)
-def test_problems_of_the_file_are_found_when_it_is_read(
-    case: str, tmp_path: Path
-) -> None:
-    old, new, words = PROBLEMS[case]
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(edited(tmp_path, old, new))
-    assert len(caught.value.problems) == 1
-    assert words in caught.value.problems[0].message
-
-
-# What is changed in the file, and the words of the error.
-IMPOSSIBLE = {
-    "overlap": ("[0, 0, 0.1]", "[0, 0, 0.15]", "low and high would overlap by 50 mm"),
-    "hanging": ("[0.1, 0, 0.3]", "[0.1, 0, 0.5]", "nothing connects high to the grou"),
-    "supply": ("[2, 1, 0.15]", "[2.5, -0.4, 0.15]", "high and low overlap by"),
-    "too far": ("[2, 1, 0.15]", "[20, 1, 0.15]", "high cannot be picked: none of mov"),
-    "too high": ("[0, 0, 0.1]}", "[0, 0, 0.1]}, faces: [-z]", "low cannot be placed"),
-}
-
-
-@pytest.mark.parametrize("case", IMPOSSIBLE)
-def test_what_cannot_be_built_is_said_with_names(case: str, tmp_path: Path) -> None:
-    old, new, words = IMPOSSIBLE[case]
-    with pytest.raises(ConstructionError, match=words):
-        problem_of(edited(tmp_path, old, new))
 
 
 HANDOVER = (FOLDER / "handover.yaml").read_text()
@@ -285,11 +232,9 @@ def test_bad_input_ends_a_run_with_names_within_seconds(
     case: str, tmp_path: Path
 ) -> None:
     text, changes, words = BAD_INPUT[case]
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
+    file = written(tmp_path, text, *changes)
     begin = time.process_time()
-    result = CliRunner().invoke(app, ["run", str(written(tmp_path, text))])
+    result = CliRunner().invoke(app, ["run", str(file)])
     assert time.process_time() - begin < 10.0
     assert result.exit_code != 0
     assert words in " ".join(result.output.split())
@@ -307,11 +252,8 @@ def test_a_model_whose_joints_leave_nothing_of_a_part_is_refused(
     tmp_path: Path,
 ) -> None:
     text = (FOLDER / "pavilion.yaml").read_text()
-    content = yaml.safe_load(text)
-    content["assembly"]["model"]["joint_m"] = 0.4
-    path = tmp_path / "wide.yaml"
-    path.write_text(yaml.safe_dump(content))
+    wide = "joint_m: 0.012", "joint_m: 0.4"
     with pytest.raises(
         ScenarioError, match=r"cassette\d+_\d+ would measure .* the joint"
     ):
-        load_scenario(path)
+        loaded(tmp_path, text, wide)

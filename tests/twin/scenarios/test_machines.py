@@ -21,9 +21,11 @@ from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
+from tests.planted import rows
 from tests.twin.one_draw import sample_node_times
 from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
+from tests.twin.written import loaded
 from twin.audit.audit import audit_run
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
@@ -35,7 +37,6 @@ from twin.engine.execution_model import ExecutionModel
 from twin.planning.kind import assembly_kind
 from twin.run.summary import summarise
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
 from twin.study.replications.statistics import Block
@@ -121,9 +122,7 @@ def scenario(folder: Path, **assembly: Any) -> Scenario:
             del document["assembly"][key]
         else:
             document["assembly"][key] = value
-    path = folder / "tending.yaml"
-    path.write_text(yaml.safe_dump(document))
-    return load_scenario(path)
+    return loaded(folder, yaml.safe_dump(document))
 
 
 def tried(own: Scenario, folder: Path) -> RunResult:
@@ -340,13 +339,10 @@ def test_nobody_passes_through_a_door_that_is_shut(tmp_path: Path) -> None:
             steps=steps,
         )
         trial = tried(own, tmp_path / f"run{door is None}")
+        of_the_mill = ("mill", "started"), ("mill", "completed")
         begun, done, put = (
             next(e.t_ns for e in trial.history if (e.robot, e.kind) == what)
-            for what in (
-                ("mill", "started"),
-                ("mill", "completed"),
-                ("right", "detached"),
-            )
+            for what in (*of_the_mill, ("right", "detached"))
         )
         found[door is None] = begun < put < done
     assert found == {True: True, False: False}
@@ -425,92 +421,45 @@ def test_what_is_unattended_goes_on_side_by_side(tmp_path: Path) -> None:
     assert 50.0 < run.makespan_s < 70.0
 
 
-SIDE = {"part": "blank"}
-
-
 @pytest.mark.parametrize(
     ("assembly", "message"),
-    [
-        ({"machines": None}, "there is no machine 'mill': give machines one"),
-        (
-            {"machines": {"mill": {}, "oven": {}}},
-            "no process is done by oven",
-        ),
-        (
-            {"steps": [STEPS[0]]},
-            "no step puts it in its place",
-        ),
-        (
-            {"steps": ["blank", {"place": "blank", "at": NEST, "name": "back"}]},
-            "blank is already placed in step 1",
-        ),
-        (
-            {"steps": [{"process": "milling", "at": {"fixture": "vise"}}, "blank"]},
-            "milling is done at a part",
-        ),
-        (
-            {
-                "steps": [
-                    {"process": "milling", "at": SIDE, "robots": ["left"]},
-                    "blank",
-                ]
-            },
-            "no robot does milling: leave robots out",
-        ),
-        (
-            {"steps": [{"place": "blank", "at": {"part": "blank"}}, "blank"]},
-            "put down at a fixture or in the world",
-        ),
-        (
-            {"processes": {"milling": {**MILLING["milling"], "tool": "driver"}}},
-            "tool is of a robot, and no robot does this",
-        ),
-    ],
+    rows(r"""
+assembly                                     | says
+{machines: null}                             | there is no machine 'mill': give machines one
+{machines: {mill: {}, oven: {}}}             | no process is done by oven
+{steps: [{place: blank, at: NEST, robots: [left]}]} | no step puts it in its place
+{steps: [blank, {place: blank, at: NEST, name: back}]} | blank is already placed in step 1
+{steps: [{process: milling, at: {fixture: vise}}, blank]} | milling is done at a part
+{steps: [{process: milling, at: {part: blank}, robots: [left]}, blank]} | no robot does milling: leave robots out
+{steps: [{place: blank, at: {part: blank}}, blank]} | put down at a fixture or in the world
+{processes: {milling: {duration: {kind: fixed, value_s: 9}, machine: mill, tool: driver}}} | tool is of a robot, and no robot does this
+"""),
 )
-def test_what_cannot_be_is_said(
-    tmp_path: Path, assembly: dict[str, Any], message: str
-) -> None:
+def test_what_cannot_be_is_said(tmp_path: Path, assembly: str, message: str) -> None:
+    said = yaml.safe_load(assembly.replace("NEST", json.dumps(NEST)))
     with pytest.raises(InvalidScenarioError, match=message):
-        scenario(tmp_path, **assembly)
+        scenario(tmp_path, **said)
 
 
 def test_disturbed_machines_are_there(tmp_path: Path) -> None:
     document = copy.deepcopy(CELL)
     document["execution"]["machines"] = {"outfeed": {"stalls": {"rate_per_h": 1}}}
-    path = tmp_path / "named.yaml"
-    path.write_text(yaml.safe_dump(document))
-    load_scenario(path)
+    loaded(tmp_path, yaml.safe_dump(document))
     document["execution"]["machines"]["mil"] = {}
-    path.write_text(yaml.safe_dump(document))
     with pytest.raises(InvalidScenarioError, match=r"machine 'mil'.*mill"):
-        load_scenario(path)
+        loaded(tmp_path, yaml.safe_dump(document))
 
 
 @pytest.mark.parametrize(
     ("steps", "message"),
-    [
-        (
-            [
-                {"place": "post", "at": {"pose": {"xyz_m": [0, -0.2, 0.3]}}},
-                "post",
-            ],
-            "would leave it in the air",
-        ),
-        (
-            [
-                {
-                    "place": "post",
-                    "at": {"fixture": "table", "pose": {"xyz_m": [-0.2, 0.1, 0.035]}},
-                },
-                "cap",
-                "post",
-            ],
-            "cap was put to it where it lies",
-        ),
-    ],
+    rows(r"""
+steps                                        | says
+[{place: post, at: {pose: {xyz_m: [0, -0.2, 0.3]}}}, post] | would leave it in the air
+[{place: post, at: {fixture: table, pose: {xyz_m: [-0.2, 0.1, 0.035]}}}, cap, post] | cap was put to it where it lies
+"""),
 )
 def test_what_is_put_down_on_its_way_stands_alone(
-    tmp_path: Path, steps: list[Any], message: str
+    tmp_path: Path, steps: str, message: str
 ) -> None:
     post = box("post", [-0.35, -0.2, 0.015], [-0.2, -0.2, 0.015])
     cap = box("cap", [-0.35, 0.2, 0.015], [-0.2, 0.1, 0.045])
@@ -519,7 +468,7 @@ def test_what_is_put_down_on_its_way_stands_alone(
         **ALONE,
         processes=None,
         parts=[post, cap],
-        steps=steps,
+        steps=yaml.safe_load(steps),
     )
     with pytest.raises(InfeasibleStepError, match=message):
         plan_scenario(own, tmp_path)
@@ -622,9 +571,7 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
         "joined": [{"parts": ["bracket", "wall"], "by": "cured"}],
         "grips": {"opening_m": 0.04, "positions": 3},
     }
-    path = tmp_path / "glue.yaml"
-    path.write_text(yaml.safe_dump(document))
-    own = load_scenario(path)
+    own = loaded(tmp_path, yaml.safe_dump(document))
     trial = tried(own, tmp_path / "run")
     assert trial.summary["wait_s"]["left"] == pytest.approx(30.0)
     # A log in which it cures for a second longer: then the bracket was let go of too early.

@@ -8,26 +8,24 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from tests.twin.scenarios.cells import GP4S, cell
+from tests.twin.written import written
 from twin.cli import app
 
-SCENARIO = """
-version: 1
-name: beside
-cell:
-  robots:
-    - {{name: left, model: gp4, base: {{xyz_m: [0, 0, 0.9246]}}}}
-    - {{name: right, model: gp4, base: {{xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}}}
-  fixtures:
-    - {{name: table, size_m: [0.6, 1.2, 0.02], pose: {{xyz_m: [0.44, 0, 1.1045]}}}}
-assembly:
+SCENARIO = cell(
+    "beside",
+    GP4S,
+    """\
   kind: lego
-  plate: {{pose: {{xyz_m: [0.44, 0, 1.1145]}}}}
+  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
   stock:
-    - {{name: a, brick: 2x4, at: [20, 20, 1]}}
-    - {{name: beside, brick: 2x4, at: [17, {y}, 1], fixed: true}}
+    - {name: a, brick: 2x4, at: [20, 20, 1]}
+    - {name: beside, brick: 2x4, at: [17, Y, 1], fixed: true}
   steps:
-    - {{brick: 2x4, at: [30, 32, 1], press: {{side: 1, offset: {offset}}}}}
-"""
+    - {brick: 2x4, at: [30, 32, 1], press: {side: 1, offset: OFFSET}}
+""",
+    "{name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}",
+)
 
 
 @pytest.mark.parametrize(
@@ -36,8 +34,8 @@ assembly:
 def test_it_is_picked_and_the_audit_is_clean(
     tmp_path: Path, y: int, offset: int, grazing: bool
 ) -> None:
-    file, out = tmp_path / "beside.yaml", tmp_path / "run"
-    file.write_text(SCENARIO.format(y=y, offset=offset))
+    place = ("Y, 1]", f"{y}, 1]"), ("OFFSET", str(offset))
+    file, out = written(tmp_path, SCENARIO, *place), tmp_path / "run"
     done = CliRunner().invoke(app, ["run", str(file), "--out", str(out)])
     assert done.exit_code == 0, done.output
     plan = json.loads((out / "plan.json").read_text())

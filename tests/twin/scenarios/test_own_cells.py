@@ -18,9 +18,9 @@ from planning.steps.skill import Obstruction
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import executed
-from twin.check.check import check_scenario
+from tests.twin.written import checked, loaded, written
 from twin.planning.build_workcell import build_workcell
-from twin.scenario.manifest import load_scenario, read_scenario
+from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 
 END = """\
@@ -60,12 +60,8 @@ def cell(tool: str, more: str = "limits: {velocity: 2}") -> str:
 
 def done(folder: Path, text: str) -> TemporalPlanGraph:
     """Plan and execute a cell; return the plan, once check, proof and audit are content."""
-    file = folder / "own.yaml"
-    file.write_text(text + END)
-    assert [
-        str(item.message)
-        for item in check_scenario(*read_scenario(file), folder).errors
-    ] == []
+    file = written(folder, text + END)
+    assert [item.message for item in checked(file).errors] == []
     scenario = load_scenario(file)
     planned = plan_scenario(scenario, folder)
     executed(scenario, planned.tpg, folder / "run", base=folder)
@@ -90,29 +86,24 @@ assembly:
     light = cell("fingers", "limits: {payload_kg: 2}")
     tpg = done(tmp_path, light + part)
     assert set(robots_of(tpg, "pick")) == {"right"}
-    (tmp_path / "one.yaml").write_text(
-        light + part.replace("[billet]", "[{place: billet, robots: [left]}]") + END
-    )
+    pinned = "[billet]", "[{place: billet, robots: [left]}]"
     with pytest.raises(
         TwinError, match=r"may carry 2 kg beside its tool, and billet weighs 2\.5 kg"
     ):
-        plan_scenario(load_scenario(tmp_path / "one.yaml"), tmp_path)
+        plan_scenario(loaded(tmp_path, light + part + END, pinned), tmp_path)
 
 
 def test_fingers_take_nothing_wider_than_they_are_held(tmp_path: Path) -> None:
     """They might open to 100 mm, and are held 70 mm apart: what they would be in is not gripped."""
-    (tmp_path / "own.yaml").write_text(
-        cell("fingers").replace("opening_m: 0.07", "opening_m: 0.1")
-        + """\
+    text = """\
 assembly:
   kind: assembly
   parts:
     - {name: box, size_m: [0.05, 0.09, 0.05], start: {xyz_m: [0, 0.3, 0.025]}, goal: {xyz_m: [0, -0.3, 0.025]}}
   steps: [box]
 """
-    )
-    scenario = load_scenario(tmp_path / "own.yaml")
-    there = build_workcell(scenario)
+    wide = "opening_m: 0.07", "opening_m: 0.1"
+    there = build_workcell(loaded(tmp_path, cell("fingers") + text, wide))
     robot, part = there.robots[0], there.object("box")
     held: dict[float, list[Obstruction | None]] = {}
     rules = GripRules(opening=0.1, depth=0.02)
@@ -171,16 +162,13 @@ assembly:
 """
     tpg = done(tmp_path, cell("fingers") + text)
     assert len(robots_of(tpg, "place-down")) == 1
-    (tmp_path / "down.yaml").write_text(
-        (cell("fingers") + text + END).replace(
-            "insert: [1, 0, 0]", "insert: [0, 0, -1]"
-        )
-    )
+    down = "insert: [1, 0, 0]", "insert: [0, 0, -1]"
+    other = loaded(tmp_path, cell("fingers") + text + END, down)
     with pytest.raises(
         TwinError,
         match=r"\(plug\) leads through socket on the straight way into its place",
     ):
-        plan_scenario(load_scenario(tmp_path / "down.yaml"), tmp_path)
+        plan_scenario(other, tmp_path)
 
 
 @pytest.mark.expensive

@@ -9,13 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.executed import executed
 from twin.cli import app
-from twin.run.folder import prepare_run_folder
 from twin.scenario.manifest import load_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
 from twin.trial.planning import plan_scenario
-from twin.trial.trial import try_plan
 
 DATA = Path(
     os.environ.get(
@@ -39,11 +36,6 @@ def test_a_published_task_runs_clean(task: str, most: float, tmp_path: Path) -> 
     scenario = load_scenario(target)
     planned = plan_scenario(scenario, tmp_path)
     assert verify_plan(planned.tpg).problems == ()
-    folder = prepare_run_folder(tmp_path / "run", task)
-    trial = try_plan(
-        given_plan(LoadedScenario(scenario), planned.tpg), folder, recording=False
-    )
-    summary = trial.summary
+    summary = executed(scenario, planned.tpg, tmp_path / "run").summary
     assert summary["outcome"] == "completed"
-    assert summary["audit"]["violations"] == []
     assert summary["makespan_s"] <= most * summary["makespan_sequential_s"]

@@ -9,27 +9,27 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.lego.sequencing.sequencing import sequence_structure
+from tests.twin.scenarios.cells import GP4S, cell
+from tests.twin.written import refusal, written
 from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import LegoSection
 
-HEAD = """\
-version: 1
-name: small
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-assembly:
+HEAD = cell(
+    "small",
+    GP4S,
+    """\
   kind: lego
   plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
   stock:
     - {name: s1, brick: 2x4, at: [2, 2, 1]}
     - {name: s2, brick: 2x4, at: [2, 10, 1]}
     - {name: s3, brick: 2x2, at: [2, 18, 1]}
-"""
+""",
+    "{name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}",
+)
 
 TOWER = """\
   structure:
@@ -49,9 +49,7 @@ TOWER = """\
 
 
 def write(folder: Path, structure: str, head: str = HEAD) -> Path:
-    path = folder / "small.yaml"
-    path.write_text(head + structure)
-    return path
+    return written(folder, head + structure)
 
 
 def run(*args: str | Path):
@@ -92,11 +90,8 @@ def test_the_written_scenario_builds_the_same_with_steps(tmp_path):
     assert again.structure is None
     steps = build_lego(again).steps
     for step, expected in zip(steps, found.steps, strict=True):
-        assert (step.cell, step.up, step.attack) == (
-            expected.cell,
-            expected.up,
-            expected.attack,
-        )
+        how = expected.cell, expected.up, expected.attack
+        assert (step.cell, step.up, step.attack) == how
         assert step.press == expected.press
         assert step.support == expected.support
         assert (step.presses or (step.press,)) == expected.presses
@@ -133,21 +128,19 @@ def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place", "message"),
     [
-        ("        AAAA\n        AAAA\n", "        AAAA\n        AAA.\n", "25:9", "no rectangle"),
-        ("        AAAA\n        AAAA\n", "        ..AA\n        ..AA\n", "25:11", "floats"),
-        ("        AAAA\n        AAAA\n", "        AAA.\n        AAA.\n", "25:9", "stock has 0"),
-        ("        AAAA\n        AAAA\n", "        AAAA\n        AAA\n", "26:9", "3 characters"),
-        ("origin: [20, 20]", "origin: [2, 2]", "18:9", "goes where s1 of the stock"),
-        ("origin: [20, 20]", "origin: [47, 20]", "18:9", "beyond the plate"),
-        ("    origin: [20, 20]\n", "", "15:5", "layers need an 'origin'"),
+        ("        AAAA\n        AAAA\n", "        AAAA\n        AAA.\n", "27:9", "no rectangle"),
+        ("        AAAA\n        AAAA\n", "        ..AA\n        ..AA\n", "27:11", "floats"),
+        ("        AAAA\n        AAAA\n", "        AAA.\n        AAA.\n", "27:9", "stock has 0"),
+        ("        AAAA\n        AAAA\n", "        AAAA\n        AAA\n", "28:9", "3 characters"),
+        ("origin: [20, 20]", "origin: [2, 2]", "20:9", "goes where s1 of the stock"),
+        ("origin: [20, 20]", "origin: [47, 20]", "20:9", "beyond the plate"),
+        ("    origin: [20, 20]\n", "", "17:5", "layers need an 'origin'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_told_with_its_place(tmp_path, old, new, place, message):
-    assert old in TOWER
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(write(tmp_path, TOWER.replace(old, new)))
-    assert message in str(caught.value)
-    assert f"small.yaml:{place}: " in str(caught.value)
+    said = str(refusal(tmp_path, HEAD + TOWER, (old, new)))
+    assert message in said
+    assert f"own.yaml:{place}: " in said
 
 
 def test_a_structure_may_have_a_file_of_its_own(tmp_path):
@@ -165,7 +158,7 @@ def test_a_structure_may_have_a_file_of_its_own(tmp_path):
     with pytest.raises(InvalidScenarioError, match=r"tower\.yaml:4:5: .*no rectangle"):
         load_scenario(path)
     path = write(tmp_path, "  structure: {file: missing.yaml}\n")
-    with pytest.raises(InvalidScenarioError, match=r"small\.yaml:14:.*cannot be read"):
+    with pytest.raises(InvalidScenarioError, match=r"own\.yaml:16:.*cannot be read"):
         load_scenario(path)
 
 

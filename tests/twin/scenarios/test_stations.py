@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from planning.errors import PlanInvariantError
@@ -16,29 +17,23 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.graph_structure import check_structure
 from scheduling.verification.verify import verify_plan
 from tests.twin.recorders.transform_chains import broken_chains
+from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.scenarios.executed import executed
-from twin.audit.audit import audit_run
+from tests.twin.written import written
+from twin.audit.audit import Auditor, audit_run
+from twin.audit.motion.executed import read_recording
 from twin.exports.graphs import task_graph
 from twin.run.trajectory import object_placements
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
-from twin.trial.planning import plan_scenario
+from twin.scenario.variations import varied
+from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import audit_standing_states
-from twin.trial.trial import try_plan
 
-SCENARIO = """\
-version: 1
-name: fence
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
-assembly:
+SCENARIO = cell(
+    "fence",
+    GP4S,
+    """\
   kind: lego
   plate: {pose: {xyz_m: [0.44, 0, 1.1145]}}
   stock:
@@ -53,35 +48,20 @@ assembly:
     - {brick: 2x2, at: [26, 22, 1], press: {side: 4, offset: 0}, stock: between}
     - {brick: 2x4, at: [20, 16, 2], press: {side: 1, offset: 1}, stock: near}
     - {brick: 2x2, at: [26, 22, 2], press: {side: 4, offset: 0}, stock: between}
-"""
+""",
+    "{name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}",
+)
 COPIES = {"near": 3, "far": 2, "between": 4}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fence")
-    (folder / "fence.yaml").write_text(SCENARIO)
-    return folder
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("fence"), SCENARIO)
 
 
 @pytest.fixture(scope="module")
-def scenario(folder: Path) -> Scenario:
-    return load_scenario(folder / "fence.yaml")
-
-
-@pytest.fixture(scope="module")
-def planned(scenario: Scenario, folder: Path) -> PlanResult:
-    return plan_scenario(scenario, folder)
-
-
-@pytest.fixture(scope="module")
-def trial(planned: PlanResult, scenario: Scenario, folder: Path) -> RunResult:
-    (folder / "run").mkdir()
-    return try_plan(
-        given_plan(LoadedScenario(scenario), planned.tpg),
-        folder / "run",
-        recording=True,
-    )
+def trial(planned: PlanResult, scenario: Scenario, file: Path) -> RunResult:
+    return executed(scenario, planned.tpg, file.parent / "run", recording=True)
 
 
 def test_one_more_brick_than_steps_is_made_and_only_the_first_is_there(
@@ -96,14 +76,8 @@ def test_one_more_brick_than_steps_is_made_and_only_the_first_is_there(
 
 def test_both_robots_pick_from_the_station_between_them(planned: PlanResult) -> None:
     picks = [t for t in planned.tpg.tasks if t.kind == "pick"]
-    assert [t.object for t in picks] == [
-        "near.1",
-        "far.1",
-        "between.1",
-        "between.2",
-        "near.2",
-        "between.3",
-    ]
+    order = "near.1 far.1 between.1 between.2 near.2 between.3"
+    assert [t.object for t in picks] == order.split()
     between = [t for t in picks if (t.object or "").startswith("between")]
     assert len({t.robot for t in between}) == 2
     # Whoever picks waits for the pick before.
@@ -176,13 +150,9 @@ def test_picks_of_one_station_out_of_order_are_found(planned: PlanResult) -> Non
 
 
 def test_the_run_is_clean_and_writes_when_bricks_come_up(
-    planned: PlanResult, trial: RunResult, folder: Path
+    planned: PlanResult, trial: RunResult
 ) -> None:
-    import pyarrow.parquet as pq
-
-    assert trial.passed
-    assert trial.summary["audit"]["violations"] == []
-    rows = pq.read_table(folder / "run" / "objects.parquet").to_pylist()
+    rows = pq.read_table(trial.folder / "objects.parquet").to_pylist()
     for station, count in COPIES.items():
         place = planned.motions.cell.object(f"{station}.1").start
         taken_until = 0.0
@@ -196,46 +166,39 @@ def test_the_run_is_clean_and_writes_when_bricks_come_up(
             if more:
                 assert more[0]["parent"].endswith("/flange")
                 taken_until = more[0]["t_s"]
-    text = (folder / "run" / "events.jsonl").read_text()
+    text = (trial.folder / "events.jsonl").read_text()
     assert text.count("comes up at its station") == 6
-    assert broken_chains(folder / "run" / "run.rrd") == []
+    assert broken_chains(trial.folder / "run.rrd") == []
 
 
 def test_stalls_change_nothing_about_that(
-    planned: PlanResult, scenario: Scenario, folder: Path
+    planned: PlanResult, scenario: Scenario, tmp_path: Path
 ) -> None:
-    stalls = scenario.execution.stalls.model_copy(update={"count_per_robot": 4})
-    execution = scenario.execution.model_copy(update={"stalls": stalls})
-    stalled = scenario.model_copy(update={"execution": execution})
-    out = folder / "stalled"
-    trial = executed(stalled, planned.tpg, out)
+    stalled = varied(scenario, {"stalls.count_per_robot": 4})
+    trial = executed(stalled, planned.tpg, tmp_path)
     assert max(trial.summary["stall_s"].values()) > 0.0
 
 
 def test_plan_files_keep_what_comes_later(
-    planned: PlanResult, trial: RunResult, folder: Path
+    planned: PlanResult, trial: RunResult, tmp_path: Path
 ) -> None:
-    save_plan(planned.tpg, folder / "saved")
-    loaded = load_plan(folder / "saved")
+    save_plan(planned.tpg, tmp_path)
+    loaded = load_plan(tmp_path)
     names = [(o.name, o.later) for o in planned.tpg.cell.objects]
     assert [(o.name, o.later) for o in loaded.cell.objects] == names
-    for ours, theirs in zip(planned.tpg.handlings, loaded.handlings, strict=True):
-        assert (ours.object, ours.node, ours.holder) == (
-            theirs.object,
-            theirs.node,
-            theirs.holder,
-        )
-    assert audit_run(folder / "run").violations == ()
+    ours, theirs = (
+        [(h.object, h.node, h.holder) for h in tpg.handlings]
+        for tpg in (planned.tpg, loaded)
+    )
+    assert ours == theirs
+    assert audit_run(trial.folder).violations == ()
 
 
 def test_a_brick_that_comes_up_elsewhere_is_a_violation(
-    planned: PlanResult, trial: RunResult, folder: Path
+    planned: PlanResult, trial: RunResult
 ) -> None:
     """The audit holds the recording against the place that the plan gives."""
-    from twin.audit.audit import Auditor
-    from twin.audit.motion.executed import read_recording
-
-    recording = read_recording(folder / "run", planned.tpg.cell)
+    recording = read_recording(trial.folder, planned.tpg.cell)
     rows = tuple(
         replace(row, pose=translation(0.0, 0.0, 0.2) @ row.pose)
         if row.object == "far.2"

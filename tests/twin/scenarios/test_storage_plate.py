@@ -8,21 +8,16 @@ import numpy as np
 import pytest
 
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.scenarios.executed import executed
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario
+from tests.twin.written import written
+from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 
-SCENARIO = """\
-version: 1
-name: stored
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.0945]}}
-assembly:
+SCENARIO = cell(
+    "stored",
+    GP4S,
+    """\
   kind: lego
   plate: {pose: {xyz_m: [0.44, 0.15, 1.1145]}, studs: [48, 24]}
   storage_plate: {pose: {xyz_m: [0.44, -0.15, 1.1045], rpy_deg: [0, 0, 10]}, studs: [48, 16]}
@@ -35,14 +30,14 @@ assembly:
     - {brick: 2x4, at: [24, 4, 1], press: {side: 1, offset: 1}, stock: high}
     - {brick: 2x4, at: [24, 4, 2], press: {side: 4, offset: 1}, stock: near}
     - {brick: 2x4, at: [34, 4, 2], press: {side: 4, offset: 1}, stock: low}
-"""
+""",
+    "{name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.0945]}}",
+)
 
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("stored") / "stored.yaml"
-    path.write_text(SCENARIO)
-    return path
+    return written(tmp_path_factory.mktemp("stored"), SCENARIO)
 
 
 def test_stock_and_scaffolding_stand_on_their_plates(planned: PlanResult) -> None:
@@ -64,9 +59,11 @@ def test_stock_and_scaffolding_stand_on_their_plates(planned: PlanResult) -> Non
     assert cell.object("high").start[2, 3] == pytest.approx(1.1045 + 0.0144)
 
 
-def test_the_plan_is_safe_and_the_run_clean(planned: PlanResult, file: Path) -> None:
+def test_the_plan_is_safe_and_the_run_clean(
+    scenario: Scenario, planned: PlanResult, tmp_path: Path
+) -> None:
     assert verify_plan(planned.tpg).problems == ()
-    executed(load_scenario(file), planned.tpg, file.parent / "run")
+    executed(scenario, planned.tpg, tmp_path)
 
 
 def test_bricks_of_two_plates_are_no_neighbours(planned: PlanResult) -> None:
@@ -79,15 +76,3 @@ def test_bricks_of_two_plates_are_no_neighbours(planned: PlanResult) -> None:
     }
     assert frozenset(("high", "low")) in pairs
     assert frozenset(("high", "base")) not in pairs
-
-
-def test_each_plate_has_its_size(file: Path) -> None:
-    text = SCENARIO.replace("at: [34, 4, 2]}", "at: [34, 14, 2]}")
-    text = text.replace(
-        "name: low, brick: 2x4, at: [34, 4", "name: low, brick: 2x4, at: [34, 14"
-    )
-    path = file.with_name("beyond.yaml")
-    path.write_text(text)
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(path)
-    assert "beyond the plate of 48 x 16 studs" in str(caught.value)

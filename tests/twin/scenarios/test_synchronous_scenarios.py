@@ -13,7 +13,6 @@ from scheduling.verification.verify import verify_plan
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_slots
-from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.trial.loaded_scenario import LoadedScenario
@@ -86,22 +85,3 @@ def test_slots_are_saved_with_the_plan(
 ) -> None:
     save_plan(planned[1].tpg, tmp_path)
     assert np.array_equal(load_plan(tmp_path).slots, planned[1].tpg.slots)
-
-
-def test_a_synchronous_run_needs_a_synchronous_plan(tmp_path: Path) -> None:
-    text = (FOLDER / "multi_goal.yaml").read_text()
-    file = tmp_path / "bad.yaml"
-    file.write_text(
-        text.replace("coordination: synchronous", "coordination: sequential")
-        + "\nexecution:\n  policy: synchronous\n"
-    )
-    with pytest.raises(InvalidScenarioError, match="coordination"):
-        load_scenario(file)
-
-
-def test_a_move_of_an_unknown_robot_names_the_robots(tmp_path: Path) -> None:
-    text = (FOLDER / "multi_goal.yaml").read_text()
-    file = tmp_path / "bad.yaml"
-    file.write_text(text.replace("{robot: east, to", "{robot: eats, to", 1))
-    with pytest.raises(InvalidScenarioError, match="east"):
-        load_scenario(file)

@@ -17,8 +17,7 @@ from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, Task
 from scheduling.build_tpg import build_nodes
 from scheduling.pace import hand_loads
 from scheduling.verification.verify import verify_plan
-from tests.planted import rows
-from twin.scenario.document.validation import InvalidScenarioError
+from tests.twin.written import loaded
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.trial.loaded_scenario import LoadedScenario
@@ -92,9 +91,7 @@ def scenario_text(steps: list[str]) -> str:
 
 
 def planned_steps(steps: list[str], folder: Path) -> PlanResult:
-    file = folder / "changer.yaml"
-    file.write_text(scenario_text(steps))
-    return plan_scenario(load_scenario(file), folder)
+    return plan_scenario(loaded(folder, scenario_text(steps)), folder)
 
 
 def tools_on(plan: MotionPlan) -> Iterator[tuple[Task, str | None]]:
@@ -174,7 +171,7 @@ def audited(
     """Return what the audit finds in a run of a plan with some fields changed."""
     out = folder / name
     out.mkdir()
-    scenario = load_scenario(folder / "changer.yaml")
+    scenario = load_scenario(folder / "own.yaml")
     tpg = replace(planned.tpg, **changed)
     trial = try_plan(
         given_plan(LoadedScenario(scenario, folder), tpg), out, recording=False
@@ -219,7 +216,7 @@ def test_the_audit_finds_work_with_the_wrong_tool(
     assert any("was done with gripper, not nozzle" in line for line in found)
 
 
-def test_the_audit_finds_two_tools_on_one_robot(
+def test_the_audit_finds_two_tools_on_one_robot_and_one_that_is_left_elsewhere(
     planned: PlanResult, folder: Path
 ) -> None:
     both = tuple(
@@ -228,14 +225,8 @@ def test_the_audit_finds_two_tools_on_one_robot(
         if not (h.object == "gripper" and h.holder is None)
     )
     found = audited(planned, folder, "both", handlings=both)
-    assert any(
-        line.startswith("tool: driver is on arm along with gripper") for line in found
-    )
-
-
-def test_the_audit_finds_a_tool_that_is_left_elsewhere(
-    planned: PlanResult, folder: Path
-) -> None:
+    words = "tool: driver is on arm along with gripper"
+    assert any(line.startswith(words) for line in found)
     moved = []
     for handling in planned.tpg.handlings:
         pose = handling.pose.copy()
@@ -246,51 +237,20 @@ def test_the_audit_finds_a_tool_that_is_left_elsewhere(
     assert any("tool: driver is 10.00 mm off its rack" in line for line in found)
 
 
-@pytest.mark.parametrize(
-    ("change", "with_", "says"),
-    rows(r"""
-old                                          | new                                          | says
-tools: [gripper, driver, nozzle]             | tools: [gripper, drivver]                    | did you mean
-tools: [gripper, driver, nozzle]             | tools: [gripper]                             | two or more
-model: ur5e, tools                           | model: ur5e, tool: driver, tools             | give tool or tools
-, change_s: 3}                               | , change_s: 3, change: {kind: fixed, value_s: 1}} | not both
-"      rack: {xyz_m: [-0.2, 0.3, 0.2], rpy_deg: [180, 0, 0], change_s: 3}\n" | ""                                           | driver has no rack: give cell.tools.driver.rack
-"  fixtures:\n"                              | "    - {name: other, model: ur5e, tool: driver, base: {xyz_m: [1, 0, 0]}}\n  fixtures:\n" | driver is changed by arm
-name: block, size                            | name: driver, size                           | 'driver' is already taken
-pick: {kind                                  | take-tol: {kind                              | did you mean 'take-tool'
-screw: {duration                             | take-tool: {duration                         | cannot be called 'take-tool'
-"""),
-)
-def test_what_cannot_be_is_said(
-    tmp_path: Path, change: str, with_: str, says: str
-) -> None:
-    text = scenario_text(["block"])
-    assert change in text
-    file = tmp_path / "bad.yaml"
-    file.write_text(
-        text.replace(change, with_).replace("steps: [driver]", "steps: [block]")
-    )
-    with pytest.raises(InvalidScenarioError) as caught:
-        load_scenario(file)
-    assert says in str(caught.value)
-
-
 def test_what_is_written_down_reads_as_the_same_scenario(tmp_path: Path) -> None:
-    file = tmp_path / "changer.yaml"
-    file.write_text(scenario_text(["block"]))
-    scenario = load_scenario(file)
-    assert restored(resolved(scenario)) == scenario
+    own = ", change_s: 3}", ", change: {kind: uniform, low_s: 2, high_s: 3}}"
+    for changes in ((), (own,)):
+        scenario = loaded(tmp_path, scenario_text(["block"]), *changes)
+        assert restored(resolved(scenario)) == scenario
 
 
 def test_a_rack_that_is_out_of_reach_is_said(tmp_path: Path) -> None:
-    file = tmp_path / "far.yaml"
-    file.write_text(
-        scenario_text(["screw"]).replace("[-0.2, 0.3, 0.2]", "[1.2, 0.3, 0.2]")
-    )
+    far = "[-0.2, 0.3, 0.2]", "[1.2, 0.3, 0.2]"
+    scenario = loaded(tmp_path, scenario_text(["screw"]), far)
     with pytest.raises(
         InfeasibleStepError, match=r"arm cannot change driver at its rack: .*reach"
     ):
-        plan_scenario(load_scenario(file), tmp_path)
+        plan_scenario(scenario, tmp_path)
 
 
 def two_armed() -> str:
@@ -323,9 +283,7 @@ def two_armed() -> str:
 
 def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
     """One takes a driver, and the other the gripper with which it holds what is worked at."""
-    file = tmp_path / "changer.yaml"
-    file.write_text(two_armed())
-    found = plan_scenario(load_scenario(file), tmp_path)
+    found = plan_scenario(loaded(tmp_path, two_armed()), tmp_path)
     taken = [(t.robot, t.object) for t in found.tpg.tasks if t.kind == TAKE_TOOL]
     assert taken == [("arm", "driver"), ("second", "other_gripper")]
     assert audited(found, tmp_path, "run") == []

@@ -15,8 +15,8 @@ from scheduling.verification.verify import verify_plan
 from tests.planning.robots.descriptions.test_mjcf import HAND
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e, vendor_file
 from tests.twin.scenarios.executed import executed
+from tests.twin.written import loaded
 from twin.check.tools import finger_gap
-from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 
 CELL = """\
@@ -71,9 +71,8 @@ def arms(file: object, away: float, *more: str) -> str:
 
 def done(folder: Path, tools: str, robots: str) -> TemporalPlanGraph:
     """Plan and execute the five parts; return the plan, once proof and audit are content."""
-    file = folder / "cell.yaml"
-    file.write_text(CELL.format(tools=tools.rstrip(), robots=robots.rstrip()))
-    scenario = load_scenario(file)
+    text = CELL.format(tools=tools.rstrip(), robots=robots.rstrip())
+    scenario = loaded(folder, text)
     planned = plan_scenario(scenario, folder)
     executed(scenario, planned.tpg, folder / "run")
     assert verify_plan(planned.tpg).problems == ()

@@ -14,26 +14,20 @@ import pytest
 from planning.cell.workcell import CONTACT_DEPTH
 from planning.errors import InfeasibleStepError
 from scheduling.verification.verify import verify_plan
+from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
+from tests.twin.written import loaded
 from twin.audit.audit import AuditReport, audit_run
 from twin.planning.kind import assembly_kind
-from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
-from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.trial import try_plan
 
-NODE = """\
-version: 1
-name: node
-cell:
-  robots:
-    - {name: arm, model: panda, base: {xyz_m: [-0.5, 0, 0]}}
-  fixtures:
-    - {name: table, size_m: [1.6, 1.4, 0.02], pose: {xyz_m: [0, 0, -0.01]}}
-assembly:
+NODE = cell(
+    "node",
+    (panda("arm", -0.5),),
+    """\
   kind: assembly
   grips: {positions: 3, depth_m: 0.012}
   parts:
@@ -49,19 +43,14 @@ assembly:
   joined_overlap_m: 0.007
   steps: [first, second]
 planning: {speed_model: l1, speed_rad_s: 4.0, shortcut_candidates: 0}
-"""
-
-
-def write(folder: Path, text: str) -> Path:
-    file = folder / "node.yaml"
-    file.write_text(text)
-    return file
+""",
+)
 
 
 def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     tmp_path: Path,
 ) -> None:
-    given = load_scenario(write(tmp_path, NODE))
+    given = loaded(tmp_path, NODE)
     planned = plan_scenario(given)
     tpg = planned.tpg
     assert verify_plan(tpg).problems == ()
@@ -75,10 +64,8 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     wanted = assembly_kind(given.assembly).wanted(given.cell)
     strict = audit_run(out, wanted=replace(wanted, joined_overlap_m=0.002))
     assert {v.kind for v in strict.violations} == {"contact"}
-    assert {n for v in strict.violations for n in (v.first, v.second)} == {
-        "first",
-        "second",
-    }
+    touched = {name for v in strict.violations for name in (v.first, v.second)}
+    assert touched == {"first", "second"}
 
 
 @pytest.mark.parametrize(
@@ -95,22 +82,15 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
 def test_bars_that_are_too_deep_in_each_other_are_refused_with_the_remedy(
     old: str, new: str, said: str, tmp_path: Path
 ) -> None:
-    assert old in NODE
-    given = load_scenario(write(tmp_path, NODE.replace(old, new)))
+    given = loaded(tmp_path, NODE, (old, new))
     with pytest.raises(InfeasibleStepError, match=said):
         plan_scenario(given)
 
 
-KEPT = """\
-version: 1
-name: kept
-cell:
-  robots:
-    - {name: left, model: panda, base: {xyz_m: [-0.5, 0, 0]}}
-    - {name: right, model: panda, base: {xyz_m: [0.5, 0, 0], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [1.6, 1.4, 0.02], pose: {xyz_m: [0, 0, -0.01]}}
-assembly:
+KEPT = cell(
+    "kept",
+    (panda("left", -0.5), panda("right", 0.5)),
+    """\
   kind: assembly
   grips: {positions: 3, depth_m: 0.012}
   parts:
@@ -126,27 +106,22 @@ assembly:
     - cap
   joined: [[table, post], {parts: [post, beam], by: neck}]
 planning: {shortcut_candidates: 20}
-"""
+""",
+)
 
 
 @pytest.fixture(scope="module")
 def kept_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[PlanResult, RunResult]:
     folder = tmp_path_factory.mktemp("kept")
-    given = load_scenario(write(folder, KEPT))
+    given = loaded(folder, KEPT)
     planned = plan_scenario(given)
-    out = folder / "run"
-    out.mkdir()
-    return planned, try_plan(
-        given_plan(LoadedScenario(given), planned.tpg), out, recording=False
-    )
+    return planned, executed(given, planned.tpg, folder / "run")
 
 
 def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
     kept_run: tuple[PlanResult, RunResult],
 ) -> None:
-    planned, trial = kept_run
-    assert trial.summary["audit"]["violations"] == []
-    assert trial.passed
+    planned, _ = kept_run
     tasks = planned.tpg.tasks
     place = next(t for t in tasks if t.kind == "place-down" and t.object == "beam")
     weld = next(t for t in tasks if t.kind == "weld")
@@ -159,7 +134,7 @@ def test_what_would_fall_is_kept_hold_of_until_it_is_joined(
 
 
 def kept_report(folder: Path, **keeps: str) -> AuditReport:
-    given = load_scenario(folder.parent / "node.yaml")
+    given = load_scenario(folder.parent / "own.yaml")
     wanted = assembly_kind(given.assembly).wanted(given.cell)
     assert wanted.keeps == {}
     return audit_run(folder, wanted=replace(wanted, keeps=keeps))
@@ -185,7 +160,7 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
     t[own & (node >= away)] -= 1.0
     folder = tmp_path / "run"
     shutil.copytree(trial.folder, folder)
-    shutil.copy(trial.folder.parent / "node.yaml", tmp_path)
+    shutil.copy(trial.folder.parent / "own.yaml", tmp_path)
     column = table.column_names.index("t_s")
     pq.write_table(
         table.set_column(column, "t_s", pa.array(t)), folder / "trajectory.parquet"
@@ -198,32 +173,14 @@ def test_the_audit_finds_what_is_let_go_of_too_early(
 
 
 def test_the_audit_takes_from_the_scenario_how_long_a_part_is_kept_hold_of(
-    kept_run: tuple[PlanResult, RunResult],
+    kept_run: tuple[PlanResult, RunResult], tmp_path: Path
 ) -> None:
     folder = kept_run[1].folder
     assert kept_report(folder, beam="neck").violations == ()
     (v,) = kept_report(folder, post="neck").violations
     assert (v.kind, v.first) == ("support", "post")
     assert "before neck is complete" in v.detail
-    said = KEPT.replace("    - beam\n", "    - {place: beam, until: neck}\n")
-    given = load_scenario(write(folder.parent, said))
+    said = "    - beam\n", "    - {place: beam, until: neck}\n"
+    given = loaded(tmp_path, KEPT, said)
     wanted = assembly_kind(given.assembly).wanted(given.cell)
     assert wanted.keeps == {"beam": "neck"}
-    write(folder.parent, KEPT)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("    - beam\n", "    - {place: beam, until: nect}\n", "unknown step 'nect'"),
-        ("    - beam\n", "    - {place: beam, until: post}\n", "post is listed before"),
-        ("    - beam\n", "    - {place: beam, until: beam}\n", "beam is this step"),
-        ("name: neck}", "name: neck, until: cap}", "until is of a step that places"),
-    ],
-)
-def test_until_names_a_later_step(
-    old: str, new: str, said: str, tmp_path: Path
-) -> None:
-    assert old in KEPT
-    with pytest.raises(InvalidScenarioError, match=said):
-        load_scenario(write(tmp_path, KEPT.replace(old, new)))

@@ -1,16 +1,20 @@
-"""Processes far from their work, machines that stand nowhere, fingers that suck, and what takes no time."""
+"""Processes far from their work, machines that stand nowhere, meshes with holes, what takes no time."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from planning.cell.shape import Element, shape_of
 from tests.planning.robots.descriptions.vendors import GRIPPER
 from tests.planted import planted
-from twin.check.check import CheckReport, check_scenario
-from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario, read_scenario
+from tests.twin.written import Change, checked, refusal, written
+from twin.check.finding import Finding, Subject
+from twin.check.lying import check_meshes
+from twin.scenario.manifest import load_scenario
 
 CELL = """\
 version: 1
@@ -80,7 +84,7 @@ farther than it says       | value_s: 1}, frame: driver}   | "value_s: 1}, frame
 elsewhere than its machine | mill: {}                      | mill: {fixtures: [table]}          | mill works at a, which lies on none of its fixtures by then: table is 51.0 mm away | error
 part left where it lay     | "at: {part: a}}\n    - a"     | "at: {part: b}}\n    - a"          | mill works at b where that lies at the start                      | warning
 worked at before it comes  | "    - {place: a, at: {fixture: vise, pose: {xyz_m: [0, 0, 0.041]}}}\n" | "" | mill works at a where that lies at the start            | warning
-machine in two places      | "    - b\n"                   | "    - b\n    - {process: milling, at: {part: b}}\n    - {place: c}\n" | "" | warning
+machine in two places      | "    - b\n"                   | "    - b\n    - {process: milling, at: {part: b}}\n" | mill works at b 0.95 m away from where it worked before, at (0.00, 0.20, 0.07) m | warning
 door of another room       | mill: {}                      | "mill: {door: {size_m: [0.3, 0.3, 0.02], pose: {xyz_m: [0, 0.9, 0.9]}}}" | m away from its door: machines.mill.fixtures | warning
 suction with fingers       | "joints: {squeeze: 0.03}, opening_m: 0.08" | "joints: {squeeze: 0.03}, suction: true" | hand of arm is said to hold by suction (cell.tools.hand.suction), at one face, and its description has 2 joints that move (hand.squeeze, hand.follow) | warning
 suction by a hand          | tool: cup                     | "tool: none"                       | its tool of arm is said to hold by suction (assembly.grips.suction) | warning
@@ -103,45 +107,37 @@ a process of no time       | "screw: {duration: {kind: fixed, value_s: 1}" | "sc
 """)
 
 
-def checked(folder: Path, text: str) -> CheckReport:
+Changes = tuple[Change, ...]
+NO_DRIVER: Change = (", frame: driver", "")
+NO_TIME: Changes = (("value_s: 1}", "value_s: 0}"), ("value_s: 5}", "value_s: 0}"))
+BESIDES: dict[str, Changes] = {
+    "suction with fingers": (("tool: cup", "tool: hand"), NO_DRIVER),
+    "suction by a hand": (
+        ("model: ur5e\n      tool: none\n", "model: panda\n"),
+        ("      home_deg: [0, -100, 110, -100, -90, 0]\n", ""),
+        ("depth_m: 0.012", "suction: true"),
+        NO_DRIVER,
+    ),
+    "nothing takes time": NO_TIME,
+    "uniform from 0 to 0": NO_TIME,
+    "machine in two places": (("[0.05, 0.45, 0.0155]", "[0.05, -0.75, 0.0155]"),),
+    "a machine at the start": (("at: {part: a}}\n    - a", "at: {part: b}}\n    - a"),),
+    "a cup that yields": (NO_DRIVER,),
+    "fingers": (NO_DRIVER,),
+}
+"""What else is changed for a mistake, or for what is none."""
+
+
+def findings(folder: Path, *changes: Change) -> tuple[Finding, ...]:
     (folder / "hand.urdf").write_text(GRIPPER)
     (folder / "bellows.urdf").write_text(BELLOWS)
-    file = folder / "work.yaml"
-    file.write_text(text)
-    return check_scenario(*read_scenario(file), folder)
-
-
-def planted_in(what: str) -> str:
-    old, new, *_ = ABSURD[what]
-    assert old in CELL
-    text = CELL.replace(old, new)
-    if what == "suction with fingers":
-        text = text.replace("tool: cup", "tool: hand").replace(", frame: driver", "")
-    if what == "suction by a hand":
-        text = text.replace("model: ur5e\n      tool: none\n", "model: panda\n")
-        text = text.replace("      home_deg: [0, -100, 110, -100, -90, 0]\n", "")
-        text = text.replace("depth_m: 0.012", "suction: true").replace(
-            ", frame: driver", ""
-        )
-    if "takes" in what or "from 0" in what:
-        text = text.replace("value_s: 1}", "value_s: 0}").replace(
-            "value_s: 5}", "value_s: 0}"
-        )
-    if what == "machine in two places":
-        text = text.replace("    - {place: c}\n", "")
-    return text
+    return checked(written(folder, CELL, *changes)).findings
 
 
 @pytest.mark.parametrize("what", ABSURD)
 def test_what_can_hardly_be_is_told(what: str, tmp_path: Path) -> None:
-    _, _, words, level = ABSURD[what]
-    words = words or "mill works at b 0.25 m"
-    found = checked(tmp_path, planted_in(what)).findings
-    if what == "machine in two places":
-        assert not any("where it worked before" in item.message for item in found)
-        far = planted_in(what).replace("[0.05, 0.45, 0.0155]", "[0.05, -0.75, 0.0155]")
-        found = checked(tmp_path, far).findings
-        words = "mill works at b 0.95 m away from where it worked before, at (0.00, 0.20, 0.07) m"
+    old, new, words, level = ABSURD[what]
+    found = findings(tmp_path, (old, new), *BESIDES.get(what, ()))
     own = [item for item in found if words in item.message]
     assert own, [item.message for item in found]
     assert all(item.error == (level == "error") for item in own)
@@ -150,23 +146,22 @@ def test_what_can_hardly_be_is_told(what: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("what", SANE)
 def test_what_may_be_is_no_word_worth(what: str, tmp_path: Path) -> None:
     old, new = SANE[what]
-    assert old in CELL
-    text = CELL.replace(old, new)
-    if "tool:" in new:
-        text = text.replace(", frame: driver", "")
-    if what == "a machine at the start":
-        text = text.replace("at: {part: a}}\n    - a", "at: {part: b}}\n    - a")
-    found = checked(tmp_path, text).findings
+    found = findings(tmp_path, (old, new), *BESIDES.get(what, ()))
     assert [item.message for item in found] == []
 
 
+def test_a_machine_may_work_at_two_parts_that_are_beside_each_other(
+    tmp_path: Path,
+) -> None:
+    old, new, *_ = ABSURD["machine in two places"]
+    found = [item.message for item in findings(tmp_path, (old, new))]
+    assert any("mill works at b 0.25 m" in message for message in found)
+    assert not any("where it worked before" in message for message in found)
+
+
 def test_a_machine_names_fixtures_that_there_are(tmp_path: Path) -> None:
-    file = tmp_path / "work.yaml"
-    file.write_text(CELL.replace("mill: {}", "mill: {fixtures: [vice]}"))
-    with pytest.raises(
-        InvalidScenarioError, match="unknown fixture 'vice'; did you mean"
-    ):
-        load_scenario(file)
+    said = refusal(tmp_path, CELL, ("mill: {}", "mill: {fixtures: [vice]}"))
+    assert "unknown fixture 'vice'; did you mean" in str(said)
 
 
 def test_a_rack_in_mid_air_is_told(tmp_path: Path) -> None:
@@ -174,12 +169,28 @@ def test_a_rack_in_mid_air_is_told(tmp_path: Path) -> None:
     for height, said in ((0.041, 0), (0.5, 1)):
         rack = f"rack: {{xyz_m: [-0.3, 0.45, {height}], rpy_deg: [180, 0, 0]}}"
         first = "rack: {xyz_m: [-0.7, 0.45, 0.041], rpy_deg: [180, 0, 0]}"
-        text = CELL.replace(
-            "suction: true}\n    hand", f"suction: true, {first}}}\n    hand", 1
+        found = findings(
+            tmp_path,
+            ("suction: true}\n    hand", f"suction: true, {first}}}\n    hand"),
+            ("opening_m: 0.08}", f"opening_m: 0.08, {rack}}}"),
+            ("tool: cup", "tools: [cup, hand]"),
+            NO_DRIVER,
         )
-        text = text.replace("opening_m: 0.08}", f"opening_m: 0.08, {rack}}}")
-        text = text.replace("tool: cup", "tools: [cup, hand]").replace(
-            ", frame: driver", ""
-        )
-        found = [item.message for item in checked(tmp_path, text).findings]
-        assert len([m for m in found if "hand hangs in the air" in m]) == said, found
+        hangs = [item for item in found if "hand hangs in the air" in item.message]
+        assert len(hangs) == said, found
+
+
+FILE = Path(__file__).parents[3] / "scenarios" / "assembly" / "shapes.yaml"
+
+
+def test_what_is_outside_of_all_pieces_is_told() -> None:
+    subject = Subject(load_scenario(FILE), FILE.parent)
+    assert list(check_meshes(subject)) == []
+    housing = subject.cell.object("housing")
+    form = replace(housing.shape.elements[0].form, missed=0.0012)  # type: ignore[type-var]
+    shape = shape_of("housing", [Element(form, np.eye(4))])
+    objects = (replace(housing, shape=shape), *subject.cell.objects[1:])
+    subject.__dict__["cell"] = replace(subject.cell, objects=objects)
+    (found,) = check_meshes(subject)
+    assert "housing is up to 1.2 mm outside" in found.message
+    assert not found.error
