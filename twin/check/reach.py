@@ -70,7 +70,7 @@ def too_far(robot: PlacedRobot, frame: str, target: Transform) -> bool:
 
 def away_from(robot: PlacedRobot, target: Transform) -> float:
     """Return how far a pose is away from the first joint of a robot [m]."""
-    first = robot.base @ placed_first(robot)
+    first = robot.base @ robot.model.chain.placement[0]
     return float(np.linalg.norm(target[:3, 3] - first[:3, 3]))
 
 
@@ -84,11 +84,6 @@ def _beyond(robots: list[PlacedRobot], frame: str, target: Transform) -> str:
         f"; {nearest.name}, the nearest, is {ways[nearest.name]:.2f} m away, and with its tool"
         f" {reach_bound(nearest, frame):.2f} m long"
     )
-
-
-def placed_first(robot: PlacedRobot) -> Transform:
-    """Return the pose of the first joint in the frame of the base."""
-    return np.asarray(robot.model.chain.placement[0])
 
 
 def _check_racks(subject: Subject, parts: OrderedParts) -> Findings:

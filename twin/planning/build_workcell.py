@@ -238,36 +238,30 @@ def _fitting(
 
 
 def build_tool(name: str, section: ToolSection, folder: Path) -> Tool:
-    """Return a tool of a cell as planning knows it."""
+    """Return a tool of a cell as planning knows it.
+
+    Raises:
+        FittingError: its description is not there, or one of its shapes cannot be used.
+    """
+    description, shapes = None, tuple[Element, ...]()
+    try:
+        if section.description is not None:
+            file = file_named(section.description, folder, RobotModelError)
+            description = file.resolve()
+        if section.shapes:
+            whole = ShapeSection(compound=section.shapes)
+            shapes = build_shape(name, whole, folder).elements
+    except (RobotModelError, ShapeError) as error:
+        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
     return as_planned(
         Tool,
         section,
         name=name,
-        description=_description(name, section, folder),
-        shapes=_shapes(name, section, folder),
+        description=description,
+        shapes=shapes,
         held=section.joints,
         grip=section.grip(name),
     )
-
-
-def _description(name: str, section: ToolSection, folder: Path) -> Path | None:
-    if section.description is None:
-        return None
-    try:
-        return file_named(section.description, folder, RobotModelError).resolve()
-    except RobotModelError as error:
-        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
-
-
-def _shapes(name: str, section: ToolSection, folder: Path) -> tuple[Element, ...]:
-    """Return the forms of a tool that is made of shapes."""
-    if not section.shapes:
-        return ()
-    whole = ShapeSection(compound=section.shapes)
-    try:
-        return build_shape(name, whole, folder).elements
-    except ShapeError as error:
-        raise FittingError(f"the tool {name!r}: {error}", key="tool") from None
 
 
 def build_limits(section: LimitsSection) -> GivenLimits:

@@ -19,17 +19,14 @@ from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import (
-    ConstructionPartSection,
     ConstructionSection,
     ModelSection,
-    SupplySection,
 )
 from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
     from planning.construction.problem.models import ModelPart
     from planning.construction.problem.problem import ConstructionProblem
-    from planning.construction.problem.site import SupplyLayout
     from planning.motion.sequential import MotionSettings
 
 CHECKS, PARTS = "what can be built", "parts"
@@ -86,7 +83,7 @@ class ConstructionKind(AssemblyKind):
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        from planning.construction.problem.site import part_objects
+        from planning.construction.problem.site import Rows, Spiral, part_objects
 
         starts: dict[str, Transform] = {
             part.name: readonly(build_transform(part.start))
@@ -94,7 +91,9 @@ class ConstructionKind(AssemblyKind):
             if part.start is not None
         }
         supply = self.section.supply
-        return part_objects(self.parts, supply_layout(supply), starts, near=supply.near)
+        layout: type[Spiral | Rows] = Spiral if supply.layout == "spiral" else Rows
+        laid_out = as_planned(layout, supply)
+        return part_objects(self.parts, laid_out, starts, near=supply.near)
 
     def wanted(self, _cell: CellSection) -> Wanted:
         """Return the places of the parts, which whatever they are joined to holds."""
@@ -126,9 +125,14 @@ class ConstructionKind(AssemblyKind):
     @cached_property
     def parts(self) -> tuple[ModelPart, ...]:
         """The parts and where they belong."""
+        from planning.construction.problem.models import ModelPart
+
         if self.section.model is not None:
             return model_parts(self.section.model)
-        return tuple(_own_part(part) for part in self.section.parts)
+        return tuple(
+            as_planned(ModelPart, part, size=readonly(part.size_m))
+            for part in self.section.parts
+        )
 
     def problem(self, cell: Workcell, settings: MotionSettings) -> ConstructionProblem:
         """Return the construction problem, checked as far as lower bounds go.
@@ -199,17 +203,3 @@ def model_parts(section: ModelSection) -> tuple[ModelPart, ...]:
                 " nothing of it"
             )
     return parts
-
-
-def supply_layout(section: SupplySection) -> SupplyLayout:
-    """Return the layout of a supply."""
-    from planning.construction.problem.site import Rows, Spiral
-
-    layout: type[Spiral | Rows] = Spiral if section.layout == "spiral" else Rows
-    return as_planned(layout, section)
-
-
-def _own_part(section: ConstructionPartSection) -> ModelPart:
-    from planning.construction.problem.models import ModelPart
-
-    return as_planned(ModelPart, section, size=readonly(section.size_m))

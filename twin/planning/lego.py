@@ -168,7 +168,18 @@ class LegoKind(AssemblyKind):
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions whose bricks have the colours of the places that they go to."""
-        return coloured(motions, motions.assembly, brick_colours(self.section))
+        colours, plan = brick_colours(self.section), motions.motion_plan
+        wanted = {
+            task.object: colours.get(motions.assembly.steps[task.step - 1].cell)
+            for task in plan.tasks
+            if colours and task.kind in ("place-down", "place-up")
+        }
+        objects = tuple(
+            replace(item, colour=wanted.get(item.name) or item.colour)
+            for item in plan.cell.objects
+        )
+        coloured = replace(plan, cell=replace(plan.cell, objects=objects))
+        return replace(motions, motion_plan=coloured) if colours else motions
 
     def _sequenced(
         self, cell: Workcell, rules: SequencingRules, watch: StageWatch
@@ -347,31 +358,3 @@ def brick_colours(section: LegoSection) -> dict[Cell, Colour]:
     given = {cell_of(item): item.colour for item in section.steps}
     given |= {cell_of(item): item.colour for item in structure}
     return {cell: colour for cell, colour in given.items() if colour is not None}
-
-
-def coloured(
-    motions: PlannedMotions, assembly: LegoAssembly, colours: Mapping[Cell, Colour]
-) -> PlannedMotions:
-    """Return motions whose bricks have the colours of the places that they go to.
-
-    Args:
-        motions: of the assembly.
-        assembly: whose steps the motions do.
-        colours: by cell; bricks that go elsewhere keep their own.
-    """
-    if not colours:
-        return motions
-    plan = motions.motion_plan
-    wanted = {
-        task.object: colours.get(assembly.steps[task.step - 1].cell)
-        for task in plan.tasks
-        if task.kind in ("place-down", "place-up")
-    }
-    objects = (
-        item
-        if (colour := wanted.get(item.name)) is None
-        else replace(item, colour=colour)
-        for item in plan.cell.objects
-    )
-    cell = replace(plan.cell, objects=tuple(objects))
-    return replace(motions, motion_plan=replace(plan, cell=cell))

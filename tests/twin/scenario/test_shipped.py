@@ -93,13 +93,8 @@ def test_a_copy_is_valid_and_named_after_its_place(name: str, tmp_path: Path) ->
     assert sorted(p.name for p in tmp_path.iterdir()) == ["my-cell", "other.yaml"]
 
 
-def test_files_that_a_scenario_names_are_copied_too(tmp_path: Path) -> None:
-    file = begin_scenario(tmp_path / "board", "taskboard")
-    assert (tmp_path / "board/driver.urdf").exists()
-    assert {robot.tool for robot in twin.load(file).sections.cell.robots} == {
-        None,
-        "driver",
-    }
+def test_files_that_a_scenario_names_may_be_there_already(tmp_path: Path) -> None:
+    begin_scenario(tmp_path / "board", "taskboard")
     begin_scenario(tmp_path / "board/second.yaml", "taskboard")  # the same file
     (tmp_path / "other").mkdir()
     (tmp_path / "other/driver.urdf").write_text("<robot/>")
@@ -175,12 +170,3 @@ def test_the_wheel_brings_them(tmp_path: Path) -> None:
     for package in ("planning", "scheduling", "twin"):
         assert f"{package}/py.typed" in names
     assert "twin/scenario/scenario.schema.json" in names
-
-
-def test_meshes_that_a_scenario_names_are_copied_too(tmp_path: Path) -> None:
-    file = begin_scenario(tmp_path / "own.yaml", "shapes")
-    source = shipped_scenarios()["shapes"].parent / "shapes_housing.stl"
-    assert (tmp_path / "shapes_housing.stl").read_bytes() == source.read_bytes()
-    scenario = twin.load(file).sections
-    cell = build_workcell(scenario, file.parent)
-    assert len(cell.object("housing").shape.pieces) > 3

@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 import yaml
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from planning.errors import InfeasibleStepError
 from planning.lego.sequencing.stable_steps import stable_steps
+from tests.planted import rows
 from twin.cli import app
 from twin.planning.lego import build_lego
 from twin.scenario.manifest import load_scenario, scenario_schema
@@ -27,6 +28,10 @@ CLIFF: dict[str, Any] = yaml.safe_load(
     (ROOT / "scenarios" / "lego" / "cliff.yaml").read_text(encoding="utf-8")
 )
 Edit = Callable[[dict[str, Any]], None]
+FAR_BRICK = (
+    "place-down of 2x4 at [23, 500, 1] .. no robot reaches where it goes"
+    " .. left: approach is out of reach; right: approach is out of reach"
+)
 SECONDS = 20.0
 """Far more than is needed, as tests share processors; a search that is not cut short takes longer."""
 
@@ -40,21 +45,6 @@ def write(folder: Path, *edits: Edit) -> Path:
     return path
 
 
-def twin(command: str, path: Path) -> Result:
-    options = ["--out", str(path.parent / "run")] if command == "run" else []
-    started = time.monotonic()
-    result = CliRunner().invoke(app, [command, str(path), *options])
-    assert time.monotonic() - started < SECONDS
-    return result
-
-
-def assert_refused(result: Result, *words: str) -> None:
-    assert result.exit_code == 2, result.output
-    assert "Traceback" not in result.stderr
-    for part in words:
-        assert part in result.stderr, result.stderr
-
-
 def bricks_as_structure(content: dict[str, Any]) -> None:
     """Show what is to be built in place of the steps, bricks a to k from the plate up."""
     steps = content["assembly"].pop("steps")
@@ -64,10 +54,6 @@ def bricks_as_structure(content: dict[str, Any]) -> None:
             for name, step in zip("abcdefghijk", steps, strict=True)
         ]
     }
-
-
-def nothing(content: dict[str, Any]) -> None:
-    del content
 
 
 def rules(**values: Any) -> Edit:
@@ -125,160 +111,92 @@ def one_robot(content: dict[str, Any]) -> None:
     del content["cell"]["robots"][1:]
 
 
-@pytest.mark.parametrize("command", ["run", "sequence"])
-@pytest.mark.parametrize("given", [nothing, bricks_as_structure])
-def test_a_brick_that_no_robot_reaches(
-    given: Edit, command: str, tmp_path: Path
-) -> None:
-    result = twin(command, write(tmp_path, given, far_brick))
-    assert_refused(
-        result,
-        "place-down of 2x4 at [23, 500, 1]",
-        "no robot reaches where it goes",
-        "left: approach is out of reach; right: approach is out of reach",
-    )
-    # Where the order is sought, bricks of one layer come before the tower on one of them.
-    as_given = given is nothing and command == "run"
-    assert ("step 4 (" if as_given else "step 2 (") in result.stderr
-    assert not (tmp_path / "run").exists()
+def arm_in_the_air(content: dict[str, Any]) -> None:
+    bricks = [{"brick": "2x4", "at": [23, 10 + 3 * k, 1 + k]} for k in range(12)]
+    content["assembly"]["structure"] = {"bricks": bricks}
+    del content["assembly"]["steps"]
+    content["assembly"]["stock"][2]["station"] = True
 
 
-@pytest.mark.parametrize("command", ["run", "sequence"])
-@pytest.mark.parametrize("given", [nothing, bricks_as_structure])
-def test_a_stock_that_no_robot_reaches(
-    given: Edit, command: str, tmp_path: Path
-) -> None:
-    assert_refused(
-        twin(command, write(tmp_path, given, far_stock)),
-        "step 1 (place-down of 2x6 at [23, 14, 1])",
-        "no robot reaches left_2x6 or right_2x6 of the stock",
-    )
+def on_the_edge(content: dict[str, Any]) -> None:
+    content["assembly"]["steps"][7]["press"] = {"side": 1, "offset": 2}
 
 
-@pytest.mark.parametrize("command", ["run", "sequence", "validate"])
+EDITS: dict[str, Edit] = {
+    "structure": bricks_as_structure,
+    "far brick": far_brick,
+    "far stock": far_stock,
+    "floating": floating,
+    "no support": no_support,
+    "supports forbidden": rules(support=False),
+    "from below forbidden": rules(place_up=False),
+    "one robot": one_robot,
+    "arm in the air": arm_in_the_air,
+    "on the edge": on_the_edge,
+}
+
+# Where the order is sought, bricks of one layer come before the tower on one of them. The hint at
+# supports is right: with the first one proposed for each step it can be built.
+REFUSED = rows(r"""
+commands              | edits                            | says
+run                   | far brick                        | FAR BRICK .. step 4 (
+sequence              | far brick                        | FAR BRICK .. step 2 (
+run sequence          | structure, far brick             | FAR BRICK .. step 2 (
+run sequence          | far stock                        | step 1 (place-down of 2x6 at [23, 14, 1]) .. no robot reaches left_2x6 or right_2x6 of the stock
+run sequence          | structure, far stock             | step 1 (place-down of 2x6 at [23, 14, 1]) .. no robot reaches left_2x6 or right_2x6 of the stock
+run sequence validate | floating                         | step 12 would float .. FILE:
+run sequence validate | structure, floating              | brick x (2x4) floats: it is not joined to the plate .. FILE:
+run                   | no support                       | step 9 (place-down of 2x4 at [23, 20, 9]): the structure gives way under the press of 15.0 N from above (it bears 11.5 N) .. the 2x4 of step 7 needs 1.3 .. step 10 ( .. SUPPORT8 .. SUPPORT9
+run                   | no support, supports forbidden   | step 9 ( .. the structure gives way under the press .. a support is not allowed
+validate              | supports forbidden               | step 9 has a support, which 'rules' forbid .. FILE:
+validate              | from below forbidden             | step 11 places from below, which 'rules' forbid
+run sequence          | structure, supports forbidden    | no order of assembly exists: of these 3 bricks none can go in after the others .. 'i' (2x4 at [23, 20, 9]): pressed from above with 15.0 N the structure gives way: it bears 11.5 N at most, wherever it is pressed; brick 'h' is in the way below it .. 'support'
+run sequence          | structure, from below forbidden  | 'k' (2x2 at [23, 24, 9]): there is nothing below it to press it onto from above; placing from below is not allowed .. what would help, switched on in the rules: 'place_up' or 'scaffold' (8 temporary
+run sequence          | structure, one robot             | this brick cannot go in .. (2x2 at [23, 24, 9]) .. a single robot can neither support nor hand over
+run                   | one robot                        | step 9 (place-down of 2x4 at [23, 20, 9]): it needs a support by another robot .. step 11 (place-up of 2x2 at [23, 24, 9]): it needs a handover and a support .. there is only left
+run sequence          | arm in the air                   | the finished structure does not stand .. (2x4 at [23, 13, 2]) needs .. times the friction
+run                   | on the edge                      | step 8 (place-down of 2x4 at [23, 18, 8]) .. no forces of its knobs keep the 2x4 of step 8 in balance .. it would bear press {side: 1, offset: 0}
+""")
+
+
+def meant(words: str, path: Path) -> str:
+    """Return what is to be said, with the supports of the cliff's own file."""
+    for k, step in enumerate(CLIFF["assembly"]["steps"]):
+        words = words.replace(f"SUPPORT{k}", str(step.get("support")).replace("'", ""))
+    return words.replace("FILE", str(path)).replace("FAR BRICK", FAR_BRICK)
+
+
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("command", "edits", "words"),
     [
-        (nothing, "step 12 would float"),
-        (bricks_as_structure, "brick x (2x4) floats: it is not joined to the plate"),
+        (command, edits, words)
+        for commands, edits, words in REFUSED
+        for command in commands.split()
     ],
 )
-def test_a_brick_in_the_air(
-    given: Edit, words: str, command: str, tmp_path: Path
+def test_what_cannot_be_built_is_refused_in_words(
+    command: str, edits: str, words: str, tmp_path: Path
 ) -> None:
-    path = write(tmp_path, given, floating)
-    assert_refused(twin(command, path), words, f"{path}:")
+    path = write(tmp_path, *(EDITS[name] for name in edits.split(", ")))
+    options = ["--out", str(tmp_path / "run")] if command == "run" else []
+    started = time.monotonic()
+    result = CliRunner().invoke(app, [command, str(path), *options])
+    assert time.monotonic() - started < SECONDS
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.stderr
+    for part in meant(words, path).split(" .. "):
+        assert part in result.stderr, result.stderr
+    if edits == "supports forbidden":
+        assert "step 11" not in result.stderr  # that of a place-up belongs to it
+    if "far brick" in edits:
+        assert not (tmp_path / "run").exists()
 
 
-def test_steps_without_the_support_that_they_need(tmp_path: Path) -> None:
-    result = twin("run", write(tmp_path, no_support))
-    assert_refused(
-        result,
-        "step 9 (place-down of 2x4 at [23, 20, 9]): the structure gives way under the press of "
-        "15.0 N from above (it bears 11.5 N)",
-        "the 2x4 of step 7 needs 1.3",
-        "step 10 (",
-    )
-    # The hint is right: with the first support proposed for each step it can be built.
-    steps = CLIFF["assembly"]["steps"]
-    assert str(steps[8]["support"]).replace("'", "") in result.stderr
-    assert str(steps[9]["support"]).replace("'", "") in result.stderr
-
-
-def test_steps_that_need_a_support_where_supports_are_forbidden(tmp_path: Path) -> None:
-    forbidden = rules(support=False)
-    assert_refused(
-        twin("run", write(tmp_path, no_support, forbidden)),
-        "step 9 (",
-        "the structure gives way under the press",
-        "a support is not allowed",
-    )
-    path = write(tmp_path, forbidden)
-    result = twin("validate", path)
-    assert_refused(result, "step 9 has a support, which 'rules' forbid", f"{path}:")
-    assert "step 11" not in result.stderr  # that of a place-up belongs to it
-    result = twin("validate", write(tmp_path, rules(place_up=False)))
-    assert_refused(result, "step 11 places from below, which 'rules' forbid")
-
-
-@pytest.mark.parametrize("command", ["run", "sequence"])
-def test_a_structure_that_needs_a_support_where_supports_are_forbidden(
-    command: str, tmp_path: Path
-) -> None:
-    path = write(tmp_path, bricks_as_structure, rules(support=False))
-    assert_refused(
-        twin(command, path),
-        "no order of assembly exists: of these 3 bricks none can go in after the others",
-        "'i' (2x4 at [23, 20, 9]): pressed from above with 15.0 N the structure gives way: it "
-        "bears 11.5 N at most, wherever it is pressed; brick 'h' is in the way below it",
-        "'support'",
-    )
-
-
-@pytest.mark.parametrize("command", ["run", "sequence"])
-def test_a_structure_that_needs_a_place_from_below_where_that_is_forbidden(
-    command: str, tmp_path: Path
-) -> None:
-    path = write(tmp_path, bricks_as_structure, rules(place_up=False))
-    assert_refused(
-        twin(command, path),
-        "'k' (2x2 at [23, 24, 9]): there is nothing below it to press it onto from above; "
-        "placing from below is not allowed",
-        "what would help, switched on in the rules: 'place_up' or 'scaffold' (8 temporary",
-    )
-
-
-@pytest.mark.parametrize("command", ["run", "sequence"])
-def test_one_robot_alone_supports_nobody(command: str, tmp_path: Path) -> None:
-    assert_refused(
-        twin(command, write(tmp_path, bricks_as_structure, one_robot)),
-        "this brick cannot go in",
-        "(2x2 at [23, 24, 9])",
-        "a single robot can neither support nor hand over",
-    )
-
-
-def test_one_robot_alone_cannot_do_steps_for_two(tmp_path: Path) -> None:
-    assert_refused(
-        twin("run", write(tmp_path, one_robot)),
-        "step 9 (place-down of 2x4 at [23, 20, 9]): it needs a support by another robot",
-        "step 11 (place-up of 2x2 at [23, 24, 9]): it needs a handover and a support",
-        "there is only left",
-    )
-
-
-@pytest.mark.parametrize("command", ["run", "sequence"])
-def test_a_structure_that_does_not_stand(command: str, tmp_path: Path) -> None:
-    def arm(content: dict[str, Any]) -> None:
-        bricks = [{"brick": "2x4", "at": [23, 10 + 3 * k, 1 + k]} for k in range(12)]
-        content["assembly"]["structure"] = {"bricks": bricks}
-        del content["assembly"]["steps"]
-        content["assembly"]["stock"][2]["station"] = True
-
-    assert_refused(
-        twin(command, write(tmp_path, arm)),
-        "the finished structure does not stand",
-        "(2x4 at [23, 13, 2]) needs",
-        "times the friction",
-    )
-
-
-def test_a_grip_that_the_structure_does_not_bear(tmp_path: Path) -> None:
-    def on_the_edge(content: dict[str, Any]) -> None:
-        content["assembly"]["steps"][7]["press"] = {"side": 1, "offset": 2}
-
-    path = write(tmp_path, on_the_edge)
-    result = twin("run", path)
-    assert_refused(
-        result,
-        "step 8 (place-down of 2x4 at [23, 18, 8])",
-        "no forces of its knobs keep the 2x4 of step 8 in balance",
-        "it would bear press {side: 1, offset: 0}",
-    )
+def test_steps_are_checked_unless_the_rules_say_otherwise(tmp_path: Path) -> None:
     unchecked = write(tmp_path, on_the_edge, rules(check_steps=False))
     assert load_scenario(unchecked).assembly.rules.check_steps is False
     with pytest.raises(InfeasibleStepError, match="step 8"):
-        stable_steps(build_lego(load_scenario(path).assembly))
+        stable_steps(build_lego(load_scenario(write(tmp_path, on_the_edge)).assembly))
 
 
 def test_grips_left_to_the_planner_are_those_that_the_structure_bears(

@@ -41,6 +41,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.block_results import task_groups
 from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
+from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute, skill_durations
@@ -125,6 +126,14 @@ def scenario(folder: Path, **assembly: Any) -> Scenario:
     return loaded(folder, yaml.safe_dump(document))
 
 
+def mill_down(
+    breakdowns: MachineBreakdowns | None, stalls: Stalls | None = None
+) -> Disturbances:
+    stalls = stalls or Stalls()
+    mill = MachineDisturbances(breakdowns=breakdowns, stalls=stalls)
+    return Disturbances(machines={"mill": mill})
+
+
 def tried(own: Scenario, folder: Path) -> RunResult:
     """Return a trial of a scenario whose audit found nothing."""
     return executed(own, plan_scenario(own).tpg, folder)
@@ -201,14 +210,8 @@ def test_nothing_is_taken_before_the_machine_is_done(
     durations = SkillDurations(
         {**times.models, "milling": drawn, "cooling": drawn}, times.overrides
     )
-    down = Disturbances(
-        machines={
-            "mill": MachineDisturbances(
-                breakdowns=MachineBreakdowns(mtbf_s=mtbf, mttr_s=20.0),
-                stalls=Stalls(rate_per_h=stalls),
-            )
-        }
-    )
+    breakdowns = MachineBreakdowns(mtbf_s=mtbf, mttr_s=20.0)
+    down = mill_down(breakdowns, Stalls(rate_per_h=stalls))
     bulk = BulkEngine(line, ExecutionModel(durations, disturbances=down))
     found = run_bulk(bulk, seed=seed, replications=[0, 1])
     groups = task_groups(bulk.contraction.tpg)
@@ -247,34 +250,23 @@ def test_the_machine_sets_the_pace_as_by_hand(
     assert 2.0 < pauses[1] < 15.0
 
 
-def one_product(folder: Path) -> tuple[Scenario, TemporalPlanGraph]:
+@pytest.fixture(scope="module")
+def one_product(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     """One robot after the other around one machine: everything is in one line."""
-    own = scenario(
-        folder,
-        products={"count": 1},
-        steps=STEPS[:3],
-        processes=MILLING,
-    )
-    return own, plan_scenario(own, folder).tpg
+    folder = tmp_path_factory.mktemp("one")
+    own = scenario(folder, products={"count": 1}, steps=STEPS[:3], processes=MILLING)
+    return plan_scenario(own, folder)
 
 
-def test_a_breakdown_lengthens_as_by_hand(tmp_path: Path) -> None:
-    own, tpg = one_product(tmp_path)
-    durations = skill_durations(own, tmp_path)
+def test_a_breakdown_lengthens_as_by_hand(one_product: PlanResult) -> None:
+    tpg = one_product.tpg
+    durations = skill_durations(one_product.scenario.sections)
     (mill,) = (k for k, c in enumerate(tpg.chains) if c.robot == "mill")
     broken = 0
     for replication in range(20):
         plain = simulate(tpg, durations, seed=3, replication=replication)
         for clock in ("busy", "run"):
-            down = Disturbances(
-                machines={
-                    "mill": MachineDisturbances(
-                        breakdowns=MachineBreakdowns(
-                            mtbf_s=20.0, mttr_s=10.0, clock=clock
-                        )
-                    )
-                }
-            )
+            down = mill_down(MachineBreakdowns(mtbf_s=20.0, mttr_s=10.0, clock=clock))
             run = simulate(
                 tpg, durations, seed=3, replication=replication, disturbances=down
             )
@@ -301,9 +293,9 @@ def test_a_breakdown_lengthens_as_by_hand(tmp_path: Path) -> None:
     assert broken > 10
 
 
-def test_robots_that_break_down_leave_machines_alone(tmp_path: Path) -> None:
-    own, tpg = one_product(tmp_path)
-    durations = skill_durations(own, tmp_path)
+def test_robots_that_break_down_leave_machines_alone(one_product: PlanResult) -> None:
+    tpg = one_product.tpg
+    durations = skill_durations(one_product.scenario.sections)
     down = Disturbances(stalls=Stalls(count_per_robot=2))
     run = simulate(tpg, durations, seed=0, disturbances=down)
     stood = {c.robot: run.stood_ns[k].sum() for k, c in enumerate(tpg.chains)}
@@ -505,19 +497,15 @@ def test_stops_are_looked_at_before_planning(
         assert item.at == ("assembly", "steps", 0, "at")
 
 
-def test_machines_count_for_the_bound_of_load(tmp_path: Path) -> None:
-    own = scenario(tmp_path, products={"count": 1}, steps=STEPS[:3], processes=MILLING)
-    found = plan_scenario(own, tmp_path)
+def test_machines_count_for_the_bound_of_load(one_product: PlanResult) -> None:
     # The mill takes 32.5 s in the mean; neither arm is busy for as long.
-    assert found.load_bound_s == pytest.approx(32.5)
+    assert one_product.load_bound_s == pytest.approx(32.5)
 
 
 def test_run_and_study_say_how_busy_machines_are(
     line: TemporalPlanGraph, times: SkillDurations
 ) -> None:
-    down = Disturbances(
-        machines={"mill": MachineDisturbances(stalls=Stalls(count_per_robot=2))}
-    )
+    down = mill_down(None, Stalls(count_per_robot=2))
     model = ExecutionModel(times, disturbances=down)
     (mill,) = (k for k, c in enumerate(line.chains) if c.robot == "mill")
     for reasons in ((), ("asked for",)):
@@ -543,9 +531,9 @@ def test_run_and_study_say_how_busy_machines_are(
             )
 
 
-def test_attempts_of_a_machine_may_fail(tmp_path: Path) -> None:
-    own, tpg = one_product(tmp_path)
-    durations = skill_durations(own, tmp_path)
+def test_attempts_of_a_machine_may_fail(one_product: PlanResult) -> None:
+    tpg = one_product.tpg
+    durations = skill_durations(one_product.scenario.sections)
     failing = Disturbances(
         failures={"milling": SkillFailure(probability=1.0, retries=1)}
     )
