@@ -234,7 +234,8 @@ def test_the_number_of_robots_is_varied_with_and_without_a_team(
     alone = {"robots": 1, "cell.robots.right.base.xyz_m.0": 0.9}
     assert [robot.name for robot in varied(cliff, alone).cell.robots] == ["left"]
     wall = load_scenario(CLIFF.parents[1] / "construction/wall.yaml")
-    assert len(varied(wall, {"robots": 4}).cell.robots) == 4
-    assert len(varied(wall, {"cell.team.count": 4}).cell.robots) == 4
+    for key in ("robots", "cell.team.count"):
+        team = varied(wall, {key: 4}).cell.robots
+        assert [robot.name for robot in team] == [f"robot{k}" for k in range(1, 5)]
     with pytest.raises(ScenarioError, match="the cell has 2 robots and no team"):
         varied(cliff, {"robots": 3})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from typer.testing import CliRunner
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
-from tests.planted import planted
+from tests.planted import rows
 from tests.twin.written import loaded, written
 from twin.cli import app
 from twin.durations.measured import packaged_timings
@@ -23,8 +22,6 @@ from twin.planning.construction import ConstructionKind
 from twin.planning.kind import assembly_kind
 from twin.planning.pipeline import motion_settings
 from twin.scenario.manifest import load_scenario
-from twin.scenario.sections.cell import choose_robots
-from twin.scenario.sections.scenario import Scenario, resolved
 
 FOLDER = Path(__file__).parents[3] / "scenarios" / "construction"
 
@@ -147,19 +144,6 @@ def test_shortcuts_keep_the_speeds_of_joints(tmp_path: Path) -> None:
         assert speed.duration(np.zeros_like(ahead), ahead) == pytest.approx(least)
 
 
-def test_another_size_of_team(tmp_path: Path) -> None:
-    content = resolved(loaded(tmp_path, OWN))
-    choose_robots(content["cell"], 5)
-    again = Scenario.model_validate_json(json.dumps(content))
-    assert [r.name for r in again.cell.robots] == [f"mover{k}" for k in range(1, 6)]
-    lego = resolved(load_scenario(FOLDER.parent / "lego" / "cliff.yaml"))
-    first = lego["cell"]["robots"][0]
-    choose_robots(lego["cell"], 1)
-    assert lego["cell"]["robots"] == [first]
-    with pytest.raises(ScenarioError, match="--robots 3: the cell has 1 robots"):
-        choose_robots(lego["cell"], 3)
-
-
 HANDOVER = (FOLDER / "handover.yaml").read_text()
 CRANE = "".join(HANDOVER.partition("  robots:\n")[1:]).partition("  team:\n")[0]
 
@@ -177,47 +161,30 @@ BESIDE = """\
 """A part 10 mm beside ``low``."""
 
 # What is changed in a shipped or in the own file, and what `twin run` says in the end.
-_IN_THE_OWN = planted(r"""
-mistake                     | old           | new                                      | says
-unreachable part            | [2, 1, 0.15]  | [20, 1, 0.15]                            | high cannot be picked: none of mover1, mover2 reaches it where it lies
-unreachable place           | [0, 0, 0.1]}  | [0, 0, 0.1]}, faces: [-z]                | low cannot be placed: none of mover1, mover2 reaches its place
-not connected to the ground | [0.1, 0, 0.3] | [0.1, 0, 0.5]                            | nothing connects high to the ground
-overlapping goal poses      | [0, 0, 0.1]   | [0, 0, 0.15]                             | low and high would overlap by 50 mm where they belong
-pads beyond the edges       | "  supply:"   | "  grips: {offsets_m: [0.3]}\n  supply:" | no pad can touch low: all offsets (0.3 m) lie beyond the edges of its faces +z
-a way in along the ground   | [0, 0, 0.1]}  | [0, 0, 0.1]}, insertion: [1, 0, 0]       | low goes into its place along (1.00, 0.00, 0.00), from 0.1 m away, where it touches ground
-supply poses in collision   | [2, 1, 0.15]  | [2.5, -0.4, 0.15]                        | low and high overlap by
-robot in the supply         | [2, 1, 0.15]  | [0, 4, 0.15]                             | mover1 cannot stand at HOME: mover1/arm
+BAD_INPUT = rows(r"""
+file     | old           | new                                      | says
+OWN      | [2, 1, 0.15]  | [20, 1, 0.15]                            | high cannot be picked: none of mover1, mover2 reaches it where it lies
+OWN      | [0, 0, 0.1]}  | [0, 0, 0.1]}, faces: [-z]                | low cannot be placed: none of mover1, mover2 reaches its place
+OWN      | [0.1, 0, 0.3] | [0.1, 0, 0.5]                            | nothing connects high to the ground
+OWN      | [0, 0, 0.1]   | [0, 0, 0.15]                             | low and high would overlap by 50 mm where they belong
+OWN      | "  supply:"   | "  grips: {offsets_m: [0.3]}\n  supply:" | no pad can touch low: all offsets (0.3 m) lie beyond the edges of its faces +z
+OWN      | [0, 0, 0.1]}  | [0, 0, 0.1]}, insertion: [1, 0, 0]       | low goes into its place along (1.00, 0.00, 0.00), from 0.1 m away, where it touches ground
+OWN      | [2, 1, 0.15]  | [2.5, -0.4, 0.15]                        | low and high overlap by
+OWN      | [2, 1, 0.15]  | [0, 4, 0.15]                             | mover1 cannot stand at HOME: mover1/arm
+OWN      | "  supply:"   | HANGING                                  | lintel, lamp cannot be placed in any order
+NARROW   | "  supply:"   | BESIDE                                   | next and low lie 10.0 mm apart where they belong, and a part in hand keeps 20.0 mm
+HANDOVER | CRANE         | ""                                       | beam13 cannot be placed: none of arm1, arm2, arm3 reaches its place
+HANDOVER | [0.0, 0.25, -0.25] | [0.0]                               | the team cannot build beam13, beam14, beam15: arm1, arm2, arm3 can pick beam13, only crane can place it, and no handover between them was found
 """)
-BAD_INPUT = {
-    **{
-        name: (OWN, [(old, new)], says)
-        for name, (old, new, says) in _IN_THE_OWN.items()
-    },
-    "a part that hangs below another": (
-        OWN,
-        [("  supply:", HANGING + "  supply:")],
-        "lintel, lamp cannot be placed in any order",
-    ),
-    "a joint narrower than the clearance": (
-        OWN,
-        [
-            ("  supply:", BESIDE + "  supply:"),
-            ("  team:", "  clearance: {robot_object_m: 0.02}\n  team:"),
-        ],
-        "next and low lie 10.0 mm apart where they belong, and a part in hand keeps 20.0 mm",
-    ),
-    "team without its crane": (
-        HANDOVER,
-        [(CRANE, "")],
-        "beam13 cannot be placed: none of arm1, arm2, arm3 reaches its place",
-    ),
-    "no handover chain": (
-        HANDOVER,
-        [("[0.0, 0.25, -0.25]", "[0.0]")],
-        "the team cannot build beam13, beam14, beam15: arm1, arm2, arm3 can pick beam13,"
-        " only crane can place it, and no handover between them was found",
-    ),
+TEXTS = {
+    "OWN": OWN,
+    "NARROW": OWN.replace("  team:", "  clearance: {robot_object_m: 0.02}\n  team:"),
+    "HANDOVER": HANDOVER,
+    "CRANE": CRANE,
+    "HANGING": HANGING + "  supply:",
+    "BESIDE": BESIDE + "  supply:",
 }
+"""What stands in the table for texts of several lines."""
 
 
 @pytest.fixture(scope="module")
@@ -226,13 +193,13 @@ def compiled() -> None:
     problem_of(FOLDER / "handover.yaml")
 
 
-@pytest.mark.parametrize("case", BAD_INPUT)
+@pytest.mark.parametrize(("text", "old", "new", "words"), BAD_INPUT)
 @pytest.mark.usefixtures("compiled")
 def test_bad_input_ends_a_run_with_names_within_seconds(
-    case: str, tmp_path: Path
+    text: str, old: str, new: str, words: str, tmp_path: Path
 ) -> None:
-    text, changes, words = BAD_INPUT[case]
-    file = written(tmp_path, text, *changes)
+    change = TEXTS.get(old, old), TEXTS.get(new, new)
+    file = written(tmp_path, TEXTS[text], change)
     begin = time.process_time()
     result = CliRunner().invoke(app, ["run", str(file)])
     assert time.process_time() - begin < 10.0
