@@ -18,9 +18,7 @@ from scheduling.build_tpg import build_nodes
 from scheduling.pace import hand_loads
 from scheduling.verification.verify import verify_plan
 from tests.twin.written import loaded
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
-from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, given_plan
 from twin.trial.planning import plan_scenario
 from twin.trial.trial import try_plan
@@ -171,31 +169,21 @@ def audited(
     """Return what the audit finds in a run of a plan with some fields changed."""
     out = folder / name
     out.mkdir()
-    scenario = load_scenario(folder / "own.yaml")
     tpg = replace(planned.tpg, **changed)
-    trial = try_plan(
-        given_plan(LoadedScenario(scenario, folder), tpg), out, recording=False
-    )
+    trial = try_plan(given_plan(planned.scenario, tpg), out, recording=False)
     return [
         f"{v['kind']}: {v['first']} {v['detail']}"
         for v in trial.summary["audit"]["violations"]
     ]
 
 
-def test_a_plan_with_changes_is_clean_and_safe(
+def test_a_plan_with_changes_is_clean_and_safe_and_takes_the_time_of_its_racks(
     planned: PlanResult, folder: Path
 ) -> None:
     assert audited(planned, folder, "good") == []
     assert verify_plan(planned.tpg).ok
-
-
-def test_changes_take_the_time_of_their_racks(planned: PlanResult) -> None:
-    took = {}
-    for task, motion in zip(
-        planned.motions.motion_plan.tasks,
-        planned.motions.motion_plan.motions,
-        strict=True,
-    ):
+    took, plan = {}, planned.motions.motion_plan
+    for task, motion in zip(plan.tasks, plan.motions, strict=True):
         if task.kind in (TAKE_TOOL, LEAVE_TOOL):
             took[task.object] = motion.time[-1] - motion.time[0]
     assert took == pytest.approx({"gripper": 2.0, "driver": 3.0, "nozzle": 2.0})
@@ -290,8 +278,8 @@ def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
     assert verify_plan(found.tpg).ok
 
 
-def test_what_is_in_hand_is_known_node_by_node(tmp_path: Path) -> None:
-    plan = planned_steps(["screw", "block", "seal"], tmp_path).motions.motion_plan
+def test_what_is_in_hand_is_known_node_by_node(planned: PlanResult) -> None:
+    plan = planned.motions.motion_plan
     tpg = build_nodes(plan)
     (loads,) = hand_loads(tpg)
     chain = tpg.chains[0]
