@@ -85,7 +85,8 @@ def test_the_centre_of_mass_decides_what_falls(tmp_path: Path) -> None:
 def test_what_hangs_on_a_joint_hangs_for_the_audit_without_it(tmp_path: Path) -> None:
     """The beam stops 5 mm above the post: held by the joint alone."""
     higher = BEAM, BEAM.replace("0.076", "0.081")
-    built(tmp_path, higher, (STEPS, f"{JOINED}\n  steps: [post, beam]"))
-    bare = JOINED.replace(", [post, beam]]", "]")
+    steps = "\n  steps: [post, beam]"
+    gap = "joined: [[table, post], {parts: [post, beam], gap_m: 0.006}]"
+    built(tmp_path, higher, (STEPS, gap + steps))
     with pytest.raises(InfeasibleStepError, match="in the air"):
-        built(tmp_path, higher, (STEPS, f"{bare}\n  steps: [post, beam]"))
+        built(tmp_path, higher, (STEPS, "joined: [[table, post]]" + steps))
