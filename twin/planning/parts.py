@@ -21,12 +21,7 @@ from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
 from twin.planning.part_assembly.built import assembly_of, joined_pairs, line_pattern
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
-from twin.planning.part_assembly.problems import (
-    check_line,
-    check_steps,
-    check_work,
-    machine_names,
-)
+from twin.planning.part_assembly.problems import find_part_problems, machine_names
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
@@ -72,9 +67,7 @@ class PartKind(AssemblyKind):
 
     def problems(self, cell: CellSection) -> Found:
         """Yield the problems of the section: steps and parts name what there is, no part twice."""
-        yield from check_steps(self.section)
-        yield from check_line(self.section)
-        yield from check_work(self.section, cell)
+        return find_part_problems(self.section, cell)
 
     def object_kinds(self) -> Iterable[str]:
         """Return the types of the parts, each once."""

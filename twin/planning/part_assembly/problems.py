@@ -13,12 +13,19 @@ from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.parts import PartsSection, StepSection
 
 
-def check_steps(section: PartsSection) -> Found:
-    """Yield what is wrong with the steps, each with its key.
+def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
+    """Yield everything in an assembly of parts that cannot be as it is written.
 
     Args:
         section: passed the checks of its single values.
+        cell: around it.
     """
+    yield from _check_steps(section)
+    yield from _check_line(section)
+    yield from _check_work(section, cell)
+
+
+def _check_steps(section: PartsSection) -> Found:
     names: dict[str, int] = {}
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k)
@@ -173,12 +180,8 @@ def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
         yield ("assembly", "steps", cycle[0], "after"), f"no order can be: {words}"
 
 
-def check_line(section: PartsSection) -> Found:
-    """Yield what is wrong with sources and products, each with its key.
-
-    Args:
-        section: passed the checks of its single values.
-    """
+def _check_line(section: PartsSection) -> Found:
+    """Parts come from sources that there are, and every source gives some."""
     placed, sources = set(section.placed), tuple(section.sources)
     used = {part.source for part in section.parts}
     for i, part in enumerate(section.parts):
@@ -223,13 +226,8 @@ def disturbed_machines(section: PartsSection) -> Iterator[str]:
             yield machine
 
 
-def check_work(section: PartsSection, cell: CellSection) -> Found:
-    """Yield processes that no robot of the cell can do, and places that it does not have.
-
-    Args:
-        section: passed the checks of its single values.
-        cell: around it.
-    """
+def _check_work(section: PartsSection, cell: CellSection) -> Found:
+    """Robots of the cell can do the processes, and it has the places."""
     robots = cell.robots
     worn = (own.tool for robot in robots for own in robot.outfits)
     tools = tuple(dict.fromkeys(tool for tool in worn if tool))
