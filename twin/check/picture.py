@@ -339,12 +339,7 @@ def _draw_names(
 ) -> None:
     """Write names of objects and fixtures where there is room for them, small things first.
 
-    Args:
-        names: writes them.
-        view: from where.
-        subject: the scenario and its cell.
-        goals: whether to name places, too.
-        again: where things are drawn again, and named there.
+    With ``goals`` those of places, too; not of what is drawn again, and named there.
     """
     for name, box, goal in _things(subject):
         there = any(item.holds(box[:, view.flat]) for item in again)

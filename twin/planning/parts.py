@@ -130,12 +130,7 @@ class PartKind(AssemblyKind):
 
 
 def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
-    """Return the goals of the parts, where they lie on their way, and what is done to them.
-
-    Args:
-        section: what the file says of the assembly.
-        cell: what it says of robots and fixtures.
-    """
+    """Return the goals of the parts, where they lie on their way, and what is done to them."""
     line = written_out(section, whole=True)
     assembly, parts = assembly_of(line), {p.name: p for p in line.section.parts}
     gone = {

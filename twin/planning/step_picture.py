@@ -19,22 +19,14 @@ _PRESS, _HOLD, _HATCH = "tab:blue", "tab:green", "////"
 
 
 def draw_step(step: ExplainedStep) -> bytes:
-    """Return the picture of a step as PNG.
-
-    Args:
-        step: its equilibrium.
-    """
+    """Return the picture of a step's equilibrium as PNG."""
     out = io.BytesIO()
     step_figure(step).savefig(out, format="png", dpi=100)
     return out.getvalue()
 
 
 def step_figure(step: ExplainedStep) -> Figure:
-    """Return a picture of a step: bricks by how strained they are, press and holds as arrows.
-
-    Args:
-        step: its equilibrium.
-    """
+    """Return a picture of a step: bricks by how strained they are, press and holds as arrows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -170,12 +170,7 @@ def _words(at: PlaceOfWork) -> str:
 
 
 def line_pattern(line: Line, tasks: Sequence[Task]) -> Pattern:
-    """Return how the plan of some products goes on.
-
-    Args:
-        line: what was planned.
-        tasks: of the plan, in order.
-    """
+    """Return how the plan of a line, whose tasks are given in order, goes on."""
     steps = len(line.section.steps) // line.period
     product = np.array(
         [
