@@ -170,13 +170,6 @@ def test_shipped_scenarios_have_no_errors(file: Path) -> None:
     assert time.process_time() - start < 60.0
 
 
-def test_the_speeds_of_the_shipped_boat_are_called_too_high() -> None:
-    report = checked(ROOT / "scenarios" / "multi_arm" / "assembly.yaml")
-    assert any(
-        "2.30 times what a joint can do" in item.message for item in report.warnings
-    )
-
-
 def test_goals_that_no_arm_is_long_enough_for(tmp_path: Path) -> None:
     text = (ROOT / "scenarios/multi_arm/multi_goal.yaml").read_text(encoding="utf-8")
     goal = "{robot: west, to: {xyz_m: "

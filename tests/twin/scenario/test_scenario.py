@@ -230,10 +230,3 @@ def test_the_committed_schema_is_current() -> None:
     assert committed == scenario_schema(), (
         "run: twin schema > twin/scenario/scenario.schema.json"
     )
-
-
-@pytest.mark.parametrize(
-    "path", sorted((ROOT / "scenarios").rglob("*.yaml")), ids=lambda p: p.stem
-)
-def test_shipped_scenarios_are_valid(path: Path) -> None:
-    assert load_scenario(path).name == path.stem

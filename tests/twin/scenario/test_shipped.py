@@ -49,6 +49,7 @@ def test_all_are_found_and_no_two_have_one_name() -> None:
 def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> None:
     original = twin.load(name)
     assert original.sections.description
+    assert original.name == name
     copied = twin.load(begin_scenario(tmp_path / "copy", name))
     sections = copied.sections.model_copy(update={"name": original.name})
     assert sections == original.sections

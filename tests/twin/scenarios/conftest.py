@@ -1,4 +1,4 @@
-"""From a scenario's file to a plan of it and a clean run: a module that says ``file`` has the rest."""
+"""From the ``SCENARIO`` of a module to its file, a plan of it and a clean run."""
 
 from __future__ import annotations
 
@@ -7,11 +7,19 @@ from pathlib import Path
 import pytest
 
 from tests.twin.scenarios.executed import executed
+from tests.twin.written import written
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
+
+
+@pytest.fixture(scope="module")
+def file(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    return written(tmp_path_factory.mktemp("cell"), request.module.SCENARIO)
 
 
 @pytest.fixture(scope="module")

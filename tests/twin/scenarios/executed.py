@@ -1,13 +1,17 @@
-"""A plan that is executed, and whose audit finds nothing."""
+"""Plans that are executed, and whose audit finds nothing."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.verification.verify import verify_plan
+from tests.twin.written import Change, checked, written
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
-from twin.trial.plan_result import given_plan
+from twin.trial.plan_result import PlanResult, given_plan
+from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
 from twin.trial.trial import try_plan
 
@@ -35,3 +39,17 @@ def executed(
     assert trial.summary["audit"]["violations"] == []
     assert trial.passed
     return trial
+
+
+def built(
+    folder: Path, text: str, *changes: Change, recording: bool = False
+) -> PlanResult:
+    """Return the plan of a cell, once check, proof and the audit of its run are content."""
+    file = written(folder, text, *changes)
+    assert [item.message for item in checked(file).errors] == []
+    scenario = load_scenario(file)
+    planned = plan_scenario(scenario, folder)
+    assert verify_plan(planned.tpg).problems == ()
+    run = folder / "run"
+    executed(scenario, planned.tpg, run, base=folder, recording=recording)
+    return planned

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pyarrow.parquet as pq
-import pytest
-from typer.testing import CliRunner
 
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.cells import cell, panda
-from tests.twin.written import written
-from twin.cli import app
 from twin.scenario.sections.scenario import Scenario
 from twin.scenario.sections.shapes import build_transform
 from twin.trial.plan_result import PlanResult
@@ -50,11 +44,6 @@ execution:
 )
 
 
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("crossing"), SCENARIO)
-
-
 def test_both_robots_work_and_the_plan_is_safe_by_the_other_proof(
     planned: PlanResult,
 ) -> None:
@@ -81,9 +70,3 @@ def test_the_robots_work_at_the_same_time(trial: RunResult) -> None:
     summary = trial.summary
     assert summary["lower_bound_s"] <= summary["makespan_s"] + 1e-9
     assert summary["makespan_s"] < 0.9 * summary["makespan_sequential_s"]
-
-
-def test_validate_says_what_is_in_it(file: Path) -> None:
-    result = CliRunner().invoke(app, ["validate", str(file)])
-    assert result.exit_code == 0
-    assert "ok (2 robots, 3 steps, 4 parts)" in result.output

@@ -17,7 +17,7 @@ from scheduling.graph.dispatcher import earliest_times
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
-from tests.twin.written import loaded, written
+from tests.twin.written import loaded
 from twin.audit.audit import audit_run
 from twin.audit.wanted import Wanted, WantedProcess
 from twin.check.finding import Subject
@@ -73,11 +73,6 @@ execution:
     " frames: {corner: {xyz_m: [0.1, 0.3, 0.02]}}}",
     "{name: jig, size_m: [0.18, 0.12, 0.04], pose: {xyz_m: [0, 0, 0.02]}}",
 )
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("cover"), SCENARIO)
 
 
 def test_the_plan_is_safe_and_a_run_with_stalls_does_what_the_scenario_says(

@@ -19,7 +19,6 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.scenarios.executed import executed
-from tests.twin.written import written
 from twin.audit.audit import Auditor, audit_run
 from twin.audit.motion.executed import read_recording
 from twin.exports.graphs import task_graph
@@ -52,11 +51,6 @@ SCENARIO = cell(
     "{name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}",
 )
 COPIES = {"near": 3, "far": 2, "between": 4}
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("fence"), SCENARIO)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ import pytest
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.scenarios.executed import executed
-from tests.twin.written import written
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
 
@@ -33,11 +32,6 @@ SCENARIO = cell(
 """,
     "{name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.0945]}}",
 )
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("stored"), SCENARIO)
 
 
 def test_stock_and_scaffolding_stand_on_their_plates(planned: PlanResult) -> None:
