@@ -54,7 +54,6 @@ crossing     | across]                                | bystander]              
 crossing     | name: bystander                        | name: north                             | already taken
 crossing     | name: bystander                        | name: east                              | is that of a robot
 crossing     | kind: assembly                         | kind: assemble                          | assembly
-crossing     | kind: assembly                         | kind: pick-and-place                    | the kind 'pick-and-place' is called 'assembly'
 crossing     | positions: 3                           | directions: [[0, 0, 0]]                 | must not be zero
 cantilever   | "  steps:"                             | "  joined: [[post, bean]]\n  steps:"    | unknown part or fixture 'bean'
 cantilever   | "  steps:"                             | "  joined: [[post, post]]\n  steps:"    | cannot be joined to itself

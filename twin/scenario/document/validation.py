@@ -159,9 +159,6 @@ _BOUNDS = {
 }
 
 
-_RENAMED = {"pick-and-place": "assembly"}
-"""What kinds were called before, and what they are called now."""
-
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -282,10 +279,7 @@ def _explain(kind: str, error: Mapping[str, Any], node: Mapping[str, Any]) -> st
     if kind == "union_tag_not_found":
         return f"key 'kind' is missing (valid: {', '.join(_tags(node))})"
     if kind == "union_tag_invalid":
-        given, valid = str(context["tag"]), _tags(node)
-        if _RENAMED.get(given) in valid:
-            return f"the kind {given!r} is called {_RENAMED[given]!r} now: write that"
-        return unknown_name("kind", given, valid)
+        return unknown_name("kind", str(context["tag"]), _tags(node))
     if kind in ("literal_error", "enum"):
         expected = str(context.get("expected", "")).replace("'", "")
         valid = expected.replace(" or ", ", ").split(", ")
