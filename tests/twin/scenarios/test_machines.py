@@ -126,6 +126,21 @@ def scenario(folder: Path, **assembly: Any) -> Scenario:
     return loaded(folder, yaml.safe_dump(document))
 
 
+def said(text: str) -> Any:
+    """Return keys of an assembly as they stand in a file."""
+    return yaml.safe_load(text.replace("NEST", json.dumps(NEST)))
+
+
+def say_late(folder: Path, machine: str, seconds: float) -> None:
+    """Let a log say that a machine was done later than it was."""
+    log = folder / "events.jsonl"
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    for event in events:
+        if event.get("robot") == machine and event["kind"] == "completed":
+            event["t_s"] += seconds
+    log.write_text("".join(json.dumps(event) + "\n" for event in events))
+
+
 def mill_down(
     breakdowns: MachineBreakdowns | None, stalls: Stalls | None = None
 ) -> Disturbances:
@@ -313,23 +328,17 @@ def test_nobody_passes_through_a_door_that_is_shut(tmp_path: Path) -> None:
     }
     del blank["source"]
     zone = {"size_m": [0.4, 0.5, 0.4], "pose": {"xyz_m": [0.1, 0.25, 0.25]}}
-    steps = [
-        {"place": "blank", "at": NEST, "robots": ["left"], "name": "loaded"},
-        {"process": "milling", "at": {"part": "blank"}},
-        {"place": "blank", "robots": ["left"]},
-        {"place": "peg", "robots": ["right"], "after": ["loaded"]},
-    ]
+    steps = """
+      - {place: blank, at: NEST, robots: [left], name: loaded}
+      - {process: milling, at: {part: blank}}
+      - {place: blank, robots: [left]}
+      - {place: peg, robots: [right], after: [loaded]}
+    """
+    line = {**ALONE, "processes": MILLING, "parts": [blank, peg], "steps": said(steps)}
     found = {}
     for door in (None, zone):
-        own = scenario(
-            tmp_path,
-            sources=None,
-            products=None,
-            machines={"mill": {} if door is None else {"door": door}},
-            processes=MILLING,
-            parts=[blank, peg],
-            steps=steps,
-        )
+        mill = {} if door is None else {"door": door}
+        own = scenario(tmp_path, **{**line, "machines": {"mill": mill}})
         trial = tried(own, tmp_path / f"run{door is None}")
         of_the_mill = ("mill", "started"), ("mill", "completed")
         begun, done, put = (
@@ -366,18 +375,10 @@ def test_the_audit_holds_machines_to_the_scenario(tmp_path: Path) -> None:
         return [v.detail for v in report.violations if v.kind == "process"]
 
     assert violations() == []
-    log = tmp_path / "run" / "events.jsonl"
-    text = log.read_text()
-    late = []
-    for entry in map(json.loads, text.splitlines()):
-        if entry["robot"] == "mill" and entry["kind"] == "completed":
-            entry["t_s"] += 5.0
-        late.append(json.dumps(entry))
-    log.write_text("\n".join(late) + "\n")
+    say_late(tmp_path / "run", "mill", 5.0)
     found = violations()
     assert sum("lies there from" in words for words in found) == 2
     assert sum("begins before milled" in words for words in found) <= 2
-    log.write_text(text)
     wanted = assembly_kind(own.assembly).wanted(own.cell)
     assert [(rest.part, rest.process) for rest in wanted.rests][:3] == [
         ("blank.1", None),
@@ -391,23 +392,17 @@ def test_what_is_unattended_goes_on_side_by_side(tmp_path: Path) -> None:
         box(name, [-0.35, y, 0.015], [-0.2, y, 0.015])
         for name, y in (("one", -0.2), ("two", 0.2))
     ]
-    own = scenario(
-        tmp_path,
-        **ALONE,
-        processes=CURING,
-        parts=parts,
-        steps=[
-            "one",
-            {"process": "curing", "at": {"part": "one"}},
-            "two",
-            {"process": "curing", "at": {"part": "two"}},
-        ],
-    )
+    steps = """
+      - one
+      - {process: curing, at: {part: one}}
+      - two
+      - {process: curing, at: {part: two}}
+    """
+    line = {**ALONE, "processes": CURING, "parts": parts, "steps": said(steps)}
+    own = scenario(tmp_path, **line)
     tpg = plan_scenario(own, tmp_path).tpg
-    assert {tpg.chains[k].robot for k in machine_chains(tpg)} == {
-        "curing.1",
-        "curing.2",
-    }
+    chains = {tpg.chains[k].robot for k in machine_chains(tpg)}
+    assert chains == {"curing.1", "curing.2"}
     run = execute(own, tpg, tmp_path)
     # One arm places both, one after another; both cure from then on.
     assert 50.0 < run.makespan_s < 70.0
@@ -428,9 +423,8 @@ assembly                                     | says
 """),
 )
 def test_what_cannot_be_is_said(tmp_path: Path, assembly: str, message: str) -> None:
-    said = yaml.safe_load(assembly.replace("NEST", json.dumps(NEST)))
     with pytest.raises(InvalidScenarioError, match=message):
-        scenario(tmp_path, **said)
+        scenario(tmp_path, **said(assembly))
 
 
 def test_disturbed_machines_are_there(tmp_path: Path) -> None:
@@ -455,13 +449,8 @@ def test_what_is_put_down_on_its_way_stands_alone(
 ) -> None:
     post = box("post", [-0.35, -0.2, 0.015], [-0.2, -0.2, 0.015])
     cap = box("cap", [-0.35, 0.2, 0.015], [-0.2, 0.1, 0.045])
-    own = scenario(
-        tmp_path,
-        **ALONE,
-        processes=None,
-        parts=[post, cap],
-        steps=yaml.safe_load(steps),
-    )
+    line = {**ALONE, "processes": None, "parts": [post, cap], "steps": said(steps)}
+    own = scenario(tmp_path, **line)
     with pytest.raises(InfeasibleStepError, match=message):
         plan_scenario(own, tmp_path)
 
@@ -546,29 +535,20 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
     document = copy.deepcopy(CELL)
     wall = {"size_m": [0.02, 0.2, 0.3], "pose": {"xyz_m": [0, 0, 0.15]}}
     document["cell"]["fixtures"].append({"name": "wall", **wall})
-    curing = {"duration": {"kind": "fixed", "value_s": 30}, "unattended": True}
+    document["assembly"] = said("""
+      kind: assembly
+      processes: {curing: {duration: {kind: fixed, value_s: 30}, unattended: true}}
+      steps: [bracket, {process: curing, at: {part: bracket}, name: cured}]
+      joined: [{parts: [bracket, wall], by: cured}]
+      grips: {opening_m: 0.04, positions: 3}
+    """)
     bracket = box("bracket", [-0.3, 0.3, 0.015], [-0.0615, 0, 0.15], 0.1)
-    document["assembly"] = {
-        "kind": "assembly",
-        "processes": {"curing": curing},
-        "parts": [bracket],
-        "steps": [
-            "bracket",
-            {"process": "curing", "at": {"part": "bracket"}, "name": "cured"},
-        ],
-        "joined": [{"parts": ["bracket", "wall"], "by": "cured"}],
-        "grips": {"opening_m": 0.04, "positions": 3},
-    }
+    document["assembly"]["parts"] = [bracket]
     own = loaded(tmp_path, yaml.safe_dump(document))
     trial = tried(own, tmp_path / "run")
     assert trial.summary["wait_s"]["left"] == pytest.approx(30.0)
     # A log in which it cures for a second longer: then the bracket was let go of too early.
-    log = tmp_path / "run" / "events.jsonl"
-    events = [json.loads(line) for line in log.read_text().splitlines()]
-    for event in events:
-        if event.get("robot") == "curing" and event["kind"] == "completed":
-            event["t_s"] += 1.0
-    log.write_text("".join(json.dumps(event) + "\n" for event in events))
+    say_late(tmp_path / "run", "curing", 1.0)
     wanted = assembly_kind(own.assembly).wanted(own.cell)
     found = audit_run(tmp_path / "run", wanted=wanted, ordered=False).violations
     (v,) = (v for v in found if v.kind == "support")
@@ -579,23 +559,14 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
 def test_an_order_that_is_found_waits_for_what_cures(tmp_path: Path) -> None:
     base = box("base", [-0.35, -0.25, 0.015], [-0.2, 0, 0.015], 0.1)
     lid = box("lid", [-0.35, 0.25, 0.015], [-0.2, 0, 0.045])
-    own = scenario(
-        tmp_path,
-        **ALONE,
-        processes=CURING,
-        parts=[base, lid],
-        order="find",
-        steps=[
-            {"place": "lid", "after": ["cured"]},
-            {"process": "curing", "at": {"part": "base"}, "name": "cured"},
-            "base",
-        ],
-    )
-    trial = tried(own, tmp_path / "run")
-    (cured,) = (
-        e.t_ns for e in trial.history if (e.robot, e.kind) == ("curing", "completed")
-    )
-    (put,) = (
-        e.t_ns for e in trial.history if (e.kind, e.object) == ("detached", "lid")
-    )
+    steps = """
+      - {place: lid, after: [cured]}
+      - {process: curing, at: {part: base}, name: cured}
+      - base
+    """
+    line = {**ALONE, "processes": CURING, "parts": [base, lid], "steps": said(steps)}
+    trial = tried(scenario(tmp_path, **line, order="find"), tmp_path / "run")
+    known = {(e.robot, e.kind): e.t_ns for e in trial.history}
+    known |= {(e.object, e.kind): e.t_ns for e in trial.history}
+    cured, put = known["curing", "completed"], known["lid", "detached"]
     assert put > cured >= 50 * NANOSECONDS
