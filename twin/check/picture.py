@@ -37,7 +37,7 @@ from twin.check.finding import Subject
 from twin.check.views import (
     FROM_THE_SIDE,
     DrawnShape,
-    View,
+    Viewpoint,
     draw_axes,
     draw_shapes,
     placed_points,
@@ -107,7 +107,7 @@ _ARROW = 0.1
 """Length of the axes of a tool frame, x red, y green, z blue [m]."""
 
 
-_FROM_ABOVE = View("from above", 0, 1, 2, 1.0)
+_FROM_ABOVE = Viewpoint("from above", 0, 1, 2, 1.0)
 
 
 def draw_cell(subject: Subject, folder: Path) -> Path:
@@ -302,7 +302,7 @@ def _draw_frame(area: Axes, item: CloseUp, names: Names) -> None:
 
 def _draw_robots(
     area: Axes,
-    view: View,
+    view: Viewpoint,
     subject: Subject,
     reaches: Mapping[str, float | None],
     names: Names,
@@ -331,7 +331,7 @@ def _draw_robots(
 
 def _draw_names(
     names: Names,
-    view: View,
+    view: Viewpoint,
     subject: Subject,
     *,
     goals: bool = False,

@@ -26,7 +26,7 @@ from twin.check.tools import finger_gap, misplaced
 from twin.check.views import (
     FROM_THE_SIDE,
     DrawnShape,
-    View,
+    Viewpoint,
     draw_axes,
     draw_shapes,
     placed_points,
@@ -35,7 +35,7 @@ from twin.check.views import (
 from twin.host.pictures import INK, new_picture, save_png
 
 _ARM_COLOUR, _TOOL_COLOUR = "#7f93ab", "#d9822b"
-_VIEWS = (View("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
+_VIEWS = (Viewpoint("from the front (+x)", 1, 2, 0, 1.0), FROM_THE_SIDE)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,9 @@ def _figure(thing: PicturedThing) -> Figure:
     return picture
 
 
-def _draw_frames(area: Axes, thing: PicturedThing, view: View, length: float) -> None:
+def _draw_frames(
+    area: Axes, thing: PicturedThing, view: Viewpoint, length: float
+) -> None:
     named: list[tuple[float, float]] = []
     for pose, names in _together(thing.frames):
         draw_axes(area, view, pose, length)

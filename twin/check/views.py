@@ -19,7 +19,7 @@ _AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
 
 
 @dataclass(frozen=True)
-class View:
+class Viewpoint:
     """A projection: the axes of the world that go right and up, and the one towards the eye."""
 
     title: str
@@ -34,7 +34,7 @@ class View:
         return [self.right, self.up]
 
 
-FROM_THE_SIDE = View("from the side (-y)", 0, 2, 1, -1.0)
+FROM_THE_SIDE = Viewpoint("from the side (-y)", 0, 2, 1, -1.0)
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class DrawnShape:
     line: Any = "solid"
 
 
-def style_view(area: Axes, view: View, title: str | None = None) -> None:
+def style_view(area: Axes, view: Viewpoint, title: str | None = None) -> None:
     """Make axes those of a view, with its title or another one."""
     style_axes(area)
     area.set_title(title or view.title, color=INK, fontsize=10, loc="left")
@@ -58,7 +58,7 @@ def style_view(area: Axes, view: View, title: str | None = None) -> None:
     area.set_ylabel("xyz"[view.up] + " [m]", color=INK)
 
 
-def draw_shapes(area: Axes, view: View, shapes: Iterable[DrawnShape]) -> None:
+def draw_shapes(area: Axes, view: Viewpoint, shapes: Iterable[DrawnShape]) -> None:
     """Draw shapes, those that are nearer to the eye over the others."""
     for shape in sorted(
         shapes, key=lambda s: float((view.towards * s.corners[:, view.eye]).max())
@@ -76,7 +76,7 @@ def draw_shapes(area: Axes, view: View, shapes: Iterable[DrawnShape]) -> None:
         )
 
 
-def draw_axes(area: Axes, view: View, pose: Transform, length: float) -> None:
+def draw_axes(area: Axes, view: Viewpoint, pose: Transform, length: float) -> None:
     """Draw the axes of a frame: x red, y green, z blue."""
     for axis, colour in enumerate(_AXIS_COLOURS):
         line = np.array([pose[:3, 3], pose[:3, 3] + length * pose[:3, axis]])

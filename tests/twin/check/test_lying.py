@@ -155,7 +155,6 @@ def test_a_machine_may_work_at_two_parts_that_are_beside_each_other(
 ) -> None:
     old, new, *_ = ABSURD["machine in two places"]
     found = [item.message for item in findings(tmp_path, (old, new))]
-    assert any("mill works at b 0.25 m" in message for message in found)
     assert not any("where it worked before" in message for message in found)
 
 

@@ -200,7 +200,7 @@ mistake | old                         | new                                     
 base    | [-0.6, 0, 0]                | [-600, 0, 0]                                 | left stands 599.8 m away from whatever is to be handled, and its arm is 0.99 m long: xyz_m is in metres; if these are millimetres, it is [-0.6, 0, 0] | ""
 start   | [-0.2, -0.3, 0.0155]        | [-200, -300, 15.5]                           | if these are millimetres, it is [-0.2, -0.3, 0.0155] | ""
 goal    | [0, 0.3, 0.1155]            | [0, 300, 115.5]                              | the place of a is 321.                       | ""
-size    | [0.1, 0.03, 0.03]           | [100, 30, 30]                                | a measures 100 x 30 x 30 m                   | size_m: [100, 30, 30]
+size    | "- name: a\n      size_m: [0.1, 0.03, 0.03]" | "- name: a\n      size_m: [100, 30, 30]" | a measures 100 x 30 x 30 m                   | size_m: [100, 30, 30]
 frame   | base: {xyz_m: [-0.6, 0, 0]} | "base: {xyz_m: [-0.6, 0, 0]}\n      frames: {tool: {xyz_m: [0, 0, 103]}}" | frame tool of left is 103 m away from what it is on | frames: {tool: {xyz_m: [0, 0, 103]}}
 """)
 

@@ -96,8 +96,8 @@ Several = Annotated[tuple[Item, ...], Field(min_length=1)]
 class Section(BaseModel):
     """A mapping of the file: no unknown keys, no silent conversion, no change afterwards.
 
-    Of the keys of each group in ``not_both`` one may be given, which is to have another value than
-    it has by itself.
+    Of the keys of each group in ``not_both``, its own and those of its bases, one may be given, which
+    is to have another value than it has by itself.
     """
 
     model_config = ConfigDict(
@@ -108,8 +108,8 @@ class Section(BaseModel):
 
     @model_validator(mode="after")
     def _one_of_each(self) -> Self:
-        fields = type(self).model_fields
-        for group in self.not_both:
+        fields, bases = type(self).model_fields, reversed(type(self).__mro__)
+        for group in (g for base in bases for g in vars(base).get("not_both", ())):
             given = [k for k in group if getattr(self, k) != fields[k].default]
             if len(given) > 1:
                 raise ValueError(f"give {' or '.join(given)}, not both")
