@@ -88,7 +88,6 @@ def _note(line: str) -> None:
     typer.echo(f"note: {line}", err=True)
 
 
-
 _STOCK_KEYS = ("plate", "storage_plate", "bricks", "stock", "rules", "twist_deg")
 
 
