@@ -63,8 +63,8 @@ MUTANTS = (
     Mutant("reduction: of equal edges both stay", "source[other] == source[e] and other < e", "source[other] == source[e] and other > e + 1", GRAPH),
     Mutant("rollout: a node begins before all it waits for", "t = max(t, end[graph.source[e]]) start[n] = t", "t = end[graph.source[e]]\n        start[n] = t", GRAPH),
     Mutant("dispatcher: the first edge is enough", "self._unmet[target] -= 1 if self._unmet[target] == 0:", "self._unmet[target] -= 1\n            if self._unmet[target] <= 1:", GRAPH),
-    Mutant("dispatcher: what is observed lets nobody go", "for target in self._successors.get(number, ()): self._unmet[target] -= 1 def", "for target in self._successors.get(number, ())[1:]:\n                self._unmet[target] -= 1\n\n    def", GRAPH),
-    Mutant("shortcuts: in-edges end at the first new node", "out[inner_in, 3] = first + swap.count - 1", "out[inner_in, 3] = first", SHORTCUTS),
+    Mutant("dispatcher: what is observed lets nobody go", "targets = self._successors.get(number, []) if done", "targets = self._successors.get(number, [])[1:]\n        if done", GRAPH),
+    Mutant("shortcuts: in-edges end at the first new node", "out[into, 3] = last", "out[into, 3] = first", SHORTCUTS),
     Mutant("shortcuts: an order through replaced nodes is lost", "if edges[i, 3] <= edges[o, 1] and edges[i, 0] != edges[o, 2]", "if edges[i, 3] < edges[o, 1] and edges[i, 0] != edges[o, 2]", SHORTCUTS),
     Mutant("IK: a step beyond a limit", "trial[i] = min(max(q[i] + step[i], lower[i]), upper[i])", "trial[i] = max(q[i] + step[i], lower[i])", IK),
     Mutant("IK: turns are not the nearest", "abs(other - seed[j]) < abs(best - seed[j])", "abs(other - seed[j]) > abs(best - seed[j])", IK),
@@ -82,7 +82,7 @@ MUTANTS = (
     Mutant("draws: robots share their draws", "counter[2], counter[3] = robot[i], purpose[i]", "counter[2], counter[3] = purpose[i], purpose[i]", DRAWS),
     Mutant("draws: a round has the wrong key", "k1 += _WEYL_1", "k1 += _WEYL_0", DRAWS),
     Mutant("statistics: one-sided interval", "stats.t.ppf(0.5 + 0.5 * confidence, len(sample) - 1)", "stats.t.ppf(confidence, len(sample) - 1)", STUDY),
-    Mutant("audit: limits may be passed by half", "runs(share > 1.0): worst = where[np.argmax(share[where, joint])] most", "runs(share > 1.5):\n                worst = where[np.argmax(share[where, joint])]\n                most", AUDIT),
+    Mutant("audit: limits may be passed by half", "for joint, where in runs(share > 1.0):", "for joint, where in runs(share > 1.5):", AUDIT),
     Mutant("audit: jumps are overlooked", "if jump > JUMP:", "if jump > 100 * JUMP:", AUDIT),
 )  # fmt: skip
 
