@@ -70,7 +70,8 @@ def nearest_words(name: str, part: Lying, others: Mapping[str, Lying]) -> str:
     found = nearest_to(part, others)
     if found is None:
         return f"nothing else is there by then to be near {name}"
-    return f"nearest to {name} is {found[0]}, {found[1] * 1e3:.1f} mm away"
+    away = f"{found[1] * 1e3:.1f} mm away" if found[1] > 5e-5 else "which it touches"
+    return f"nearest to {name} is {found[0]}, {away}"
 
 
 def _gap(one: Lying, other: Lying) -> float:
