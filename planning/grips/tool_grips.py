@@ -15,6 +15,7 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, distance, place, resting_solid
 from planning.grips.grip import Grip, GripRules
+from planning.grips.pads import own_bodies, why_not_held
 from planning.grips.shape_grips import part_grips, thinnest
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction
@@ -85,15 +86,10 @@ def own_grips(robot: PlacedRobot, grips: Sequence[Grip]) -> Iterator[tuple[int, 
             yield number, grip
 
 
-def _own_tool(model: RobotModel) -> list[ConvexBody]:
-    parts = (part for part in model.parts if part.group == "tool")
-    return [part.body for part in parts if part.joint == model.dof - 1]
-
-
 def tool_bodies(model: RobotModel) -> list[ConvexBody]:
     """Return the bodies of the tool, in the last joint's frame; without a tool, of the last link."""
     last = (part.body for part in model.parts if part.joint == model.dof - 1)
-    return _own_tool(model) or list(last)
+    return own_bodies(model) or list(last)
 
 
 def tool_heights(model: RobotModel, tip: Transform) -> Array:
@@ -213,6 +209,28 @@ def tool_misfit(
     )
 
 
+def not_held(
+    robot: PlacedRobot, part: CellObject, grip: Grip, rules: GripRules
+) -> str | None:
+    """Return in words why a robot's tool would not touch what it grips as it must to hold it.
+
+    Args:
+        robot: the robot.
+        part: the part.
+        grip: the grip.
+        rules: of the assembly, which say what the tool does not.
+
+    Returns:
+        None where it would, or where its shapes do not tell.
+    """
+    own, tip = (
+        tool_rules(rules, robot.model.grip),
+        frame_in_last_joint(robot.model, rules.frame),
+    )
+    about = robot.model, tip, part.name, part.shape, grip.pose
+    return why_not_held(*about, suction=own.suction)
+
+
 def _depth(
     model: RobotModel, tip: Transform, shape: Shape, grip: Transform, approach: float
 ) -> float:
@@ -222,7 +240,7 @@ def _depth(
     deepest = 0.0
     for share in np.linspace(0.0, 1.0, _STEPS).tolist():
         at = grip @ translation(0.0, 0.0, -share * approach) @ inverse(tip)
-        for body in _own_tool(model):
+        for body in own_bodies(model):
             moved = Solid("tool", body, at)
             pose = place(moved, _NOWHERE, _NOWHERE)[0]
             low, high = moved.vertices.min(axis=0), moved.vertices.max(axis=0)

@@ -20,7 +20,7 @@ from planning.cell.workcell import (
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
 from planning.grips.grip import Grip
-from planning.grips.tool_grips import tool_misfit
+from planning.grips.tool_grips import not_held, tool_misfit
 from planning.kinematics.kinematics import frame_in_flange
 from planning.motion.sequential import MARGIN
 from planning.parts.assembly import PartAssembly, PartHandling, Process
@@ -274,8 +274,12 @@ class PartSkills:
         self, robot: PlacedRobot, part: CellObject, grip: Grip
     ) -> Obstruction | None:
         """Return why a robot's tool cannot hold a part by a grip, None where it can."""
-        approach = self.assembly.handling(part.name).approach
-        return tool_misfit(robot, self.assembly.frame, part, grip, approach)
+        ways = self.assembly.handling(part.name)
+        frame = self.assembly.frame
+        if wrong := tool_misfit(robot, frame, part, grip, ways.approach):
+            return wrong
+        words = not_held(robot, part, grip, ways.grips)
+        return None if words is None else Obstruction(words)
 
     def pick(self, robot: PlacedRobot, step: PartStep, grip: Transform) -> SkillTry:
         """Return the pick of a step by a grip."""

@@ -18,7 +18,8 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase
 from twin.audit.contacts import Contacts, allowed_contacts
-from twin.audit.hands import grip_violations, tool_violations
+from twin.audit.grips import grip_violations
+from twin.audit.hands import tool_violations
 from twin.audit.limit_checks import (
     effort_violations,
     joint_violations,

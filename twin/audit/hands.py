@@ -1,77 +1,14 @@
-"""What robots hold is at their tools; tools that they change are on them or in their racks."""
+"""Tools that robots change are on them as they are mounted, or in their racks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from planning.cell.workcell import CellObject
-from planning.transforms import Transform
-from twin.audit.case import AuditCase, Hand
+from twin.audit.case import AuditCase
 from twin.audit.motion.executed import Stay
 from twin.audit.places import PLACED, distance_of
 from twin.audit.violation import Violation
 from twin.audit.wanted import ChangedTool
-from twin.audit.worlds.world import FAR
-
-GRIP = 0.005
-"""What is held may be this far away from the closed tool of its holder [m]."""
-
-_PLAY = 1e-4
-"""A box may be wider than its fingers open by this: rounding of files [m]."""
-
-
-def grip_violations(case: AuditCase) -> Iterator[Violation]:
-    """Yield what is held by who is not at it, or wider than fingers open.
-
-    Every hold is measured once, when it begins: from then on tool and object move as one. Fingers
-    that stand open in the geometry of a tool close by half of what is left of their opening beside
-    the thinnest edge of the object.
-    """
-    tools = {tool.name for tool in case.wanted.tools}
-    for stay in case.in_order:
-        name, robot, t = stay.object, stay.holder, max(stay.t, 0.0)
-        if robot is None or robot not in case.robots:
-            continue
-        if name in tools or stay.until <= t:
-            continue
-        hand = case.hand(robot, t)
-        held = case.put(name, case.flange(robot, t) @ stay.pose)
-        gap, tool = min(
-            (case.world.distance(part, own, FAR), part.detail)
-            for part in hand.shapes
-            for own in held
-        )
-        closing = max(hand.closes_by(own) for own in held)
-        width = _width(case.cell.object(name), hand, stay.pose)
-        if width > hand.opening + _PLAY and hand.grip is not None:
-            depth, detail = (
-                width - hand.opening,
-                f"is {width * 1e3:.2f} mm wide between",
-            )
-            detail += f" the fingers of {hand.grip.tool}, which open to"
-            detail += f" {hand.opening * 1e3:.2f} mm"
-        elif gap > GRIP + closing:
-            depth, detail = gap, f"is held {gap * 1e3:.2f} mm away from {tool}"
-            detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
-        else:
-            continue
-        yield Violation(
-            t, min(stay.until, case.end), name, robot, depth, detail, "grip"
-        )
-
-
-def _width(item: CellObject, hand: Hand, held: Transform) -> float:
-    """Return how wide a box is along the axis in which fingers close [m].
-
-    Nothing where that cannot be told: without fingers, or of what is no box, which fingers may
-    grip at any part.
-    """
-    tool, grip = hand.frames.get("tool"), hand.grip
-    if grip is None or grip.opening is None or tool is None or not item.shape.is_box:
-        return 0.0
-    return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
 
 
 def tool_violations(case: AuditCase) -> Iterator[Violation]:

@@ -129,6 +129,9 @@ class Wanted:
             fixtures; ``TOUCH`` for others, and at least [m].
         opening_m: how far fingers stand open in the geometry of tools: they close on what they
             hold from there; 0 for tools that do not close [m].
+        gripped_at: tool frame with which objects are gripped between pads that close along its y
+            axis, or under a cup; None where tools hold in other ways, such as bricks by their studs.
+        by_suction: objects that are held by suction by tools of which nothing is said.
         helpers: whether further objects may stay where they only help, such as temporary bricks.
         processes: that are to be done, in any order but for what they are to come after.
         joined: pairs of objects, or of an object and a fixture, that hold each other in their
@@ -144,6 +147,8 @@ class Wanted:
     hold: Hold = "joints"
     touch_m: float = TOUCH
     opening_m: float = 0.0
+    gripped_at: str | None = None
+    by_suction: frozenset[str] = frozenset()
     helpers: bool = False
     processes: tuple[WantedProcess, ...] = ()
     joined: Mapping[frozenset[str], float] = field(default_factory=dict)

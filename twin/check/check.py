@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.check.finding import Finding, Findings, Subject
+from twin.check.holds import check_holds, check_pads
 from twin.check.lying import (
     check_balance,
     check_centres,
@@ -56,6 +57,8 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_flanges,
     check_tool_frames,
     check_openings,
+    check_pads,
+    check_holds,
     check_payloads,
     check_suction,
     check_efforts,

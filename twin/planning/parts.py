@@ -172,6 +172,10 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
         "weight",
         section.touch_m,
         max([section.grips.opening_m, *(own.opening_m or 0.0 for own in own_grips)]),
+        gripped_at=section.grips.frame,
+        by_suction=frozenset(
+            name for name in assembly.goals if assembly.handling(name).grips.suction
+        ),
         processes=tuple(processes),
         joined=joined_pairs(section),
         joined_overlap_m=section.joined_overlap_m,

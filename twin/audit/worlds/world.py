@@ -25,6 +25,10 @@ FAR = 10.0
 """Reach of measurements that look for whatever is nearest [m]."""
 
 
+_WALL = 1.0
+"""Edge of the wall to which the reach of tools is measured, and how far away it stands [m]."""
+
+
 @dataclass(frozen=True)
 class WatchedShape:
     """One convex shape that the audit watches.
@@ -118,6 +122,9 @@ class AuditWorld(ABC):
         self.objects = [
             item for o in cell.objects for item in self._thing(o.name, o.shape, o.start)
         ]
+        around = np.zeros(3), _WALL, np.full(3, 0.5 * _WALL), np.eye(3)
+        number = self._body(Box((_WALL, _WALL, _WALL)))
+        self._wall = WatchedShape("wall", "wall", number, None, BASE, *around)
 
     @abstractmethod
     def close(self) -> None:
@@ -178,6 +185,24 @@ class AuditWorld(ABC):
         out = np.tile(np.eye(4), (len(q), 1, 1))
         out[:, :3, :3], out[:, :3, 3] = rotation[:, -1], position[:, -1]
         return np.asarray(out @ self.cell.robots[robot].model.flange)
+
+    def reach(self, item: WatchedShape, origin: Array, way: Array) -> float:
+        """Return how far a shape reaches along a direction from a point, as it is placed now [m].
+
+        Measured to a wall in front of it that is larger than any tool.
+
+        Args:
+            item: the shape.
+            origin: the point, in the world, shape (3,) [m].
+            way: the direction, of length one, shape (3,).
+        """
+        aside = np.eye(3)[np.argmin(np.abs(way))]
+        aside = np.cross(way, aside) / np.linalg.norm(np.cross(way, aside))
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack([way, aside, np.cross(way, aside)])
+        pose[:3, 3] = origin + 1.5 * _WALL * way
+        self.place(self._wall, pose)
+        return _WALL - self.distance(item, self._wall, FAR)
 
     def tool_shapes(self, robot: int) -> list[WatchedShape]:
         """Return the shapes of a robot's tool; of its outermost link, where it has none."""

@@ -1,0 +1,250 @@
+"""Pads come to parts as linear programs say; what they do not touch is not held, and is told by direction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from scipy.optimize import linprog, nnls
+
+from planning.cell.cover import ConvexBody
+from planning.cell.robot_model import RobotModel, ToolGrip
+from planning.cell.shape import Box, Cylinder, Element, box_shape, shape_of
+from planning.grips.pads import (
+    BESIDE,
+    cup_at,
+    finger_sides,
+    pads_at,
+    why_not_held,
+)
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.registry import robot_model
+from planning.transforms import (
+    Array,
+    Transform,
+    from_rpy,
+    identity,
+    inverse,
+    rotation,
+    translation,
+)
+
+TIPS = 0.15
+"""Fingers end so far in front of the mount [m]."""
+
+DOWN = rotation("x", np.pi)
+
+
+def fitted(tool: Tool, grip: ToolGrip) -> tuple[RobotModel, Transform]:
+    model = replace(robot_model("ur5e", None, Fitting(tool=tool)), grip=grip)
+    return model, frame_in_last_joint(model, "tool")
+
+
+def hand(
+    *, tcp: float = TIPS, off: float = 0.0, aside: float = 0.0, bodies: int = 2
+) -> tuple[RobotModel, Transform]:
+    """Return an arm with two fingers 60 mm apart, 20 mm wide, 50 mm long, and its tool frame."""
+    shapes = [Element(Box((0.05, 0.1, 0.1)), translation(0, 0, 0.05))]
+    shapes += [
+        Element(Box((0.02, 0.01, 0.05)), translation(0, y, TIPS - 0.025))
+        for y in (-0.035, 0.035)
+    ][:bodies]
+    tool = Tool(name="hand", shapes=tuple(shapes), tcp=translation(aside, off, tcp))
+    return fitted(tool, ToolGrip((0.0, 0.06), "hand"))
+
+
+def grip_from_above(depth: float, across: float = 0.0) -> Transform:
+    """Return a tool frame that points down, so deep below the origin's level [m]."""
+    return translation(across, 0.0, -depth) @ DOWN
+
+
+def first_touch(body: Array, piece: Array, closing: Array) -> float | None:
+    """Return the way after which two hulls first have a point in common, by a linear program."""
+    n, m = len(body), len(piece)
+    rows = np.zeros((5, n + m + 1))
+    rows[:3, :n], rows[:3, n : n + m], rows[:3, -1] = body.T, -piece.T, closing
+    rows[3, :n] = rows[4, n : n + m] = 1.0
+    cost = np.zeros(n + m + 1)
+    cost[-1] = 1.0
+    bounds = [(0.0, None)] * (n + m) + [(-1.0, 1.0)]
+    found = linprog(cost, A_eq=rows, b_eq=[0, 0, 0, 1, 1], bounds=bounds)
+    return float(found.x[-1]) if found.status == 0 else None
+
+
+def apart(first: Array, second: Array) -> float:
+    """Return the distance of two hulls, by least squares of what is positive."""
+    heavy = 1e3
+    a = np.hstack([first.T, -second.T])
+    sums = np.zeros((2, len(first) + len(second)))
+    sums[0, : len(first)] = sums[1, len(first) :] = heavy
+    target = np.array([0.0, 0.0, 0.0, heavy, heavy])
+    weights, _ = nnls(np.vstack([a, sums]), target)
+    one, two = weights[: len(first)], weights[len(first) :]
+    return float(np.linalg.norm(one @ first / one.sum() - two @ second / two.sum()))
+
+
+def moved(body: ConvexBody, pose: Transform) -> Array:
+    return body.vertices @ pose[:3, :3].T + pose[:3, 3]
+
+
+edge = st.floats(0.004, 0.05)
+turn = st.floats(-np.pi, np.pi)
+near = st.floats(-0.03, 0.03)
+HAND, TIP = hand()
+
+
+@given(
+    st.booleans(),
+    st.tuples(edge, edge, edge),
+    st.tuples(near, near, near),
+    st.tuples(turn, turn, turn),
+)
+@example(False, (0.02, 0.02, 0.02), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+@example(False, (0.02, 0.02, 0.02), (0.0, 0.028, 0.0), (0.0, 0.0, 0.0))
+@example(False, (0.02, 0.02, 0.02), (0.02, 0.0, 0.0), (0.0, 0.0, 0.0))
+def test_pads_touch_when_a_linear_program_says_so(
+    peg: bool,
+    size: tuple[float, float, float],
+    at: tuple[float, float, float],
+    turned: tuple[float, float, float],
+) -> None:
+    shape = box_shape("part", size)
+    if peg:
+        form = Cylinder(0.5 * size[0], size[1])
+        shape = shape_of("part", [Element(form, identity())])
+    grip = from_rpy(at, turned)
+    pads = pads_at(HAND, TIP, shape, grip)
+    sides = finger_sides(HAND, TIP)
+    assert pads is not None
+    assert sides is not None
+    for side, pad, sign in zip(sides, pads.sides, (-1.0, 1.0), strict=True):
+        closing = sign * grip[:3, 1]
+        bodies = [moved(body, grip @ inverse(TIP)) for body in side]
+        pieces = [piece.vertices for piece in shape.pieces]
+        room = min(float(((grip[:3, 3] - body) @ closing).min()) for body in bodies)
+        most = max(0.0, room) + 0.01
+        ways = [
+            first_touch(body, piece, closing) for body in bodies for piece in pieces
+        ]
+        first = min((way for way in ways if way is not None), default=np.inf)
+        swept = [np.vstack([body, body + most * closing]) for body in bodies]
+        gap = min(apart(one, piece) for one in swept for piece in pieces)
+        if pad.way is None:
+            assert gap > BESIDE - 2e-5
+            assert np.linalg.norm(pad.miss) == pytest.approx(gap, abs=3e-5)
+        elif gap > 2e-5:
+            assert gap < BESIDE + 2e-5  # it grazes the part
+        elif gap < 1e-7 and first < most - 1e-5:
+            assert pad.way == pytest.approx(first, abs=1e-5)
+
+
+BLOCK = box_shape("block", (0.03, 0.03, 0.02))
+
+
+@pytest.mark.parametrize(
+    ("tool", "grip", "words"),
+    [
+        (hand(), grip_from_above(0.0), None),
+        (hand(), grip_from_above(-0.0098), None),
+        (hand(), grip_from_above(-0.0102), None),
+        (hand(), grip_from_above(-0.011), "close 1.0 mm short of (depth) block"),
+        (hand(tcp=TIPS + 0.0098), grip_from_above(0.0), None),
+        (
+            hand(tcp=TIPS + 0.011),
+            grip_from_above(0.0),
+            "close 1.0 mm short of (depth) block, and must touch it: its tcp lies 11.0 mm beyond their tips",
+        ),
+        (hand(tcp=TIPS + 0.053), grip_from_above(0.0), "43.0 mm short of (depth) block"),
+        (hand(aside=0.0248), grip_from_above(0.0), None),
+        (hand(aside=0.026), grip_from_above(0.0), "1.0 mm beside (across) block"),
+        (hand(), grip_from_above(0.0, 0.035), "10.0 mm beside (across) block"),
+        (hand(off=0.0019), grip_from_above(0.0), None),
+        (hand(off=0.0021), grip_from_above(0.0), "2.1 mm off the middle between the fingers of hand"),
+        (hand(off=-0.003), grip_from_above(0.0), "3.0 mm off the middle"),
+        (hand(aside=0.03, tcp=TIPS + 0.02), grip_from_above(0.0), "5.0 mm beside (across) and 10.0 mm short of (depth) block"),
+        (hand(bodies=0), grip_from_above(-0.2), None),
+        (hand(bodies=1), grip_from_above(-0.2), None),
+    ],
+)  # fmt: skip
+def test_what_pads_do_not_touch_is_told_by_direction(
+    tool: tuple[RobotModel, Transform], grip: Transform, words: str | None
+) -> None:
+    found = why_not_held(*tool, "block", BLOCK, grip, suction=False)
+    assert (found is None) == (words is None), found
+    assert words is None or words in str(found)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.0019, 0.0021])
+def test_a_thin_part_is_as_far_off_as_a_thick_one(off: float) -> None:
+    """Though the pads meet in a plane that it does not reach."""
+    thin = box_shape("thin", (0.03, 0.0004, 0.02))
+    words = why_not_held(*hand(off=off), "thin", thin, DOWN, suction=False)
+    assert (words is None) == (off < 0.002), words
+
+
+def test_fingers_drawn_in_a_part_are_followed_from_outside() -> None:
+    """Robots come with fingers that are drawn in one place and close on parts of any width."""
+    wide = box_shape("wide", (0.03, 0.064, 0.02))
+    for off in (0.0, 0.003):
+        pads = pads_at(*hand(off=off), wide, DOWN)
+        assert pads is not None
+        ways = [pad.way for pad in pads.sides]
+        assert ways == pytest.approx([-0.002 - off, -0.002 + off], abs=1e-5) or (
+            ways == pytest.approx([-0.002 + off, -0.002 - off], abs=1e-5)
+        )
+        assert abs(pads.off or 0.0) == pytest.approx(off, abs=1e-5)
+
+
+def cup(
+    tcp: float, aside: float = 0.0, ring: bool = False
+) -> tuple[RobotModel, Transform]:
+    shapes = [Element(Cylinder(0.02, 0.1), translation(0, 0, 0.05))]
+    if ring:
+        shapes = [
+            Element(Box((0.01, 0.01, 0.1)), translation(x, y, 0.05))
+            for x in (-0.02, 0.02)
+            for y in (-0.02, 0.02)
+        ]
+    tool = Tool(name="cup", shapes=tuple(shapes), tcp=translation(aside, 0, tcp))
+    return fitted(tool, ToolGrip(None, "cup"))
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [
+        (cup(0.1), None),
+        (cup(0.1009), None),
+        (cup(0.1011), "cup ends 1.1 mm away from lid"),
+        (cup(0.103), "cup ends 3.0 mm away from lid"),
+        (cup(0.1, 0.0209), None),
+        (cup(0.1, 0.03), "mm beside what is at lid"),
+        (cup(0.1, ring=True), None),
+        (cup(0.1, 0.03, ring=True), "5.0 mm beside"),
+    ],
+)
+def test_a_cup_is_on_its_face(
+    tool: tuple[RobotModel, Transform], words: str | None
+) -> None:
+    lid = box_shape("lid", (0.2, 0.2, 0.02))
+    found = why_not_held(*tool, "lid", lid, grip_from_above(-0.01), suction=True)
+    assert (found is None) == (words is None), found
+    assert words is None or words in str(found)
+
+
+def test_four_cups_around_a_small_part_hold_nothing() -> None:
+    lid = box_shape("lid", (0.02, 0.02, 0.02))
+    found = cup_at(*cup(0.1, ring=True), lid, grip_from_above(-0.01))
+    assert found is not None
+    assert found.gap == pytest.approx(0.005 * np.sqrt(2), abs=1e-5)
+
+
+def test_without_shapes_nothing_tells() -> None:
+    """As of an arm whose description ends at its flange."""
+    bare = replace(robot_model("ur5e"), grip=ToolGrip((0.0, 0.06), "hand"))
+    tip = frame_in_last_joint(bare, "tool")
+    for suction in (False, True):
+        assert why_not_held(bare, tip, "block", BLOCK, DOWN, suction=suction) is None

@@ -1,0 +1,183 @@
+"""What hangs beside fingers, below them, off their middle, or under a cup is seen, by direction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planning.cell.robot_model import RobotModel, ToolGrip
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    Shape,
+    box_shape,
+    shape_of,
+)
+from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.kinematics.kinematics import frame_pose
+from planning.robots.descriptions.fitting import Fitting, Tool
+from planning.robots.registry import robot_model
+from planning.transforms import Transform, from_rpy, identity, inverse, translation
+from tests.twin.audit.audit_cell import HandWrittenRun
+from twin.audit.audit import audit_run
+from twin.audit.wanted import Wanted
+from twin.audit.worlds.engines import ENGINES, Engine
+
+TIPS = 0.15
+"""Fingers end so far in front of the mount [m]."""
+
+
+def hand(turn: float = 0.0, *, fingers: int = 2) -> RobotModel:
+    """Return an arm with two fingers 60 mm apart, 20 mm wide, turned on its flange."""
+    shapes = [Element(Box((0.05, 0.1, 0.1)), translation(0, 0, 0.05))]
+    shapes += [
+        Element(Box((0.02, 0.01, 0.05)), translation(0, y, TIPS - 0.025))
+        for y in (-0.035, 0.035)
+    ][:fingers]
+    tcp, mount = translation(0, 0, TIPS), from_rpy((0, 0, 0), (0, 0, turn))
+    tool = Tool(name="hand", shapes=tuple(shapes), tcp=tcp, mount=mount)
+    grip = ToolGrip((0.0, 0.06), "hand")
+    return replace(robot_model("ur5e", None, Fitting(tool=tool)), grip=grip)
+
+
+def cup(ring: bool = False) -> RobotModel:
+    shapes = [Element(Cylinder(0.02, 0.1), translation(0, 0, 0.05))]
+    if ring:
+        shapes = [
+            Element(Box((0.01, 0.01, 0.1)), translation(x, y, 0.05))
+            for x in (-0.02, 0.02)
+            for y in (-0.02, 0.02)
+        ]
+    tool = Tool(name="cup", shapes=tuple(shapes), tcp=translation(0, 0, 0.1))
+    grip = ToolGrip(None, "cup")
+    return replace(robot_model("ur5e", None, Fitting(tool=tool)), grip=grip)
+
+
+BLOCK = box_shape("part", (0.03, 0.03, 0.02))
+
+
+def found(
+    folder: Path,
+    model: RobotModel,
+    at: Transform,
+    shape: Shape = BLOCK,
+    engine: Engine | None = None,
+    by_suction: frozenset[str] = frozenset(),
+) -> list[str]:
+    """Return what the audit says of a part held at a pose in the tool frame for a second."""
+    robot = PlacedRobot("arm", model, np.eye(4), model.home)
+    part = CellObject("part", "part", shape, frame_pose(robot, model.home, "tool") @ at)
+    run = HandWrittenRun(Workcell((robot,), (), (part,)))
+    run.move("arm", [0.0, 2.0], np.stack([model.home] * 2))
+    flange = frame_pose(robot, model.home, "flange")
+    run.put(1.0, "part", "arm", inverse(flange) @ part.start)
+    wanted = Wanted(opening_m=0.5, gripped_at="tool", by_suction=by_suction)
+    report = audit_run(run.write(folder), wanted=wanted, finished=False, engine=engine)
+    return [v.detail for v in report.violations if v.kind == "grip"]
+
+
+def agree(found: list[str], words: str | None) -> None:
+    assert (found == []) == (words is None), found
+    assert words is None or words in found[0], found
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.parametrize(
+    ("x", "y", "z", "words"),
+    [
+        (0.0, 0.0, 0.0, None),
+        (0.0, 0.0, 0.0098, None),
+        (0.0, 0.0, 0.0104, None),
+        (0.0, 0.0, 0.011, "both fingers of hand would pass it 1.00 mm short of it (depth)"),
+        (0.0, 0.0, 0.063, "53.00 mm short of it (depth)"),
+        (0.0248, 0.0, 0.0, None),
+        (0.026, 0.0, 0.0, "1.00 mm beside it (across)"),
+        (-0.035, 0.0, 0.0, "10.00 mm beside it (across)"),
+        (0.03, 0.0, 0.02, "5.00 mm beside it (across) and 10.00 mm short of it (depth)"),
+        (0.0, 0.002, 0.0, None),
+        (0.0, 0.0022, 0.0, "is 2.20 mm off the middle between the fingers of hand (closing)"),
+        (0.0, -0.003, 0.0, "3.00 mm off the middle"),
+    ],
+)  # fmt: skip
+def test_what_pads_do_not_touch_is_seen_by_direction(
+    engine: Engine, turn: float, x: float, y: float, z: float, words: str | None,
+    tmp_path: Path,
+) -> None:  # fmt: skip
+    """Oracle: arithmetic of boxes. The tool is also turned against the axes of its links."""
+    if engine == "pybullet":
+        pytest.importorskip("pybullet")
+    at = translation(x, y, z)
+    agree(found(tmp_path, hand(turn), at, engine=engine), words)
+
+
+@pytest.mark.parametrize(
+    ("shape", "at", "words"),
+    [
+        (shape_of("part", [Element(Cylinder(0.01, 0.04), identity())]), identity(), None),
+        (shape_of("part", [Element(Capsule(0.01, 0.04), identity())]), from_rpy((0, 0.003, 0), (0, np.pi / 2, 0)), "3.00 mm off the middle"),
+        (box_shape("part", (0.03, 0.0004, 0.02)), translation(0, 0.0019, 0), None),
+        (box_shape("part", (0.03, 0.064, 0.02)), translation(0, 0.001, 0), None),
+        (box_shape("part", (0.03, 0.062, 0.02)), translation(0, 0.003, 0), "3.00 mm off the middle"),
+    ],
+)  # fmt: skip
+def test_round_thin_and_wide_parts_are_measured_alike(
+    shape: Shape, at: Transform, words: str | None, tmp_path: Path
+) -> None:
+    """Fingers that are drawn in a wide part are followed from outside it."""
+    model = hand()
+    model = replace(model, grip=ToolGrip((0.0, 0.07), "hand"))
+    agree(found(tmp_path, model, at, shape), words)
+
+
+LID = box_shape("part", (0.2, 0.2, 0.02))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(
+    ("ring", "shape", "x", "gap", "words"),
+    [
+        (False, LID, 0.0, 0.0, None),
+        (False, LID, 0.0, 0.0009, None),
+        (False, LID, 0.0, 0.0013, "is held 1.30 mm away from the cup of cup"),
+        (False, LID, 0.0, 0.003, "is held 3.00 mm away"),
+        (False, LID, 0.1, 0.0, None),
+        (True, LID, 0.0, 0.0, None),
+        (True, box_shape("part", (0.02, 0.02, 0.02)), 0.0, 0.0, "7.07 mm away from the cup"),
+    ],
+)  # fmt: skip
+def test_a_cup_is_on_what_it_holds(
+    engine: Engine, ring: bool, shape: Shape, x: float, gap: float, words: str | None,
+    tmp_path: Path,
+) -> None:  # fmt: skip
+    if engine == "pybullet":
+        pytest.importorskip("pybullet")
+    at = translation(x, 0.0, 0.01 + gap)
+    agree(found(tmp_path, cup(ring), at, shape, engine), words)
+
+
+def test_a_frame_beside_the_cup_is_seen(tmp_path: Path) -> None:
+    model = cup(ring=True)
+    frame = model.frames["tool"] @ translation(0.03, 0.0, 0.0)
+    beside = replace(model, frames={"tool": frame})
+    (words,) = found(tmp_path, beside, translation(0.0, 0.0, 0.01), LID)
+    assert "5.00 mm beside what of cup is at it (across)" in words
+
+
+def test_what_shapes_do_not_tell_is_measured_by_distance(tmp_path: Path) -> None:
+    """One finger, or suction of which the tool says nothing: 5 mm, and as much as fingers close."""
+    one = hand(fingers=1)
+    assert found(tmp_path / "one", one, translation(0, 0, 0.02)) == []
+    (words,) = found(tmp_path / "far", one, translation(0, 0, 0.09))
+    assert "is held 80" in words
+    assert "which closes by" in words
+    mute = replace(hand(), grip=None)
+    below = translation(0, 0, 0.0145)
+    assert len(found(tmp_path / "pads", mute, below)) == 1
+    held = frozenset(["part"])
+    assert found(tmp_path / "cup", mute, below, by_suction=held) == []

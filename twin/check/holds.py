@@ -1,0 +1,88 @@
+"""Checks of how tools hold parts: pads that close on them, or a cup that is on a face."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.workcell import CellObject, PlacedRobot
+from planning.grips.grip import GripRules
+from planning.grips.pads import finger_sides, own_bodies
+from planning.grips.tool_grips import not_held, robot_grips
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.parts.assembly import PartAssembly, PlacePart
+from planning.transforms import Transform
+from twin.check.finding import Finding, Findings, OrderedParts, Subject, of_parts
+
+
+@of_parts
+def check_holds(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield parts that tools would not touch as they must to hold them.
+
+    Where no tool would, at the start or in place, it is an error.
+    """
+    assembly = parts.listed
+    for name in dict.fromkeys(assembly.placed):
+        part, rules = subject.cell.object(name), assembly.handling(name).grips
+        may = {robot.model: robot for robot in _placing(subject, assembly, name)}
+        told = set[RobotModel]()
+        for at, where in (
+            (part.start, "where it lies at the start"),
+            (assembly.goals[name], "in its place"),
+        ):
+            missed = {model: _missed(may[model], part, at, rules) for model in may}
+            for model, words in missed.items():
+                if words and model not in told:
+                    told.add(model)
+                    yield Finding(
+                        subject.robot_at(may[model].name, "tool", "model"),
+                        f"{may[model].name} would hold {name} by none of its grips {where}: {words}",
+                        error=all(own is None or own for own in missed.values()),
+                    )
+
+
+def _placing(
+    subject: Subject, assembly: PartAssembly, part: str
+) -> Iterator[PlacedRobot]:
+    """Yield the robots that may do a step that places a part, if they have the frame for it."""
+    own = [s for s in assembly.steps if isinstance(s, PlacePart) and s.part == part]
+    for robot in reversed(subject.cell.robots):
+        known = assembly.frame in {"flange", *robot.model.frames}
+        if known and any(step.done_by(robot.name) for step in own):
+            yield robot
+
+
+def _missed(
+    robot: PlacedRobot, part: CellObject, at: Transform, rules: GripRules
+) -> str | None:
+    """Return why a tool holds a part by none of its grips: its first one's reason.
+
+    Returns:
+        Empty where it holds by one of them, None where there are no grips.
+    """
+    first: str | None = None
+    for grip in robot_grips(robot, part.shape, at, at, rules):
+        words = not_held(robot, part, grip, rules)
+        if words is None:
+            return ""
+        first = first or words
+    return first
+
+
+@of_parts
+def check_pads(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield tools with fingers whose shapes do not tell where their pads are."""
+    frame = parts.listed.frame
+    for robot in subject.unlike_robots:
+        model = robot.model
+        if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
+            continue
+        if frame not in model.frames or not own_bodies(model):
+            continue
+        if finger_sides(model, frame_in_last_joint(model, frame)) is None:
+            yield Finding(
+                subject.robot_at(robot.name, "tool", "model"),
+                f"the shapes of {model.grip.tool} have no finger on either side of its tcp that reaches"
+                " farther out than what is between: whether it touches the parts that it grips is neither"
+                " planned nor audited; give its fingers shapes of their own, on both sides along 'closing'",
+            )
