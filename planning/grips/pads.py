@@ -175,14 +175,14 @@ def _pad(
         grip: pose of that frame in the part's.
     """
     closing = sign * grip[:3, 1]
-    corners = [body.vertices @ at[:3, :3].T + at[:3, 3] for body in bodies]
-    room = float(((grip[:3, 3] - np.vstack(corners)) @ closing).min())
-    most = max(0.0, room) + _PAST
-    moves = [
-        _Move.towards(hull_shape(body), own, at, closing, piece, most)
-        for body, own in zip(bodies, corners, strict=True)
-        for piece in pieces
-    ]
+    moves = []
+    for body in bodies:
+        corners = body.vertices @ at[:3, :3].T + at[:3, 3]
+        # Links of a finger turn as it closes: each comes to the middle by itself.
+        room = float(((grip[:3, 3] - corners) @ closing).min())
+        about = hull_shape(body), corners, at, closing
+        most = max(0.0, room) + _PAST
+        moves += [_Move.towards(*about, piece, most) for piece in pieces]
     moves.sort(key=lambda move: move.at_least)
     for margin in (0.0, BESIDE):
         ways = [

@@ -208,14 +208,18 @@ class _Grasp:
         self, shapes: list[WatchedShape], sign: float
     ) -> tuple[float | None, tuple[WatchedShape, WatchedShape, float]]:
         """Return how far fingers close until one touches; what comes nearest, and its whole way."""
-        ahead = max(self._reach(shape, (0.0, sign, 0.0)) for shape in shapes)
-        most = max(0.0, -ahead) + _PAST
+        rooms = [max(0.0, -self._reach(s, (0.0, sign, 0.0))) + _PAST for s in shapes]
         self._back()
-        pairs = [(self._gap(one, own), one, own) for one in shapes for own in self.held]
+        pairs = [
+            (self._gap(one, own), k, own)
+            for k, one in enumerate(shapes)
+            for own in self.held
+        ]
         pairs.sort(key=lambda pair: pair[0])
         touched, grazed, least = math.inf, math.inf, math.inf
-        nearest = (pairs[0][1], pairs[0][2], most)
-        for gap, one, own in pairs:
+        nearest = (shapes[pairs[0][1]], pairs[0][2], rooms[pairs[0][1]])
+        for gap, k, own in pairs:
+            one, most = shapes[k], rooms[k]
             if gap > touched:
                 break
             if gap - most > max(least, BESIDE):

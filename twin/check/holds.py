@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.grips.grip import GripRules
-from planning.grips.pads import finger_sides, own_bodies
+from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import not_held, robot_grips
-from planning.kinematics.kinematics import frame_in_last_joint
 from planning.parts.assembly import PartAssembly, PlacePart
 from planning.transforms import Transform
 from twin.check.finding import Finding, Findings, OrderedParts, Subject, of_parts
+from twin.check.tools import finger_gap, has_fingers
 
 
 @of_parts
@@ -70,16 +72,14 @@ def _missed(
 
 
 @of_parts
-def check_pads(subject: Subject, parts: OrderedParts) -> Findings:
+def check_pads(subject: Subject, _: OrderedParts) -> Findings:
     """Yield tools with fingers whose shapes do not tell where their pads are."""
-    frame = parts.listed.frame
     for robot in subject.unlike_robots:
         model = robot.model
         if model.grip is None or model.grip.opening in (None, (0.0, 0.0)):
             continue
-        if frame not in model.frames or not own_bodies(model):
-            continue
-        if finger_sides(model, frame_in_last_joint(model, frame)) is None:
+        gap = finger_gap(model, model.frames.get("tool", np.eye(4)))
+        if gap is not None and own_bodies(model) and not has_fingers(model):
             yield Finding(
                 subject.robot_at(robot.name, "tool", "model"),
                 f"the shapes of {model.grip.tool} have no finger on either side of its tcp that reaches"

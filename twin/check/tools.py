@@ -15,6 +15,7 @@ from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, distance_at
 from planning.grips.grip import GripRules
+from planning.grips.pads import finger_sides
 from planning.grips.shape_grips import thinnest
 from planning.grips.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
 from planning.robots.descriptions.xml_files import read_xml
@@ -201,6 +202,8 @@ def check_openings(subject: Subject) -> Findings:
         gap = finger_gap(model, model.frames.get("tool", np.eye(4)))
         tool, at = model.grip.tool, subject.robot_at(robot.name, "tool", "model")
         if gap is None:
+            if has_fingers(model):
+                continue  # the tcp is beyond them, or beside them: parts tell whether by too much
             yield Finding(
                 at,
                 f"there is nothing of {tool} on both sides of its tcp along the axis in which its fingers"
@@ -214,6 +217,12 @@ def check_openings(subject: Subject) -> Findings:
                 f" {millimetres(least)} to {millimetres(most)}: one of the two is wrong, or 'closing' is"
                 " across the fingers",
             )
+
+
+def has_fingers(model: RobotModel) -> bool:
+    """Tell whether a tool has fingers on both sides of its tcp, wherever along them that is."""
+    tip = model.flange @ model.frames.get("tool", np.eye(4))
+    return finger_sides(model, tip) is not None
 
 
 def _play(opening: float) -> float:

