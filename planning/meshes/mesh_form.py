@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from planning.cell import cover
 from planning.cell.shape import Mesh
 from planning.errors import ShapeError
-from planning.files import Arrays, remembered
+from planning.files import Arrays, KeptAnswers, remembered
 from planning.meshes import convex_pieces, mesh_file, prisms
 from planning.meshes.convex_pieces import Cut, TooManyPiecesError, cut_convex
 from planning.meshes.mesh_file import MeshTriangles, read_mesh_bytes, read_triangles
@@ -35,6 +34,8 @@ _SHARES = (1.0 / 60.0, 1.0 / 20.0)
 """Hollows no deeper than such a share of the longest edge are filled, where nobody says: the
 second one where the first makes too many pieces."""
 
+
+_FORMS: KeptAnswers[Mesh] = KeptAnswers(64)
 
 _MANY = 2000
 """Triangles of a mesh that takes some seconds to cut."""
@@ -69,29 +70,14 @@ def mesh_form(
         ShapeError: it cannot be used; names the file and what to do.
     """
     content = read_mesh_bytes(path)
-    return _form(
-        path, sha256(content).hexdigest(), scale, within, content=_Unseen(content)
-    )
+    key = path, sha256(content).hexdigest(), scale, within
+    return _FORMS.get(key, lambda: _form(*key, content))
 
 
-class _Unseen:
-    """The bytes of a file, which its hash stands for where answers are looked up."""
-
-    def __init__(self, content: bytes) -> None:
-        self.content = content
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Unseen)
-
-    def __hash__(self) -> int:
-        return 0
-
-
-@lru_cache(maxsize=64)
 def _form(
-    path: Path, sha: str, scale: float | None, within: float | None, content: _Unseen
+    path: Path, sha: str, scale: float | None, within: float | None, content: bytes
 ) -> Mesh:
-    triangles = read_triangles(path, content.content, scale)
+    triangles = read_triangles(path, content, scale)
     settings = f"{sha} {path.suffix.lower()} {scale} {within}".encode()
 
     def find() -> Arrays:

@@ -25,7 +25,7 @@ from planning.transforms import Array, Indices, from_rpy
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(files, "WORTH", 0.0)
-    module._form.cache_clear()
+    monkeypatch.setattr(module, "_FORMS", files.KeptAnswers(64))
 
 
 def written(mesh, path):
@@ -92,7 +92,7 @@ def test_pieces_of_a_ring_contain_it_and_leave_its_hole_open(tmp_path, monkeypat
         raise AssertionError("cut again")
 
     monkeypatch.setattr(module, "cut_convex", never)
-    module._form.cache_clear()
+    monkeypatch.setattr(module, "_FORMS", files.KeptAnswers(64))
     again = mesh_form(written(mesh, tmp_path / "copy.stl"))
     for one, other in zip(form.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(one, other)
