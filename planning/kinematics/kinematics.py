@@ -119,8 +119,10 @@ _RESTARTS = 20
 def follow_poses(
     robot: PlacedRobot,
     frames: Sequence[str],
-    targets: Sequence[Transform],
+    targets: Sequence[Transform] | Array,
     start: Array,
+    *,
+    restarts: int = _RESTARTS,
 ) -> Iterator[Array | None]:
     """Yield the configurations that lead through poses, each the solution nearest to the last.
 
@@ -132,6 +134,7 @@ def follow_poses(
         frames: which frame is to be at each pose.
         targets: wanted poses in the world; the first is that of ``start``.
         start: configuration to begin with, shape (n,) [rad or m].
+        restarts: random starts where the search from the configuration before fails.
 
     Yields:
         One configuration a pose from the second on; None, as the last, where there is none.
@@ -148,8 +151,9 @@ def follow_poses(
         done = follow_targets(joints, tips, wanted, chain, done)
         yield from chain[first:done]
         if done < len(targets):
-            others = inverse_kinematics(
-                robot, frames[done], targets[done], chain[done - 1], restarts=_RESTARTS
+            seed = chain[done - 1]
+            others = restarts and inverse_kinematics(
+                robot, frames[done], targets[done], seed, restarts=restarts
             )
             if not others:
                 yield None

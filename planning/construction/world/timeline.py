@@ -14,10 +14,8 @@ import numpy.typing as npt
 
 from planning.cell.workcell import Attachment, PlacedRobot
 from planning.errors import PlanInvariantError
-from planning.kinematics.chain import joint_table
-from planning.kinematics.damped_least_squares import follow_targets
-from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
-from planning.transforms import Array, Transform, inverse, readonly
+from planning.kinematics.kinematics import follow_poses, frame_pose
+from planning.transforms import Array, Transform, readonly
 
 SAME = 1e-9
 """Times that differ by less are the same time [s]; likewise joint values [rad or m]."""
@@ -399,17 +397,8 @@ def _follow(
     count = max(int(np.ceil(float(np.linalg.norm(way)) / SPACING - 1e-9)), 1)
     targets = np.repeat(np.asarray(at)[None], count + 1, axis=0)
     targets[:, :3, 3] += np.linspace(0.0, 1.0, count + 1)[:, None] * way
-    model = robot.model
-    chain = np.empty((count + 1, model.dof))
-    chain[0] = q
-    tip = np.ascontiguousarray(frame_in_last_joint(model, frame))
-    done = follow_targets(
-        joint_table(model),
-        np.repeat(tip[None], count + 1, axis=0),
-        np.ascontiguousarray(inverse(robot.base) @ targets),
-        chain,
-        1,
-    )
-    if done <= count or np.max(np.abs(np.diff(chain, axis=0))) > _BEND:
+    found = list(follow_poses(robot, [frame] * (count + 1), targets, q, restarts=0))
+    if found[-1] is None:
         return None
-    return chain
+    chain = np.array([q, *found])
+    return None if np.max(np.abs(np.diff(chain, axis=0))) > _BEND else chain
