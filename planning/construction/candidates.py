@@ -1,31 +1,24 @@
-"""Candidates for the next placement: robots by eq. (7), and the best of those that take little search.
+"""Candidates for the next placement: parts by eq. (6), robots by eq. (7) (Hartmann et al. IV-D).
 
-A part is picked and placed once, and every robot of a group has it in hand once (Hartmann et al.
-IV-D3, V-A3): so the robots in the order in which they have it say all of a skeleton, the sequence
-of actions. The first one picks, each hands over to the next, the last one places and retracts.
-Eqs. (6) and (7) are only proposals: others may be in a robot's way, and then another part or
-another robot may be better.
+A part is picked and placed once, and every robot of a group has it in hand once (IV-D3, V-A3): so
+the robots in the order in which they have it say all of a skeleton, the sequence of actions. The
+first one picks, each hands over to the next, the last one places and retracts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations, islice, pairwise, permutations
+from collections.abc import Collection, Iterator, Mapping
+from itertools import combinations, permutations
 
 import numpy as np
 
-from planning.construction.problem.problem import (
-    ConstructionProblem,
-    Part,
-    SearchSettings,
-)
+from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.subproblem import Attempt, Skeleton, Solution
 from planning.construction.world.fixed_world import Building
+from planning.transforms import Array
 
-_GROUP = 2
-"""Most robots that work on one part together: one that gives and one that takes."""
+Skeleton = tuple[str, ...]
+"""Robots in the order in which they have a part in hand."""
 
 
 def robot_groups(
@@ -39,128 +32,113 @@ def robot_groups(
     )
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Candidate skeletons of a part: those that no lower bound rules out.
+def skeletons(
+    bounds: ReachBounds, building: Building, part: Part, most: int = 2
+) -> Iterator[Skeleton]:
+    """Yield the skeletons that no lower bound rules out, in order of preference.
 
-    Attributes:
+    Args:
         bounds: who reaches what.
+        building: the state before.
+        part: what is placed.
+        most: robots that work on it together; of two one gives and one takes.
     """
+    for size in range(1, most + 1):
+        for group in robot_groups(building, bounds.problem.team, size):
+            for robots in permutations(group):
+                if bounds.may_bring(part, robots):
+                    yield robots
 
-    bounds: ReachBounds
 
-    def of(
-        self, building: Building, part: Part, most: int = _GROUP
-    ) -> Iterator[Skeleton]:
-        """Yield the skeletons of at most so many robots, in order of preference."""
-        for size in range(1, most + 1):
-            for group in robot_groups(building, self.bounds.problem.team, size):
-                for robots in permutations(group):
-                    if self._may_work(part, robots):
-                        yield robots
+ROOM = 1.0
+"""Robots that place parts nearer to each other than this are in each other's way [m]."""
 
-    def _may_work(self, part: Part, robots: Skeleton) -> bool:
-        """Tell whether lower bounds leave robots any chance to place a part together."""
-        if len(robots) == 1:
-            return robots[0] in self.bounds.alone(part)
-        return (
-            bool(self.bounds.pick_grips(robots[0], part))
-            and bool(self.bounds.place_grips(robots[-1], part))
-            and all(self.bounds.can_hand_over(a, b, part) for a, b in pairwise(robots))
+_PACE = 0.8
+"""Rough speed of fetching and bringing a part [m/s]."""
+
+_ALIKE = 1.0
+"""Parts that can be in place within this time of each other are equally good [s]."""
+
+_FIRST = 3.0
+"""So much later a part may come for every part that must follow it, one on the other [s]."""
+
+
+def ready_at(
+    problem: ConstructionProblem, part: str, placed: Mapping[str, float]
+) -> float:
+    """Return the time before which a part must not be placed [s].
+
+    Args:
+        problem: with the part graph.
+        part: placeable.
+        placed: end of the skill that placed each part [s].
+    """
+    graph = problem.graph
+    carriers = [placed[p] for p in graph.carriers[part] if problem.carried]
+    if carriers or part in graph.ground:
+        return max(carriers, default=0.0)
+    return min(placed[p] for p in graph.neighbours[part] if p in placed)
+
+
+def rank_parts(
+    problem: ConstructionProblem,
+    placed: Mapping[str, float],
+    closed: Mapping[str, Collection[frozenset[str]]],
+    rng: np.random.Generator,
+    free: float = np.inf,
+    tool: Array | None = None,
+) -> list[str]:
+    """Return the parts that may be placed next, the best first.
+
+    Those with most placed neighbours come first (eq. 6), of these the ones that can be in place
+    soonest: what rests on a part that is placed late has to wait, and what lies far away takes
+    its time to be fetched. Ties are drawn. Where others are still at work when the next robot
+    becomes free, the soonest come before those with most neighbours, a part with a high pile to
+    come on it before one with a low pile; and before all that parts beside which nobody works:
+    robots that build side by side wait for each other. One robot alone keeps to eq. (6).
+
+    Args:
+        problem: with the part graph.
+        placed: end of the skill that placed each part [s].
+        closed: part to sets of placed parts that keep it from its place for good. A part that
+            would complete such a set before the other one is placed is left out.
+        rng: what ties are drawn from.
+        free: when the next robot becomes free [s].
+        tool: where its tool is then, shape (3,); all parts lie as near where not given [m].
+    """
+    graph, there = problem.graph, frozenset(placed)
+    candidates = [
+        part
+        for part in graph.placeable(there, carried=problem.carried)
+        if not any(
+            wall <= there | {part}
+            for other, walls in closed.items()
+            if other not in there and other != part
+            for wall in walls
         )
+    ]
+    drawn = dict(
+        zip(candidates, rng.permutation(len(candidates)).tolist(), strict=True)
+    )
 
+    where = {part.name: part.goal[:3, 3] for part in problem.parts}
+    busy = [where[part] for part, end in placed.items() if end > free]
 
-Solve = Callable[[Building, Attempt], Solution | None]
+    def rank(part: str) -> tuple[float, ...]:
+        near = graph.placed_neighbours(part, there)
+        away = (float(np.linalg.norm((where[part] - at)[:2])) for at in busy)
+        crowd = sum(distance < ROOM for distance in away)
+        ready = ready_at(problem, part, placed)
+        soon = ready
+        if tool is not None:
+            start = problem.object(problem.part(part)).start[:3, 3]
+            way = np.linalg.norm((start - tool)[:2])
+            way += np.linalg.norm((where[part] - start)[:2])
+            soon = max(ready, free + float(way) / _PACE)
+        if busy and problem.carried:
+            soon -= _FIRST * graph.piled_on[part]
+        soon = np.floor(soon / _ALIKE)
+        first = (soon, -near) if busy else (-near, soon)
+        return (crowd, *first, ready, drawn[part])
 
-
-@dataclass(frozen=True)
-class EasyPlacement:
-    """Places a part by paths that take little search.
-
-    Attributes:
-        problem: what is built by whom.
-        candidates: who may place what.
-        solve: solves a sub-problem.
-        settings: how many are asked.
-    """
-
-    problem: ConstructionProblem
-    candidates: Candidates
-    solve: Solve
-    settings: SearchSettings
-
-    def place(
-        self,
-        building: Building,
-        parts: Sequence[Part],
-        seed: Sequence[int],
-        most_loss: float = np.inf,
-    ) -> Solution | None:
-        """Return the best of a few placements of a part, None if none was found.
-
-        The first robot places the first part. Where it would lose time with that, because
-        others are in its way or what the part rests on comes late, it may place another one;
-        of a few the one with which it loses least. Where there are few parts for many robots
-        all wait for the first: others are asked whether they have it there sooner.
-
-        Args:
-            building: the state before.
-            parts: that may be placed next, the best first.
-            seed: of all random numbers.
-            most_loss: a way with which as much time is lost is of no use [s].
-        """
-        team = self.problem.team
-        if len(team) == 1 or len(parts) <= len(team) // 2:
-            return self._soonest(building, parts[0], seed, most_loss)
-        best: Solution | None = None
-        for part in parts[: self.settings.parts]:
-            first = next(self.candidates.of(building, part, 1), None)
-            if first is None:
-                break
-            attempt = self._attempt(part, first, seed, np.inf, most_loss)
-            found = self.solve(building, attempt)
-            if found is None:
-                continue
-            best, most_loss = found, found.lost
-            if found.lost <= self.settings.late_s:
-                break
-        return best
-
-    def _soonest(
-        self, building: Building, part: Part, seed: Sequence[int], most_loss: float
-    ) -> Solution | None:
-        """Return the way by which a part is in its place soonest, None for none.
-
-        The first robot does it, unless others are in its way and it would be late: then others
-        are asked, too, as long as they may be sooner.
-        """
-        problem = self.problem
-        best: Solution | None = None
-        latest = np.inf
-        alone = self.candidates.of(building, part, 1)
-        for skeleton in islice(alone, self.settings.asked):
-            free = building.world.free_from(skeleton[0])
-            seconds = problem.seconds_of("pick", skeleton[0], part)
-            seconds += problem.seconds_of("place-down", skeleton[-1], part)
-            if free + seconds > latest:
-                break
-            attempt = self._attempt(part, skeleton, seed, latest, most_loss)
-            found = self.solve(building, attempt)
-            if found is None:
-                continue
-            if found.building.placed[part.name] < latest:
-                best, latest = found, found.building.placed[part.name]
-            if found.late <= self.settings.late_s:
-                break
-        return best
-
-    def _attempt(
-        self,
-        part: Part,
-        skeleton: Skeleton,
-        seed: Sequence[int],
-        latest: float,
-        lost: float,
-    ) -> Attempt:
-        own = [*seed, self.problem.team.index(skeleton[0])]
-        return Attempt(part, skeleton, own, low_effort=True, latest=latest, lost=lost)
+    return sorted(candidates, key=rank)

@@ -17,11 +17,10 @@ import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.problem.problem import KeyframeSettings, Part
+from planning.construction.problem.problem import Hold, KeyframeSettings, Part
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.step_scenes import Hold, StepScenes
+from planning.construction.step_scenes import StepScenes
 from planning.construction.world.timeline import SkillMotion, skill_motion
-from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
 
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
@@ -169,23 +168,26 @@ class KeyframeSolver:
     ) -> Iterator[Meeting]:
         """Yield ways to hand the part over.
 
-        The robot that cannot drive is drawn first, and the other comes to it. The giver moves
-        the part against the taker's pad, and then its own pad away.
+        The giver moves the part against the taker's pad, and then its own pad away.
         """
         scenes, problem = self.scenes, self.scenes.problem
         before = scenes.handing(giver, taker, giver, holds[0])
         after = scenes.handing(giver, taker, taker, holds[1])
-        standing = scenes.world.robots[taker].path[-1]
-        start = np.concatenate([pick.motion.path[-1], standing])
+        standing = before.taker.start_configuration()
         for _ in range(self.settings.meetings):
-            drawn = self._draw_meeting(giver, taker, holds)
+            drawn = self.bounds.draw_meeting(
+                (giver, taker), scenes.part, holds, self.rng
+            )
             if drawn is None:
                 continue
-            q_giver, q_taker, tools = drawn
-            both = np.concatenate([q_giver, q_taker])
-            carried = before.least_duration(start, both)
-            soon = max(pick.earliest + pick.motion.seconds, before.begin[1]) + carried
-            if not before.configuration_free(both, self._drawn_time(soon)):
+            (q_giver, q_taker), tools = drawn
+            carried = max(
+                before.giver.least_duration(pick.motion.path[-1], q_giver),
+                before.taker.least_duration(standing, q_taker),
+            )
+            picked = pick.earliest + pick.motion.seconds
+            soon = max(picked, before.taker.start) + carried
+            if not before.free(q_giver, q_taker, self._drawn_time(soon)):
                 continue
             motion = skill_motion(
                 problem.cell.robot(giver),
@@ -198,12 +200,17 @@ class KeyframeSolver:
                 problem.cell.robot(giver).model.velocity,
                 problem.seconds_of("handover", giver, scenes.part),
             )
-            if motion is None:
+            if motion is None or not (
+                before.apart(motion.before, q_taker)
+                and after.apart(motion.after, q_taker)
+            ):
                 continue
             windows = arrival_windows(
                 [
-                    (before, _beside(motion.before, q_taker)),
-                    (after, _beside(motion.after, q_taker)),
+                    (before.giver, motion.before),
+                    (before.taker, q_taker),
+                    (after.giver, motion.after),
+                    (after.taker, q_taker),
                 ],
                 motion.seconds,
                 soon,
@@ -212,63 +219,26 @@ class KeyframeSolver:
             if len(windows):
                 yield Meeting(Keyframe(motion, windows), q_taker)
 
-    def _draw_meeting(
-        self, giver: str, taker: str, holds: tuple[Hold, Hold]
-    ) -> tuple[Array, Array, tuple[Transform, Transform]] | None:
-        """Return configurations of both robots that touch the part at once, and their tools."""
-        problem, part = self.scenes.problem, self.scenes.part
-        lead = 0 if not self.bounds.sampler(giver).mobile else 1
-        robots = (giver, taker)
-        # Two that drive meet somewhere on the way.
-        ends = (problem.object(part).start[:2, 3], part.goal[:2, 3])
-        q_lead = self.bounds.sampler(robots[lead]).draw(self.rng, ends)
-        tool = frame_pose(problem.cell.robot(robots[lead]), q_lead, problem.frame)
-        at = tool @ part.grips[holds[lead].grip].held(holds[lead].turn)
-        size = np.asarray(problem.object(part).size)
-        if at[2, 3] - 0.5 * float(np.abs(at[2, :3]) @ size) < problem.approach:
-            return None
-        other = problem.tool_pose(part, at, *holds[1 - lead])
-        found = self.bounds.sampler(robots[1 - lead]).sample(other, self.rng, 2)
-        if not found:
-            return None
-        if lead == 0:
-            return q_lead, found[0], (tool, other)
-        return found[0], q_lead, (other, tool)
-
     def picks(self, robot: str, hold: Hold) -> tuple[Keyframe, ...]:
         """Return keyframes of the pick, the earliest first."""
-        scenes, problem = self.scenes, self.scenes.problem
-        start = problem.object(scenes.part).start
+        scenes, part = self.scenes, self.scenes.part
         phase = (
             scenes.empty(robot, at_goal=False),
             scenes.held(robot, hold, at_goal=False),
         )
-        found = self._ways(
-            robot,
-            problem.tool_pose(scenes.part, start, *hold),
-            None,
-            phase,
-            self.earliest_times.pick,
-            problem.seconds_of("pick", robot, scenes.part),
-        )
+        start = scenes.problem.object(part).start
+        found = self._ways("pick", robot, hold, start, phase, self.earliest_times.pick)
         picks = islice(found, self.settings.picks)
         return tuple(sorted(picks, key=lambda k: k.earliest))
 
     def places(self, robot: str, hold: Hold) -> tuple[Keyframe, ...]:
         """Return keyframes of the place, the earliest first."""
-        scenes, problem = self.scenes, self.scenes.problem
+        scenes, goal, earliest = self.scenes, self.scenes.part.goal, self.earliest_times
         phase = (
             scenes.held(robot, hold, at_goal=True),
             scenes.empty(robot, at_goal=True),
         )
-        found = self._ways(
-            robot,
-            problem.tool_pose(scenes.part, scenes.part.goal, *hold),
-            scenes.part.insertion,
-            phase,
-            self.earliest_times.place,
-            problem.seconds_of("place-down", robot, scenes.part),
-        )
+        found = self._ways("place-down", robot, hold, goal, phase, earliest.place)
         places = islice(found, self.settings.places)
         cut = [
             Keyframe(k.motion, common(k.windows, self._free_place))
@@ -286,18 +256,20 @@ class KeyframeSolver:
 
     def _ways(
         self,
+        skill: str,
         robot: str,
-        tool: Transform,
-        insertion: Array | None,
+        hold: Hold,
+        at: Transform,
         phase: Phase,
         earliest: float,
-        seconds: float,
     ) -> Iterator[Keyframe]:
-        """Yield ways to touch at a tool pose; without ``insertion`` straight along the tool."""
-        problem = self.scenes.problem
+        """Yield ways to touch the part where it lies: straight along the tool, or into its place."""
+        problem, part = self.scenes.problem, self.scenes.part
         placed = problem.cell.robot(robot)
-        into = tool[:3, 2] if insertion is None else insertion
+        tool = problem.tool_pose(part, at, *hold)
+        into = tool[:3, 2] if skill == "pick" else part.insertion
         ways = (problem.approach * into, -problem.approach * tool[:3, 2])
+        seconds = problem.seconds_of(skill, robot, part)
         checker, velocity = phase[0], placed.model.velocity
         q_start = checker.start_configuration()
         sampler = self.bounds.sampler(robot)
@@ -305,7 +277,7 @@ class KeyframeSolver:
             drawn = sampler.sample(tool, self.rng, self.settings.starts)
             drawn.sort(key=lambda q: checker.least_duration(q_start, q))
             for q in drawn:
-                soon = checker.begin[0] + checker.least_duration(q_start, q)
+                soon = checker.start + checker.least_duration(q_start, q)
                 soon = max(soon, earliest)
                 if not checker.configuration_free(q, self._drawn_time(soon)):
                     continue
@@ -330,11 +302,6 @@ def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
     """Return the holds with which a robot can both pick and place a part."""
     grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
     return [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
-
-
-def _beside(path: Array, standing: Array) -> Array:
-    """Return the path of two robots the second of which stands."""
-    return np.hstack([path, np.tile(standing, (len(path), 1))])
 
 
 def common(a: Array, b: Array) -> Array:

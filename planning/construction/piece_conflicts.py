@@ -13,20 +13,21 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
-from planning.construction.checks.still_checks import capsules_meet, proved_apart
 from planning.construction.world.tracks import (
     Carrier,
     Fleet,
     Tracks,
     bodies_of,
-    cell_entities,
     make_fleet,
     set_motion,
 )
 from planning.geometry.distance import boxes_apart
 from planning.geometry.exact import TOLERANCE
+from planning.geometry.moving_pairs import near_pairs, pairs_apart
+from planning.geometry.robot_bodies import cell_entities, limits_of_entities
 from planning.geometry.separation import Scratch, room_for
-from planning.kernels import inner_kernel, kernel
+from planning.geometry.swept import SKIP
+from planning.kernels import ZERO, inner_kernel, kernel
 from planning.packed import packed
 from planning.steps.skill import Pairs
 from planning.transforms import Array, Indices
@@ -44,7 +45,9 @@ class _CarrierPieces(NamedTuple):
         tracks: all pieces.
         tasks: to which a piece belongs, shape (pieces, 2).
         limits: least distance of two entities, shape (e, e) [m].
+        least: the least distance [m].
         allowed: whether two entities may touch in a task, shape (tasks, e, e).
+        near: room for pairs of bodies.
         scratch: room to work in.
     """
 
@@ -53,7 +56,9 @@ class _CarrierPieces(NamedTuple):
     tracks: Tracks
     tasks: Indices
     limits: Array
+    least: float
     allowed: npt.NDArray[np.bool_]
+    near: Indices
     scratch: Scratch
 
 
@@ -75,24 +80,28 @@ def conflicting_pieces(
         touching: pairs of entities that may touch, by task.
     """
     numbers = cell_entities(cell)
-    count = len(numbers)
-    limits = np.full((count, count), cell.clearances.robot_robot + _MARGIN)
-    allowed = np.zeros((len(touching), count, count), dtype=np.bool_)
-    for task, pairs in enumerate(touching):
-        for pair in pairs:
-            a, b = (numbers[name] for name in pair)
-            allowed[task, a, b] = allowed[task, b, a] = True
-    names = [name for carrier in carriers for name in carrier.names]
-    joints = max(c.hulls.q_a.shape[1] for c in carriers)
-    corners = max(c.hulls.most_corners for c in carriers)
+    least = cell.clearances.robot_robot + _MARGIN
+    limits = limits_of_entities(numbers, least, ())
+    # What is in both hands in the course of a handover.
+    np.fill_diagonal(limits, SKIP)
+    allowed = [limits_of_entities(numbers, 0.0, pairs) < 0.0 for pairs in touching]
+    bodies, joints, corners = (
+        max(values)
+        for values in zip(
+            *((len(h.joint), h.q_a.shape[1], h.most_corners) for _, h in carriers),
+            strict=True,
+        )
+    )
     plan = packed(
         _CarrierPieces(
             make_fleet(carriers),
-            np.array([numbers[name] for name in names], dtype=np.int64),
+            np.concatenate([carrier.bodies.numbered(numbers) for carrier in carriers]),
             tracks,
             tasks,
             limits,
-            allowed,
+            least,
+            np.array(allowed, dtype=np.bool_).reshape(-1, *limits.shape),
+            np.empty(bodies * bodies, dtype=np.int64),
             room_for(joints, joints, corners, corners),
         )
     )
@@ -109,7 +118,6 @@ def conflicting_pieces(
 def _find(plan: _CarrierPieces, out: Indices) -> int:
     first, box = plan.tracks.first, plan.tracks.sweeps.box
     start, end = plan.tracks.pieces.start, plan.tracks.pieces.end
-    widest = np.max(plan.limits)
     count = 0
     for r in range(len(first) - 1):
         for s in range(r):
@@ -121,7 +129,7 @@ def _find(plan: _CarrierPieces, out: Indices) -> int:
                 while j < first[s + 1] and start[j] < end[i] - 1e-9:
                     if (
                         end[j] > start[i] + 1e-9
-                        and not boxes_apart(box, i, box, j, widest)
+                        and not boxes_apart(box, i, box, j, plan.least)
                         and not _pair_clear(plan, i, j)
                     ):
                         if count < len(out):
@@ -134,36 +142,22 @@ def _find(plan: _CarrierPieces, out: Indices) -> int:
 @inner_kernel
 def _pair_clear(plan: _CarrierPieces, i: int, j: int) -> bool:
     bodies, entity, limits = plan.fleet.body_first, plan.entity, plan.limits
-    pieces, sweeps, box = (
-        plan.tracks.pieces,
-        plan.tracks.sweeps,
-        plan.tracks.sweeps.body_box,
-    )
+    pieces, sweeps, near = plan.tracks.pieces, plan.tracks.sweeps, plan.near
     v, w = plan.tracks.carrier[i], plan.tracks.carrier[j]
     a, b = bodies_of(plan.fleet, v), bodies_of(plan.fleet, w)
-    a_first, b_first = sweeps.capsule_first[i], sweeps.capsule_first[j]
-    for o in range(len(a.joint)):
-        x, one = sweeps.body_first[i] + o, entity[bodies[v] + o]
-        c0, c1 = a_first + a.capsule_first[o], a_first + a.capsule_first[o + 1]
-        for p in range(len(b.joint)):
-            y, two = sweeps.body_first[j] + p, entity[bodies[w] + p]
-            if one == two:
-                continue  # a part in the course of a handover, in both hands
-            limit = limits[one, two]
-            if boxes_apart(box, x, box, y, limit) or (
-                a.joint[o] < 0 and b.joint[p] < 0
-            ):
-                continue
-            d0, d1 = b_first + b.capsule_first[p], b_first + b.capsule_first[p + 1]
-            if not capsules_meet(sweeps, c0, c1, sweeps, d0, d1, limit):
-                continue
-            if _allowed(plan, i, one, two) and _allowed(plan, j, one, two):
-                continue
-            set_motion(a, pieces.q_a[i], pieces.q_b[i])
-            set_motion(b, pieces.q_a[j], pieces.q_b[j])
-            if not proved_apart(plan.scratch, a, o, b, p, limit):
-                return False
-    return True
+    rows = entity[bodies[v] : bodies[v + 1]]
+    columns = entity[bodies[w] : bodies[w + 1]]
+    one, other = (a, sweeps, i, rows), (b, sweeps, j, columns)
+    count = near_pairs(one, other, limits, plan.least, near)
+    kept = ZERO
+    for k in range(count):
+        x, y = rows[near[k] // len(columns)], columns[near[k] % len(columns)]
+        if not (_allowed(plan, i, x, y) and _allowed(plan, j, x, y)):
+            near[kept] = near[k]
+            kept += 1
+    set_motion(a, pieces.q_a[i], pieces.q_b[i])
+    set_motion(b, pieces.q_a[j], pieces.q_b[j])
+    return pairs_apart(near, kept, (a, rows), (b, columns), limits, plan.scratch)
 
 
 @inner_kernel

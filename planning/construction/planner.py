@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.candidates import Candidates, EasyPlacement
+from planning.construction.candidates import Skeleton, rank_parts, skeletons
 from planning.construction.problem.problem import (
     ConstructionProblem,
     Part,
@@ -17,7 +18,6 @@ from planning.construction.problem.problem import (
     SearchSettings,
 )
 from planning.construction.problem.reach_bounds import reach_bounds
-from planning.construction.step_scenes import rank_parts
 from planning.construction.subproblem import Attempt, Solution, SubproblemSolver
 from planning.construction.world.fixed_world import Building, nothing_built
 from planning.errors import ConstructionError
@@ -114,8 +114,6 @@ class ConstructionSearch:
         progress: Progress,
     ) -> None:
         self.problem = problem = solver.problem
-        self.candidates = Candidates(solver.bounds)
-        self.easy = EasyPlacement(problem, self.candidates, self._solve, settings)
         self.solver = solver
         self.settings = settings
         self.progress = progress
@@ -219,16 +217,87 @@ class ConstructionSearch:
             most_loss: a way with which so much time is lost is of no use [s].
         """
         own = [building.step, self.rewound, turn]
-        easy = self.easy.place(building, parts, [self.problem.seed, 3, *own], most_loss)
+        easy = self._place_easily(building, parts, own, most_loss)
         if easy is not None:
             return easy
         if turn == 0:
             return self._place(building, parts[0])
-        skeleton = next(self.candidates.of(building, parts[0]), None)
+        skeleton = next(skeletons(self.solver.bounds, building, parts[0]), None)
         if skeleton is None:
             return None
         seed = [self.problem.seed, 4, *own]
         return self._solve(building, Attempt(parts[0], skeleton, seed, lost=most_loss))
+
+    def _place_easily(
+        self,
+        building: Building,
+        parts: Sequence[Part],
+        own: Sequence[int],
+        most_loss: float,
+    ) -> Solution | None:
+        """Return the best of a few placements by paths that take little search, None for none.
+
+        The first robot places the first part. Where it would lose time with that, because
+        others are in its way or what the part rests on comes late, it may place another one;
+        of a few the one with which it loses least. Where there are few parts for many robots
+        all wait for the first: others are asked whether they have it there sooner.
+
+        Args:
+            building: the state before.
+            parts: that may be placed next, the best first.
+            own: part of the seed of all random numbers.
+            most_loss: a way with which as much time is lost is of no use [s].
+        """
+        team = self.problem.team
+        seed = [self.problem.seed, 3, *own]
+        if len(team) == 1 or len(parts) <= len(team) // 2:
+            return self._place_soonest(building, parts[0], seed, most_loss)
+        best: Solution | None = None
+        for part in parts[: self.settings.parts]:
+            first = next(skeletons(self.solver.bounds, building, part, 1), None)
+            if first is None:
+                break
+            attempt = self._easy(part, first, seed, most_loss)
+            found = self._solve(building, attempt)
+            if found is None:
+                continue
+            best, most_loss = found, found.lost
+            if found.lost <= self.settings.late_s:
+                break
+        return best
+
+    def _place_soonest(
+        self, building: Building, part: Part, seed: Sequence[int], most_loss: float
+    ) -> Solution | None:
+        """Return the way by which a part is in its place soonest, None for none.
+
+        The first robot does it, unless others are in its way and it would be late: then others
+        are asked, too, as long as they may be sooner.
+        """
+        best: Solution | None = None
+        latest = np.inf
+        alone = skeletons(self.solver.bounds, building, part, 1)
+        for skeleton in islice(alone, self.settings.asked):
+            free = building.world.free_from(skeleton[0])
+            seconds = self.problem.seconds_of("pick", skeleton[0], part)
+            seconds += self.problem.seconds_of("place-down", skeleton[-1], part)
+            if free + seconds > latest:
+                break
+            attempt = self._easy(part, skeleton, seed, most_loss)
+            found = self._solve(building, replace(attempt, latest=latest))
+            if found is None:
+                continue
+            if found.building.placed[part.name] < latest:
+                best, latest = found, found.building.placed[part.name]
+            if found.late <= self.settings.late_s:
+                break
+        return best
+
+    def _easy(
+        self, part: Part, robots: Skeleton, seed: Sequence[int], lost: float
+    ) -> Attempt:
+        own = [*seed, self.problem.team.index(robots[0])]
+        return Attempt(part, robots, own, low_effort=True, lost=lost)
 
     def _place(
         self, building: Building, part: Part, effort: int = 0
@@ -240,7 +309,7 @@ class ConstructionSearch:
             part: what is placed.
             effort: how much harder than usual is tried.
         """
-        for skeleton in self.candidates.of(building, part):
+        for skeleton in skeletons(self.solver.bounds, building, part):
             for turn in range(self.settings.attempts):
                 seed = [self.problem.seed, 2, building.step, self.rewound, turn]
                 # One number for each action.

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planning.construction.candidates import Skeleton, ready_at
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
 from planning.construction.keyframes import (
@@ -31,7 +32,7 @@ from planning.construction.problem.problem import (
     SubproblemSettings,
 )
 from planning.construction.problem.reach_bounds import ReachBounds
-from planning.construction.step_scenes import StepScenes, ready_at
+from planning.construction.step_scenes import StepScenes
 from planning.construction.world.fixed_world import Building, FixedWorld
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
 from planning.steps.skill import NOTHING, Pairs, gripped
@@ -113,21 +114,24 @@ class LegPlanner:
         linger: bool = False,
         latest: float = np.inf,
         most_loss: float = np.inf,
+        work: bool = True,
     ) -> Leg | None:
         """Return a path to the beginning of a skill, None where none was found.
 
         Args:
             building: the state before.
             robot: who goes.
-            goals: ways to do the skill.
+            goals: ways to do the skill; none to go HOME.
             allowed: unordered pairs of entities that may touch.
             hints, linger: see ``space_time_rrt``.
             latest: no later arrival is of use [s].
             most_loss: nor one with which so much time is lost [s].
+            work: False for a way out of others' way.
         """
         with self.watch.time("path"):
-            checker = SpaceTimeChecker(building.world, (robot,), allowed=allowed)
+            checker = SpaceTimeChecker(building.world, robot, allowed=allowed)
             here = checker.start_configuration()
+            goals = goals or [_stand_at_home(checker)]
             far = max(checker.least_duration(here, goal.start) for goal in goals)
             # Whoever is later than this at the farthest goal has lost too much.
             latest = min(latest, checker.start + far + most_loss)
@@ -139,36 +143,28 @@ class LegPlanner:
                 latest=latest,
                 hints=hints,
                 linger=linger,
-                seed=self._seed(),
+                seed=int(self.rng.integers(2**31)),
             )
         if found is None:
             return None
         goal = goals[found.goal]
         lost = found.arrival - checker.start - checker.least_duration(here, goal.start)
-        building = building.moved(robot, found.time, found.path)
+        building = building.moved(robot, found.time, found.path, work=work)
         return Leg(building, goal, found.arrival, found.earliest, lost)
 
     def retreat(self, building: Building, robot: str) -> Building | None:
         """Return the state in which a robot has gone HOME, out of the others' way."""
-        home = building.world.cell.robot(robot).home
-        with self.watch.time("path"):
-            checker = SpaceTimeChecker(building.world, (robot,))
-            here = checker.start_configuration()
-            soon = checker.start + checker.least_duration(here, home)
-            found = space_time_rrt(
-                checker,
-                home[None],
-                [arrival_windows([(checker, home)], np.inf, soon)],
-                self.settings,
-                hints=approach_hints(building.world, robot),
-                seed=self._seed(),
-            )
-        if found is None:
-            return None
-        return building.moved(robot, found.time, found.path, work=False)
+        hints = approach_hints(building.world, robot)
+        leg = self.leg(building, robot, (), hints=hints, work=False)
+        return None if leg is None else leg.building
 
-    def _seed(self) -> int:
-        return int(self.rng.integers(2**31))
+
+def _stand_at_home(checker: SpaceTimeChecker) -> Keyframe:
+    """Return a stand at HOME for good."""
+    home, here = checker.home, checker.start_configuration()
+    soon = checker.start + checker.least_duration(here, home)
+    windows = arrival_windows([(checker, home)], np.inf, soon)
+    return Keyframe(_standing(checker.robot, home), windows)
 
 
 def retreat_hints(world: FixedWorld, robot: str) -> Array:
@@ -190,10 +186,6 @@ def _places(line: RobotTimeline, since: float, until: float) -> Array:
     times = np.unique(np.concatenate([corners, np.arange(since, until, _SPACING)]))
     path = [line.at(float(t)) for t in times]
     return np.array(path).reshape(len(times), line.path.shape[1])
-
-
-Skeleton = tuple[str, ...]
-"""Robots in the order in which they have a part in hand."""
 
 
 @dataclass(frozen=True)
@@ -412,7 +404,7 @@ class SubproblemSolver:
         building, _, start, _, _ = leg
         with self.watch.time("path"):
             # Others were planned before the giver was to wait here.
-            checker = SpaceTimeChecker(building.world, (giver,), allowed=allowed)
+            checker = SpaceTimeChecker(building.world, giver, allowed=allowed)
             if not checker.skill_free(motion.path[:1], waits, start):
                 return None
         pose = self.problem.held_in_flange(taker, part, *keyframes.holds[1])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.geometry.distance import boxes_apart, segment_box
+from planning.geometry.distance import boxes_apart
 from planning.geometry.exact import TOLERANCE
 from planning.geometry.hull_table import HullTable
 from planning.geometry.separation import (
@@ -20,11 +20,17 @@ from planning.geometry.separation import (
     judge_hulls,
     pose_segments,
 )
-from planning.geometry.swept import SweptBodies, strays_where_they_meet, sweep_bodies
+from planning.geometry.swept import (
+    SweptBodies,
+    go_along,
+    strays_at_box,
+    strays_where_they_meet,
+    sweep_bodies,
+)
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
-BOX, SOLID, SELF = 0, 1, 2
+BOX, SELF = 0, 1
 """Kinds of what a body may come close to."""
 
 _RESOLUTION = 0.1
@@ -42,13 +48,11 @@ class CompiledScene(NamedTuple):
 
     Attributes:
         own: bodies of the robot on a stretch of its motion.
-        others: bodies of robots that stand.
-        boxes: corners of boxes that stand.
+        boxes: corners of what stands, and boxes around it:
         box_pose: pose of every box, shape (b, 4, 4).
         box_half: half edge lengths, shape (b, 3).
         box_bounds: least and greatest corner of each, shape (b, 6).
-        box_limit: least distance of each own body to each box, SKIP for none, shape (o, b).
-        solid_limit: least distance of each own body to each other one, shape (o, s).
+        box_limit: least distance of each own body to each of them, SKIP for none, shape (o, b).
         self_limit: least distance between own bodies, upper triangle, shape (o, o).
         above: own bodies on the stretch as it is seen from a joint.
         on_standing, on_itself: room to compare own hulls with those that stand, and with each
@@ -56,13 +60,11 @@ class CompiledScene(NamedTuple):
     """
 
     own: SweptBodies
-    others: SweptBodies
     boxes: HullTable
     box_pose: Array
     box_half: Array
     box_bounds: Array
     box_limit: Array
-    solid_limit: Array
     self_limit: Array
     above: HullTable
     on_standing: Scratch
@@ -98,13 +100,13 @@ def _close_pairs(scene: CompiledScene, groups: Array, room: float, out: Indices)
         room: the greatest of the least distances to boxes [m].
         out: the pairs.
     """
-    own, others = scene.own, scene.others
-    box, joint = own.box, own.hulls.joint
-    all_bounds = (scene.box_bounds, others.box, box)
-    all_limits = (scene.box_limit, scene.solid_limit, scene.self_limit)
+    own = scene.own
+    box, joint = own.sweeps.body_box, own.hulls.joint
+    all_bounds = (scene.box_bounds, box)
+    all_limits = (scene.box_limit, scene.self_limit)
     count = 0
     for o in range(box.shape[0]):
-        for kind in range(3):
+        for kind in range(2):
             theirs, limits = all_bounds[kind], all_limits[kind]
             last = o if kind == SELF else theirs.shape[0]
             p = -1
@@ -120,16 +122,13 @@ def _close_pairs(scene: CompiledScene, groups: Array, room: float, out: Indices)
                 if limit < 0.0 or boxes_apart(box, o, theirs, p, limit):
                     continue
                 if kind == BOX:
-                    strayed = _strays_at_box(scene, o, p, limit)
-                elif kind == SOLID:
-                    strayed = strays_where_they_meet(
-                        own, o, others, p, ZERO, limit, _RESOLUTION
-                    )
+                    pose, half = scene.box_pose[p], scene.box_half[p]
+                    strayed = strays_at_box(own, o, pose, half, limit)
                 else:
                     # Seen from the joint that carries the lower body, only those above move.
-                    root = min(joint[p], joint[o]) + 1
+                    root = min(joint[p], joint[o])
                     strayed = strays_where_they_meet(
-                        own, o, own, p, root, limit, _RESOLUTION
+                        own, o, p, root, limit, _RESOLUTION
                     )
                 if strayed > _RESOLUTION:
                     return -1
@@ -140,22 +139,15 @@ def _close_pairs(scene: CompiledScene, groups: Array, room: float, out: Indices)
 
 
 @inner_kernel
-def _strays_at_box(scene: CompiledScene, o: int, b: int, limit: float) -> float:
-    """Return how far a capsule of an own body strays that meets a box, -1 where none does."""
-    own, pose, half = scene.own, scene.box_pose[b], scene.box_half[b]
-    first, radius = own.hulls.capsule_first, own.hulls.radius
-    for c in range(first[o], first[o + 1]):
-        strayed = own.moved[c, 0]
-        near = radius[c] + strayed + limit
-        if segment_box(own.start[c], own.end[c], pose, half) <= near * near:
-            return float(strayed)
-    return -1.0
+def pose_above(whole: HullTable, above: HullTable, root: int, scratch: Scratch) -> None:
+    """Pose a stretch as it is seen from a joint: only the joints above it move.
 
-
-@inner_kernel
-def _pose_above(scene: CompiledScene, root: int) -> None:
-    """Pose the stretch as it is seen from a joint: only the joints above it move."""
-    whole, above, scratch = scene.own.hulls, scene.above, scene.on_itself
+    Args:
+        whole: bodies on the stretch.
+        above: the same bodies, to be moved as they are seen from there.
+        root: the joint.
+        scratch: of ``above`` with itself.
+    """
     for j in range(whole.q_a.shape[1]):
         a, b = whole.q_a[0, j], whole.q_b[0, j]
         if j <= root:
@@ -182,17 +174,16 @@ def _keep_unproved(scene: CompiledScene, pairs: Indices, count: int, stop: bool)
             lower = min(whole.joint[i], whole.joint[j])
             if lower != root:
                 root = lower
-                _pose_above(scene, root)
+                pose_above(whole, above, root, on_itself)
             for r in range(3):
                 on_itself.direction[r] = 0.0
             # What the exact decision tolerates is left to it.
             limit = scene.self_limit[i, j] + TOLERANCE
             answer = judge_hulls(above, i, above, j, limit, on_itself)
         else:
-            limits = scene.box_limit if kind == BOX else scene.solid_limit
-            standing = scene.boxes if kind == BOX else scene.others.hulls
+            limit, standing = scene.box_limit[i, j], scene.boxes
             pose_segments(whole, ZERO, standing, ZERO, on_standing)
-            answer = judge_hulls(whole, i, standing, j, limits[i, j], on_standing)
+            answer = judge_hulls(whole, i, standing, j, limit, on_standing)
         if stop and answer == CONFLICT and kind != SELF:
             return HIT
         if answer != APART:
@@ -218,8 +209,8 @@ def _search(
     It is halved until every stretch either clears all capsules or moves none of those
     that do not by more than the resolution.
     """
-    own = scene.own.box.shape[0]
-    most = own * (scene.box_half.shape[0] + scene.others.box.shape[0] + own)
+    own = len(scene.own.hulls.joint)
+    most = own * (len(scene.box_half) + own)
     pairs = np.empty((most, 3), dtype=np.int64)
     when = np.empty((_ROOM, 2))
     what = np.empty((_ROOM, 3), dtype=np.int64)
@@ -230,7 +221,8 @@ def _search(
     while depth > 0:
         depth -= 1
         lo, hi = stack[depth, 0], stack[depth, 1]
-        sweep_bodies(scene.own, q_a, q_b, lo, hi)
+        go_along(scene.own.hulls, q_a, q_b, lo, hi)
+        sweep_bodies(scene.own)
         count = _close_pairs(scene, groups, room, pairs)
         if count < 0:
             middle = 0.5 * (lo + hi)

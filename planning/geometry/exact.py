@@ -176,11 +176,12 @@ def come_close(
     clearance: float,
     *,
     tolerance: float = TOLERANCE,
+    together: bool = False,
 ) -> bool:
     """Tell whether two bodies can come closer than a clearance, each anywhere on its motion.
 
     The two motions are independent: either body may be anywhere on its way while the other is
-    anywhere on its own, which is what two unordered TPG nodes mean.
+    anywhere on its own, which is what two unordered TPG nodes mean. Or one robot carries both.
 
     Args:
         a, b: the bodies.
@@ -188,7 +189,10 @@ def come_close(
         b_from, b_to: likewise for ``b``.
         clearance: least distance, negative for an overlap that is let pass [m].
         tolerance: motion that is not divided further, so far from the truth at most [m].
+        together: whether both are carried by one robot on one and the same motion.
     """
+    # Seen from the joint that carries the lower of the two, only the joints above it move.
+    root = min(a.joint, b.joint) if together else -1
     if a.carrier is None and b.carrier is not None:
         a, a_from, a_to, b, b_from, b_to = b, b_from, b_to, a, a_from, a_to
     # Closest parts first: where the bodies do come close, that is soon found.
@@ -196,8 +200,8 @@ def come_close(
     made = 0
     while parts:
         _, _, a0, a1, b0, b1 = heappop(parts)
-        pose_a, moved_a = place(a, a0, a1)
-        pose_b, moved_b = place(b, b0, b1)
+        pose_a, moved_a = place(a, a0, a1, root)
+        pose_b, moved_b = place(b, b0, b1, root)
         gap = distance(a, pose_a, b, pose_b)
         if gap < clearance:
             return True
@@ -205,43 +209,14 @@ def come_close(
             continue
         if moved_a + moved_b < tolerance:
             return True
-        if moved_a >= moved_b:
-            middle = 0.5 * (a0 + a1)
-            halves = ((a0, middle, b0, b1), (middle, a1, b0, b1))
+        a_mid, b_mid = 0.5 * (a0 + a1), 0.5 * (b0 + b1)
+        if together:
+            halves = ((a0, a_mid, b0, b_mid), (a_mid, a1, b_mid, b1))
+        elif moved_a >= moved_b:
+            halves = ((a0, a_mid, b0, b1), (a_mid, a1, b0, b1))
         else:
-            middle = 0.5 * (b0 + b1)
-            halves = ((a0, a1, b0, middle), (a0, a1, middle, b1))
+            halves = ((a0, a1, b0, b_mid), (a0, a1, b_mid, b1))
         for half in halves:
             made += 1
             heappush(parts, (gap, -made, *half))
-    return False
-
-
-def come_close_together(
-    a: Solid, b: Solid, q_from: Array, q_to: Array, clearance: float
-) -> bool:
-    """Tell whether two bodies of one robot come closer than a clearance on its motion.
-
-    Args:
-        a, b: bodies carried by the same robot.
-        q_from, q_to: ends of the straight joint-space motion, shape (n,).
-        clearance: least distance [m].
-    """
-    # Seen from the joint that carries the lower of the two, only the joints above it move.
-    root = min(a.joint, b.joint)
-    stack = [(q_from, q_to)]
-    while stack:
-        q0, q1 = stack.pop()
-        pose_a, moved_a = place(a, q0, q1, root)
-        pose_b, moved_b = place(b, q0, q1, root)
-        gap = distance(a, pose_a, b, pose_b)
-        if gap < clearance:
-            return True
-        if gap - moved_a - moved_b >= clearance:
-            continue
-        if moved_a + moved_b < TOLERANCE:
-            return True
-        middle = 0.5 * (q0 + q1)
-        stack.append((q0, middle))
-        stack.append((middle, q1))
     return False

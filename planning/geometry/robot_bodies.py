@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain, permutations
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, CellObject, PlacedRobot
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid
 from planning.geometry.hull_table import HullTable, hull_table
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import placed_joints
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 Held = tuple[CellObject, Attachment]
+
+AllowedPairs = Iterable[frozenset[str]]
+"""Unordered pairs of entities that may touch."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +41,22 @@ class RobotBodies:
     self_limits: Array
     parts: int
 
-    def of_entity(self, name: str) -> list[int]:
-        """Return the bodies of an entity."""
-        return self._bodies.get(name, [])
+    def numbered(self, numbers: Mapping[str, int]) -> Indices:
+        """Return the number of each body's entity."""
+        return np.array([numbers[name] for name in self.entities], dtype=np.int64)
 
     @cached_property
-    def _bodies(self) -> dict[str, list[int]]:
-        found: dict[str, list[int]] = {}
-        for k, name in enumerate(self.entities):
-            found.setdefault(name, []).append(k)
-        return found
+    def of_entity(self) -> Mapping[str, list[int]]:
+        """The bodies of each entity."""
+        return places_of(self.entities)
+
+    def limits_within(self, allowed: AllowedPairs) -> Array:
+        """Return ``self_limits`` where parts may touch something held, as pairs of entities say."""
+        limits, own = self.self_limits.copy(), self.of_entity
+        parts = {e: [k for k in own[e] if k < self.parts] for e in own}
+        held = {e: [k for k in own[e] if k >= self.parts] for e in own}
+        skip_allowed(limits, parts, held, allowed)
+        return limits
 
 
 _KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
@@ -70,6 +80,53 @@ def entity_numbers(robots: Iterable[str], things: Iterable[str]) -> dict[str, in
     """
     names = [entity(robot, group) for robot in robots for group in GROUPS]
     return {name: number for number, name in enumerate([*names, *things])}
+
+
+def cell_entities(cell: Workcell) -> dict[str, int]:
+    """Return the number of every entity of a cell: of robots, fixtures, objects."""
+    things = [f.name for f in cell.fixtures] + [item.name for item in cell.objects]
+    return entity_numbers((robot.name for robot in cell.robots), things)
+
+
+def limits_of_entities(
+    numbers: Mapping[str, int], least: float, allowed: AllowedPairs
+) -> Array:
+    """Return the least distance of two entities, SKIP where they may touch, shape (e, e) [m].
+
+    Args:
+        numbers: of the entities.
+        least: distance of those that may not touch [m].
+        allowed: unordered pairs that may; of entities without a number, too.
+    """
+    limits, places = np.full((len(numbers), len(numbers)), least), places_of(numbers)
+    skip_allowed(limits, places, places, allowed)
+    return limits
+
+
+def places_of(names: Iterable[str]) -> dict[str, list[int]]:
+    """Return at which places each name stands."""
+    found: dict[str, list[int]] = {}
+    for k, name in enumerate(names):
+        found.setdefault(name, []).append(k)
+    return found
+
+
+def skip_allowed(
+    limits: Array,
+    rows: Mapping[str, Sequence[int]],
+    columns: Mapping[str, Sequence[int]],
+    allowed: AllowedPairs,
+) -> None:
+    """Write SKIP into a table of least distances where two entities may touch.
+
+    Args:
+        limits: the table.
+        rows, columns: of entities, by name.
+        allowed: unordered pairs of entities.
+    """
+    for one, other in chain.from_iterable(permutations(pair, 2) for pair in allowed):
+        if one in rows and other in columns:
+            limits[np.ix_(rows[one], columns[other])] = SKIP
 
 
 def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:

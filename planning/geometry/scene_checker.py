@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain, pairwise, permutations
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,12 +16,21 @@ from planning.geometry.exact import (
     TOLERANCE,
     Solid,
     come_close,
-    come_close_together,
     distance_at,
 )
-from planning.geometry.robot_bodies import Held, entity, held_by, robot_bodies
+from planning.geometry.robot_bodies import (
+    Held,
+    entity,
+    held_by,
+    robot_bodies,
+)
 from planning.geometry.separation import room_for
-from planning.geometry.standing import StandingBoxes, sort_objects, stand_robots
+from planning.geometry.standing import (
+    StandingBoxes,
+    box_limits,
+    sort_objects,
+    standing_robot,
+)
 from planning.geometry.swept import SKIP, make_swept
 from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
@@ -87,30 +96,29 @@ class SceneChecker:
         amid: tuple[Sequence[Held], StandingBoxes] | None = None,
     ) -> None:
         held, boxes = amid or _surroundings(cell, robot, state)
+        for other in cell.robots:
+            if other.name != robot:
+                at = np.array(state.configurations[other.name], dtype=np.float64)
+                boxes = boxes.plus(standing_robot(other, at), of_robots=True)
         self.robot = cell.robot(robot)
-        self._between_robots = cell.clearances.robot_robot + margin
+        self._to_robots = cell.clearances.robot_robot + margin
         self._to_objects = cell.clearances.robot_object + margin
         self._own = robot_bodies(self.robot, held)
         self._boxes = boxes
         self._gone: tuple[int, ...] = ()
-        others = [other for other in cell.robots if other.name != robot]
-        self._others = stand_robots(others, state.configurations)
-        own, standing = make_swept(self._own.hulls), self._others.bodies
+        own = make_swept(self._own.hulls)
         n, corners = self.robot.model.dof, self._own.hulls.most_corners
-        most = max(boxes.places.most_corners, standing.hulls.most_corners)
         none = np.empty((0, 0))
         self._scene = CompiledScene(
             own,
-            standing,
             boxes.hulls,
             boxes.pose,
             boxes.half,
             boxes.bounds,
             none,
             none,
-            none,
             own.hulls.on_a_motion(),
-            room_for(n, 0, corners, most),
+            room_for(n, 0, corners, boxes.places.most_corners),
             room_for(n, n, corners, corners),
         )
         self._allow(allowed)
@@ -133,39 +141,17 @@ class SceneChecker:
         return other
 
     def _allow(self, allowed: frozenset[frozenset[str]]) -> None:
-        """Write the least distances to boxes, to other robots, and between own bodies.
+        """Write the least distances to what stands, and between own bodies.
 
         What robots hold keeps the clearance of robots from other robots, and what these hold.
         """
-        own, boxes, others = self._own, self._boxes, self._others
-        parts = own.parts
-        box_limit = np.full((len(own.solids), len(boxes.rows)), self._to_objects)
-        solid_limit = np.full(
-            (len(own.solids), len(others.solids)), self._between_robots
+        box_limit = box_limits(
+            self._own, self._boxes, allowed, self._to_objects, self._to_robots
         )
-        self_limit = own.self_limits.copy()
-        in_hand = [k for name in boxes.in_hand for k in boxes.columns[name]]
-        box_limit[:, in_hand] = self._between_robots
-        box_limit[own.hulls.joint < 0, : boxes.fixtures] = SKIP
-        pairs = (permutations(pair) for pair in allowed if len(pair) == 2)
-        for mine, other in chain.from_iterable(pairs):
-            bodies = own.of_entity(mine)
-            if not bodies:
-                continue
-            if other in boxes.columns:
-                box_limit[np.ix_(bodies, boxes.columns[other])] = SKIP
-                continue
-            theirs = [k for k, name in enumerate(others.entities) if name == other]
-            if theirs:
-                solid_limit[np.ix_(bodies, theirs)] = SKIP
-            held = [k for k in own.of_entity(other) if k >= parts]
-            if held:
-                self_limit[np.ix_([k for k in bodies if k < parts], held)] = SKIP
         box_limit[:, list(self._gone)] = SKIP
+        self_limit = self._own.limits_within(allowed)
         self._scene = packed(
-            self._scene._replace(
-                box_limit=box_limit, solid_limit=solid_limit, self_limit=self_limit
-            )
+            self._scene._replace(box_limit=box_limit, self_limit=self_limit)
         )
 
     def configuration_free(self, q: Array) -> bool:
@@ -209,11 +195,9 @@ class SceneChecker:
             ):
                 q0, q1 = q_a + lo * (q_b - q_a), q_a + hi * (q_b - q_a)
                 mine, solid, limit = self._pair(kind, body, other)
-                if kind == SELF:
-                    hit = come_close_together(mine, solid, q0, q1, limit)
-                else:
-                    hit = come_close(mine, q0, q1, solid, q1, q1, limit)
-                if hit:
+                itself = kind == SELF
+                begin = q0 if itself else q1
+                if come_close(mine, q0, q1, solid, begin, q1, limit, together=itself):
                     return False
             at += 1
         return True
@@ -229,7 +213,11 @@ class SceneChecker:
             if gap < limit and (
                 worst is None or gap - limit < worst.distance - worst.limit
             ):
-                name = self._boxes.names[other] if kind == BOX else second.name
+                name = second.name
+                if kind == BOX:
+                    thing = self._boxes.names[other]
+                    # A body of another robot is named as one's own.
+                    name = f"{thing}:{name}" if "/" in thing else thing
                 worst = Contact(mine.name, name, gap, limit)
         return worst
 
@@ -254,7 +242,7 @@ class SceneChecker:
     def _tool_comes_within(self, path: Array, column: int, limit: float) -> bool:
         """Tell whether the tool may come nearer to a piece at rest than a limit."""
         box = self._boxes.solid(column)
-        bodies = self._own.of_entity(entity(self.robot.name, "tool"))
+        bodies = self._own.of_entity.get(entity(self.robot.name, "tool"), [])
         ways = list(pairwise(np.array(path, dtype=np.float64)))
         alone = self._only(bodies, column, max(limit, 0.0))
         close = []
@@ -285,7 +273,6 @@ class SceneChecker:
         return packed(
             scene._replace(
                 box_limit=box_limit,
-                solid_limit=np.full_like(scene.solid_limit, SKIP),
                 self_limit=np.full_like(scene.self_limit, SKIP),
             )
         )
@@ -295,9 +282,7 @@ class SceneChecker:
         scene, mine = self._scene, self._own.solids[body]
         if kind == BOX:
             return mine, self._boxes.solid(other), float(scene.box_limit[body, other])
-        if kind == SELF:
-            return mine, self._own.solids[other], float(scene.self_limit[body, other])
-        return mine, self._others.solids[other], float(scene.solid_limit[body, other])
+        return mine, self._own.solids[other], float(scene.self_limit[body, other])
 
 
 _NO_PROBES = np.empty(0)
@@ -312,7 +297,7 @@ def _surroundings(
         if at.holder is not None and at.holder != robot:
             hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
             there = item.shape.placed(item.name, hand @ at.pose)
-            boxes = boxes.plus(there, in_hand=True)
+            boxes = boxes.plus(there, of_robots=True)
     return held_by(robot, held), boxes
 
 

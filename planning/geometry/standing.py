@@ -1,4 +1,4 @@
-"""Tables of the boxes and robots that stand around a robot, shared by scenes.
+"""Tables of what stands around a robot, boxes and other robots, shared by scenes.
 
 An object stands in the same place in very many scenes. All its places are rows of arrays that
 scenes share: a scene is a choice of rows.
@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +18,16 @@ from planning.cell.shape import Placed
 from planning.cell.workcell import Attachment, CellObject, Fixture, PlacedRobot
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, resting_solid
-from planning.geometry.hull_table import AT_REST, HullTable, standing_hulls
-from planning.geometry.robot_bodies import Held, robot_bodies
-from planning.geometry.swept import SweptBodies, stand_still
+from planning.geometry.hull_table import AT_REST, HullTable
+from planning.geometry.robot_bodies import (
+    AllowedPairs,
+    Held,
+    RobotBodies,
+    entity,
+    places_of,
+    skip_allowed,
+)
+from planning.geometry.swept import SKIP
 from planning.kinematics.chain import NO_JOINTS
 from planning.kinematics.kinematics import joint_poses_of
 from planning.packed import packed
@@ -40,7 +46,9 @@ class _Places:
         self.pose = np.empty((1024, 4, 4))
         self.half = np.empty((1024, 3))
         self.bounds = np.empty((1024, 6))
+        self.joint = np.full(1024, AT_REST, dtype=np.int64)
         self.corner_first = np.zeros(1025, dtype=np.int64)
+        self.capsule_first = np.zeros(1025, dtype=np.int64)
         self.corners = np.empty((8192, 3))
         self.most_corners = 0
         self.solids: list[Solid] = []
@@ -68,14 +76,11 @@ class _Places:
         solid = resting_solid(body.name, body, pose)
         corners = solid.vertices
         if row == len(self.pose):
-            self.pose, self.half, self.bounds = (
-                _grown(self.pose),
-                _grown(self.half),
-                _grown(self.bounds),
-            )
-            self.corner_first = np.concatenate(
-                [self.corner_first, np.zeros(row, dtype=np.int64)]
-            )
+            self.pose, self.half = _grown(self.pose), _grown(self.half)
+            self.bounds, self.joint = _grown(self.bounds), np.tile(self.joint, 2)
+            none = np.zeros(row, dtype=np.int64)
+            self.corner_first = np.append(self.corner_first, none)
+            self.capsule_first = np.append(self.capsule_first, none)
         while used + len(corners) > len(self.corners):
             self.corners = _grown(self.corners)
         half = body.half
@@ -107,26 +112,24 @@ class StandingBoxes:
     """Convex pieces at rest in the world, and the boxes around them.
 
     Attributes:
-        names: of the fixtures, then of the objects: of each as often as it has pieces.
+        names: of the fixtures, then of the objects: of each as often as it has pieces. Robots
+            that stand are there by their entities.
         rows: of the places of the pieces, in the same order.
         fixtures: how many pieces the fixtures have.
         places: arrays that the rows are of.
-        in_hand: names of those that another robot holds.
+        of_robots: names of the entities of other robots, and of what these hold.
     """
 
     names: tuple[str, ...]
     rows: Indices
     fixtures: int
     places: _Places
-    in_hand: frozenset[str] = frozenset()
+    of_robots: frozenset[str] = frozenset()
 
     @cached_property
     def columns(self) -> Mapping[str, list[int]]:
         """At which places the pieces of each name stand."""
-        found: dict[str, list[int]] = {}
-        for k, name in enumerate(self.names):
-            found.setdefault(name, []).append(k)
-        return found
+        return places_of(self.names)
 
     @property
     def pose(self) -> Array:
@@ -156,10 +159,10 @@ class StandingBoxes:
             np.empty((1, 0)),
             np.empty((1, 0)),
             self.rows.astype(np.int32)[None],
-            np.full(places.count, AT_REST, dtype=np.int64),
+            places.joint,
             places.corner_first,
             places.corners,
-            np.zeros(places.count + 1, dtype=np.int64),
+            places.capsule_first,
             np.empty((0, 2, 3)),
             np.empty(0),
         )
@@ -197,13 +200,13 @@ class StandingBoxes:
         self,
         boxes: Sequence[Placed],
         *,
-        in_hand: bool = False,
+        of_robots: bool = False,
     ) -> StandingBoxes:
         """Return these pieces and more of them.
 
         Args:
             boxes: the others.
-            in_hand: whether another robot holds them.
+            of_robots: whether they are those of other robots, or in their hands.
         """
         if not boxes:
             return self
@@ -213,7 +216,7 @@ class StandingBoxes:
             np.concatenate([self.rows, np.array(rows, dtype=np.int64)]),
             self.fixtures,
             self.places,
-            self.in_hand.union(name for name, *_ in boxes) if in_hand else self.in_hand,
+            self.of_robots.union(b[0] for b in boxes) if of_robots else self.of_robots,
         )
 
 
@@ -227,48 +230,44 @@ def stand_boxes(fixtures: Sequence[Fixture], boxes: Iterable[Placed]) -> Standin
     return empty.plus([*still, *boxes])
 
 
-class StandingRobots(NamedTuple):
-    """Robots that stand.
+def box_limits(
+    own: RobotBodies,
+    boxes: StandingBoxes,
+    allowed: AllowedPairs,
+    to_objects: float,
+    to_robots: float,
+) -> Array:
+    """Return the least distances of a robot's bodies from boxes, SKIP for none, shape (o, b) [m].
 
-    Attributes:
-        entities: of the bodies, as allowed contacts name them.
-        solids: for exact decisions.
-        bodies: their capsules and corners.
+    Args:
+        own: the bodies. What is bolted down may stand in a fixture.
+        boxes: what stands around.
+        allowed: unordered pairs of entities that may touch.
+        to_objects: from what rests [m].
+        to_robots: from other robots and what they hold [m].
     """
-
-    entities: tuple[str, ...]
-    solids: tuple[Solid, ...]
-    bodies: SweptBodies
-
-
-_STANDS: KeptAnswers[StandingRobots] = KeptAnswers(2000)
+    limits = np.full((len(own.solids), len(boxes.rows)), to_objects)
+    limits[:, [k for n in boxes.of_robots for k in boxes.columns[n]]] = to_robots
+    limits[own.hulls.joint < 0, : boxes.fixtures] = SKIP
+    skip_allowed(limits, own.of_entity, boxes.columns, allowed)
+    return limits
 
 
-def stand_robots(
-    robots: Sequence[PlacedRobot], configurations: Mapping[str, Array]
-) -> StandingRobots:
-    """Return robots, with empty hands, where they stand."""
-    at = [np.array(configurations[r.name], dtype=np.float64) for r in robots]
-    key = tuple(
-        (r.model, r.name, r.base.tobytes(), q.tobytes())
-        for r, q in zip(robots, at, strict=True)
-    )
-    return _STANDS.get(key, lambda: _collect(robots, at))
+_STANDS: KeptAnswers[list[Placed]] = KeptAnswers(2000)
 
 
-def _collect(robots: Sequence[PlacedRobot], at: Sequence[Array]) -> StandingRobots:
-    entities: list[str] = []
-    solids: list[Solid] = []
-    for robot, q in zip(robots, at, strict=True):
-        own = robot_bodies(robot)
+def standing_robot(robot: PlacedRobot, q: Array) -> list[Placed]:
+    """Return the bodies of a robot, with empty hands, where it stands: each with its entity."""
+
+    def collect() -> list[Placed]:
         poses = joint_poses_of(robot, q)
-        entities += own.entities
-        solids += [
-            resting_solid(solid.name, part.body, poses[part.joint + 1])
-            for solid, part in zip(own.solids, robot.model.parts, strict=True)
+        return [
+            (entity(robot.name, part.group), part.body, poses[part.joint + 1])
+            for part in robot.model.parts
         ]
-    bodies = stand_still(standing_hulls(solids))
-    return StandingRobots(tuple(entities), tuple(solids), bodies)
+
+    key = robot.model, robot.name, robot.base.tobytes(), q.tobytes()
+    return _STANDS.get(key, collect)
 
 
 Sorted = tuple[list[Held], StandingBoxes]

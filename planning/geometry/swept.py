@@ -8,17 +8,18 @@ joint's travel. The bound is rigorous, so nothing between two samples goes unsee
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.distance import segment_box, segment_segment
+from planning.geometry.distance import boxes_apart, segment_box, segment_segment
 from planning.geometry.hull_table import HullTable
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import ZERO, inner_kernel, kernel
 from planning.kinematics.chain import joint_axis, pose_joints
 from planning.packed import packed
-from planning.transforms import Array
+from planning.transforms import Array, Indices
 
 
 @inner_kernel
@@ -133,95 +134,6 @@ def bound_travel(hulls: HullTable, q_a: Array, q_b: Array) -> Array:
     return out
 
 
-@kernel
-def boxes_in_reach(
-    hulls: HullTable, path: Array, pose: Array, half: Array, room: float
-) -> npt.NDArray[np.bool_]:
-    """Return which boxes anything on a path may come near to: a coarse, safe choice.
-
-    Args:
-        hulls: the bodies of the robot, with all it ever holds on the path.
-        path: configurations joined by straight lines, shape (w, n).
-        pose: poses of the boxes, shape (b, 4, 4).
-        half: their half edge lengths, shape (b, 3) [m].
-        room: least distance that matters [m].
-
-    Returns:
-        Shape (b,). Boxes that are left out keep more than ``room`` from every swept capsule.
-    """
-    n, capsules = path.shape[1], len(hulls.radius)
-    start, end = np.empty((capsules, 3)), np.empty((capsules, 3))
-    poses, q_mid = np.empty((n + 1, 4, 4)), np.empty(n)
-    moved = np.empty((capsules, n + 1))
-    out = np.zeros(len(pose), dtype=np.bool_)
-    low, high = _box_corners(pose, half)
-    near = np.empty(capsules, dtype=np.int64)
-    around = np.empty((2, 3))
-    for s in range(len(path) - 1):
-        place_capsules(hulls, path[s], path[s + 1], poses, q_mid, start, end, moved)
-        # Most of a robot is far above all boxes, and most boxes are far from the rest of it.
-        count = 0
-        around[0], around[1] = np.inf, -np.inf
-        for c in range(capsules):
-            reach = hulls.radius[c] + moved[c, 0] + room
-            apart = False
-            for r in range(3):
-                least = min(start[c, r], end[c, r]) - reach
-                most = max(start[c, r], end[c, r]) + reach
-                apart = apart or most < low[-1, r] or least > high[-1, r]
-            if apart:
-                continue
-            near[count] = c
-            count += 1
-            for r in range(3):
-                least = min(start[c, r], end[c, r]) - reach
-                most = max(start[c, r], end[c, r]) + reach
-                around[0, r] = min(around[0, r], least)
-                around[1, r] = max(around[1, r], most)
-        for b in range(len(pose)):
-            if out[b]:
-                continue
-            apart = False
-            for r in range(3):
-                apart = apart or high[b, r] < around[0, r] or low[b, r] > around[1, r]
-            if apart:
-                continue
-            for k in range(count):
-                if out[b]:
-                    break
-                c = near[k]
-                reach = hulls.radius[c] + moved[c, 0] + room
-                # The distance to the middle of the capsule rules out most.
-                far = apart_square = length = 0.0
-                for r in range(3):
-                    far += half[b, r] ** 2
-                    middle = 0.5 * (start[c, r] + end[c, r])
-                    apart_square += (middle - pose[b, r, 3]) ** 2
-                    length += (end[c, r] - start[c, r]) ** 2
-                far = np.sqrt(far) + 0.5 * np.sqrt(length) + reach
-                if apart_square <= far * far:
-                    gap = segment_box(start[c], end[c], pose[b], half[b])
-                    out[b] = gap <= reach * reach
-    return out
-
-
-@inner_kernel
-def _box_corners(pose: Array, half: Array) -> tuple[Array, Array]:
-    """Return the least and greatest corners of boxes, and in a last row those around them all."""
-    count = len(pose)
-    low, high = np.empty((count + 1, 3)), np.empty((count + 1, 3))
-    for r in range(3):
-        low[count, r], high[count, r] = np.inf, -np.inf
-        for b in range(count):
-            reach = 0.0
-            for k in range(3):
-                reach += abs(pose[b, r, k]) * half[b, k]
-            low[b, r], high[b, r] = pose[b, r, 3] - reach, pose[b, r, 3] + reach
-            low[count, r] = min(low[count, r], low[b, r])
-            high[count, r] = max(high[count, r], high[b, r])
-    return low, high
-
-
 SKIP = -1.0
 """In a table of limits: this pair is never checked."""
 
@@ -229,51 +141,135 @@ NOWHERE = -1.0
 """How far bodies stray that do not meet."""
 
 
+class Sweeps(NamedTuple):
+    """Bounds of what bodies sweep in pieces of motion.
+
+    Attributes:
+        box: least and greatest corner of what a piece sweeps, shape (p, 6).
+        body_first: where a piece's bodies begin in ``body_box``, shape (p + 1,).
+        body_box: likewise of every body, shape (bodies of all pieces, 6).
+        capsule_first: where a piece's capsules begin in the next three, shape (p + 1,).
+        capsule_a, capsule_b, radius: swept capsules, shapes (c, 3), (c, 3), (c,).
+    """
+
+    box: Array
+    body_first: Indices
+    body_box: Array
+    capsule_first: Indices
+    capsule_a: Array
+    capsule_b: Array
+    radius: Array
+
+
+def no_sweeps(
+    bodies: Sequence[int] | Indices, capsules: Sequence[int] | Indices
+) -> Sweeps:
+    """Return room for what is swept in pieces, with so many bodies and capsules each."""
+    body_first, capsule_first = (
+        np.cumsum([0, *counts]).astype(np.int64) for counts in (bodies, capsules)
+    )
+    count = int(capsule_first[-1])
+    return Sweeps(
+        np.zeros((len(bodies), 6)),
+        body_first,
+        np.zeros((int(body_first[-1]), 6)),
+        capsule_first,
+        np.zeros((count, 3)),
+        np.zeros((count, 3)),
+        np.zeros(count),
+    )
+
+
+class SweepRoom(NamedTuple):
+    """Room to sweep bodies in.
+
+    Attributes:
+        poses: of joints, shape (n + 1, 4, 4).
+        middle: a configuration, shape (n,).
+        moved: how far capsules strayed that were swept last, see ``place_capsules``, shape
+            (c, n + 1).
+    """
+
+    poses: Array
+    middle: Array
+    moved: Array
+
+
+def room_to_sweep(joints: int, capsules: int) -> SweepRoom:
+    """Return room for a robot with so many joints and capsules at most."""
+    room = SweepRoom(
+        np.empty((joints + 1, 4, 4)), np.empty(joints), np.zeros((capsules, joints + 1))
+    )
+    return packed(room)
+
+
+@inner_kernel
+def sweep_piece(
+    hulls: HullTable, q_a: Array, q_b: Array, p: int, out: Sweeps, room: SweepRoom
+) -> None:
+    """Write the capsules and the boxes of bodies on a straight motion.
+
+    Args:
+        hulls: the bodies.
+        q_a, q_b: ends of their motion, shape (n,).
+        p: which piece of ``out`` it is.
+        out: written.
+        room: room to work in.
+    """
+    body, start = out.body_first[p], out.capsule_first[p]
+    capsules, count, moved = hulls.capsule_first, len(hulls.radius), room.moved
+    a, b, radius = out.capsule_a, out.capsule_b, out.radius
+    place_capsules(
+        hulls,
+        q_a,
+        q_b,
+        room.poses,
+        room.middle[: len(q_a)],
+        a[start : start + count],
+        b[start : start + count],
+        moved,
+    )
+    bare, box, around = hulls.radius, out.body_box, out.box
+    for c in range(count):
+        radius[start + c] = bare[c] + moved[c, 0]
+    for r in range(3):
+        around[p, r], around[p, r + 3] = np.inf, -np.inf
+    for k in range(len(hulls.joint)):
+        low, high = start + capsules[k], start + capsules[k + 1]
+        for r in range(3):
+            least, most = np.inf, -np.inf
+            for c in range(low, high):
+                least = min(least, min(a[c, r], b[c, r]) - radius[c])
+                most = max(most, max(a[c, r], b[c, r]) + radius[c])
+            box[body + k, r], box[body + k, r + 3] = least, most
+            around[p, r] = min(around[p, r], least)
+            around[p, r + 3] = max(around[p, r + 3], most)
+
+
 class SweptBodies(NamedTuple):
     """Bodies on a stretch of motion.
 
     Attributes:
         hulls: the bodies, on that stretch.
-        start, end: capsules in the middle of the stretch, shape (c, 3) [m].
-        moved: how far they stray from there, see ``place_capsules``, shape (c, n + 1) [m].
-        box: least and greatest corner of each body, shape (o, 6) [m].
-        poses, middle: joints in the middle, shapes (n + 1, 4, 4) and (n,).
+        sweeps: what they sweep there, as one piece.
+        room: how far their capsules stray there.
     """
 
     hulls: HullTable
-    start: Array
-    end: Array
-    moved: Array
-    box: Array
-    poses: Array
-    middle: Array
+    sweeps: Sweeps
+    room: SweepRoom
 
 
 def make_swept(hulls: HullTable) -> SweptBodies:
     """Return the bodies of a robot on a stretch of motion of their own, not swept yet."""
-    n, capsules = hulls.q_a.shape[1], len(hulls.radius)
-    swept = SweptBodies(
-        hulls.on_a_motion(),
-        np.empty((capsules, 3)),
-        np.empty((capsules, 3)),
-        np.zeros((capsules, n + 1)),
-        np.empty((len(hulls.joint), 6)),
-        np.empty((n + 1, 4, 4)),
-        np.empty(n),
+    capsules = len(hulls.radius)
+    return packed(
+        SweptBodies(
+            hulls.on_a_motion(),
+            packed(no_sweeps([len(hulls.joint)], [capsules])),
+            room_to_sweep(hulls.q_a.shape[1], capsules),
+        )
     )
-    return packed(swept)
-
-
-def stand_still(hulls: HullTable) -> SweptBodies:
-    """Return bodies that rest in the world."""
-    start, end = np.array(hulls.ends[:, 0]), np.array(hulls.ends[:, 1])
-    first, radius = hulls.capsule_first, hulls.radius[:, None]
-    low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
-    box = np.hstack(
-        [np.minimum.reduceat(low, first[:-1]), np.maximum.reduceat(high, first[:-1])]
-    )
-    moved, poses, middle = np.zeros((len(start), 1)), np.empty((1, 4, 4)), np.empty(0)
-    return packed(SweptBodies(hulls, start, end, moved, box, poses, middle))
 
 
 @inner_kernel
@@ -291,50 +287,78 @@ def go_along(hulls: HullTable, q_a: Array, q_b: Array, lo: float, hi: float) -> 
 
 
 @inner_kernel
-def sweep_bodies(
-    bodies: SweptBodies, q_a: Array, q_b: Array, lo: float, hi: float
-) -> None:
-    """Sweep a robot's bodies along a stretch of a straight motion; see ``go_along``."""
+def sweep_bodies(bodies: SweptBodies) -> None:
+    """Sweep bodies along the stretch that they are on."""
     hulls = bodies.hulls
-    first, radius = hulls.capsule_first, hulls.radius
-    start, end, moved, box = bodies.start, bodies.end, bodies.moved, bodies.box
-    go_along(hulls, q_a, q_b, lo, hi)
-    place_capsules(
-        hulls,
-        hulls.q_a[0],
-        hulls.q_b[0],
-        bodies.poses,
-        bodies.middle,
-        start,
-        end,
-        moved,
-    )
-    for o in range(len(first) - 1):
-        for r in range(3):
-            low, high = np.inf, -np.inf
-            for c in range(first[o], first[o + 1]):
-                grown = radius[c] + moved[c, 0]
-                low = min(low, min(start[c, r], end[c, r]) - grown)
-                high = max(high, max(start[c, r], end[c, r]) + grown)
-            box[o, r], box[o, r + 3] = low, high
+    sweep_piece(hulls, hulls.q_a[0], hulls.q_b[0], ZERO, bodies.sweeps, bodies.room)
+
+
+@inner_kernel
+def strays_at_box(
+    bodies: SweptBodies, o: int, pose: Array, half: Array, limit: float
+) -> float:
+    """Return how far a capsule of a body strays that comes near a box, NOWHERE where none does.
+
+    Args:
+        bodies, o: bodies, and one of them.
+        pose, half: of the box, shapes (4, 4) and (3,).
+        limit: least distance [m].
+    """
+    first, sweeps = bodies.hulls.capsule_first, bodies.sweeps
+    a, b, radius = sweeps.capsule_a, sweeps.capsule_b, sweeps.radius
+    for c in range(first[o], first[o + 1]):
+        near = radius[c] + limit
+        if segment_box(a[c], b[c], pose, half) <= near * near:
+            return float(bodies.room.moved[c, 0])
+    return NOWHERE
+
+
+@kernel
+def boxes_in_reach(
+    bodies: SweptBodies,
+    path: Array,
+    pose: Array,
+    half: Array,
+    bounds: Array,
+    room: float,
+) -> npt.NDArray[np.bool_]:
+    """Return which boxes anything on a path may come near to: a coarse, safe choice.
+
+    Args:
+        bodies: of the robot, with all it ever holds on the path.
+        path: configurations joined by straight lines, shape (w, n).
+        pose: poses of the boxes, shape (b, 4, 4).
+        half: their half edge lengths, shape (b, 3) [m].
+        bounds: least and greatest corner of each, shape (b, 6) [m].
+        room: least distance that matters [m].
+
+    Returns:
+        Shape (b,). Boxes that are left out keep more than ``room`` from every swept capsule.
+    """
+    out = np.zeros(len(pose), dtype=np.bool_)
+    around, box = bodies.sweeps.box, bodies.sweeps.body_box
+    for s in range(len(path) - 1):
+        go_along(bodies.hulls, path[s], path[s + 1], 0.0, 1.0)
+        sweep_bodies(bodies)
+        for b in range(len(pose)):
+            if out[b] or boxes_apart(around, ZERO, bounds, b, room):
+                continue
+            for o in range(len(box)):
+                if not boxes_apart(box, o, bounds, b, room):
+                    strayed = strays_at_box(bodies, o, pose[b], half[b], room)
+                    out[b] = out[b] or strayed != NOWHERE
+    return out
 
 
 @inner_kernel
 def strays_where_they_meet(
-    a: SweptBodies,
-    i: int,
-    b: SweptBodies,
-    j: int,
-    root: int,
-    limit: float,
-    enough: float,
+    bodies: SweptBodies, i: int, j: int, root: int, limit: float, enough: float
 ) -> float:
-    """Return how far capsules of two bodies stray that come closer than a limit.
+    """Return how far capsules of two bodies of a robot stray that come closer than a limit.
 
     Args:
-        a, i: bodies, and one of them.
-        b, j: likewise for the other.
-        root: the joint from which they are seen plus one; 0 for the world.
+        bodies, i, j: bodies, and two of them.
+        root: the joint from which they are seen.
         limit: least distance [m].
         enough: the first that stray further are good enough to return [m].
 
@@ -342,14 +366,17 @@ def strays_where_they_meet(
         The largest sum of what two such capsules stray [m], NOWHERE where there are none.
     """
     strayed = NOWHERE
-    a_first, b_first = a.hulls.capsule_first, b.hulls.capsule_first
-    a_radius, b_radius = a.hulls.radius, b.hulls.radius
-    for c in range(a_first[i], a_first[i + 1]):
-        for d in range(b_first[j], b_first[j + 1]):
-            both = a.moved[c, root] + b.moved[d, root]
-            near = a_radius[c] + b_radius[d] + both + limit
-            gap = segment_segment(a.start[c], a.end[c], b.start[d], b.end[d])
-            if gap <= near * near:
+    first, radius, moved = (
+        bodies.hulls.capsule_first,
+        bodies.hulls.radius,
+        bodies.room.moved,
+    )
+    a, b = bodies.sweeps.capsule_a, bodies.sweeps.capsule_b
+    for c in range(first[i], first[i + 1]):
+        for d in range(first[j], first[j + 1]):
+            both = moved[c, root + 1] + moved[d, root + 1]
+            near = radius[c] + radius[d] + both + limit
+            if segment_segment(a[c], b[c], a[d], b[d]) <= near * near:
                 strayed = max(strayed, both)
                 if strayed > enough:
                     return float(strayed)

@@ -20,7 +20,7 @@ from planning.cell.workcell import (
 from planning.geometry.robot_bodies import entity, robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
-from planning.geometry.swept import boxes_in_reach
+from planning.geometry.swept import boxes_in_reach, make_swept
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import MARGIN
 from planning.steps.skill import (
@@ -85,10 +85,11 @@ class SkillScene:
         objects = boxes.rows[boxes.fixtures :]
         return boxes.only(
             boxes_in_reach(
-                robot_bodies(self.cell.robot(path.robot), held).hulls,
+                make_swept(robot_bodies(self.cell.robot(path.robot), held).hulls),
                 np.vstack([path.lead, path.path]),
                 boxes.places.pose[objects],
                 boxes.places.half[objects],
+                boxes.places.bounds[objects],
                 self.cell.clearances.robot_object + MARGIN,
             )
         )
@@ -127,7 +128,7 @@ class SkillScene:
             margin=MARGIN,
             amid=(
                 self._held_by(robot, after=after),
-                boxes.plus(more).plus(in_hand, in_hand=True),
+                boxes.plus(more).plus(in_hand, of_robots=True),
             ),
         )
 

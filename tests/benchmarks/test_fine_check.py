@@ -14,38 +14,21 @@ from hypothesis import strategies as st
 from benchmarks.construction.fine_check.check import FineCheck, check_construction
 from benchmarks.construction.fine_check.walk import Group, Measurer, Motion
 from benchmarks.construction.fixed_time import plan_fixed_time
-from planning.cell.workcell import PlacedRobot, Workcell
 from planning.construction.planner import ConstructionPlan, plan_construction
 from planning.construction.problem.models import tower
-from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.problem.site import (
-    Spiral,
-    build_problem,
-    ground_fixture,
-    part_objects,
-)
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.robots.registry import robot_model
-from planning.transforms import Array, identity, readonly, rotation, translation
+from planning.transforms import Array, readonly, rotation, translation
 from scheduling.verification.reference import ReferenceRobot, measure
+from tests.planning.construction.toy_sites import toy_problem
 from tests.planning.construction.toy_teams import placed, rover
 
-
-@cache
-def problem() -> ConstructionProblem:
-    model = robot_model("mobile-manipulator")
-    team = []
-    for k in range(2):
-        home = np.array(model.home)
-        home[:3] = 5.0 * np.cos(np.pi * k), 0.0, np.pi * k
-        team.append(PlacedRobot(f"robot{k + 1}", model, identity(), readonly(home)))
-    cell = Workcell(tuple(team), (ground_fixture(),), part_objects(tower(2), Spiral()))
-    return build_problem(cell, tower(2))
+PROBLEM = toy_problem(tower(2), 2)
 
 
 @cache
 def good() -> ConstructionPlan:
-    return plan_construction(problem())
+    return plan_construction(PROBLEM)
 
 
 def with_line(plan: ConstructionPlan, line: RobotTimeline) -> ConstructionPlan:
@@ -67,6 +50,7 @@ def driving(plan: ConstructionPlan, robot: str, *to: Array) -> ConstructionPlan:
 
 
 def test_a_good_plan_passes() -> None:
+    assert good().rewound == 0
     found = check_construction(good())
     assert found.ok, found.faults[:3]
     assert found.measured > 1000
@@ -74,12 +58,12 @@ def test_a_good_plan_passes() -> None:
 
 
 def test_the_fixed_time_baseline_passes() -> None:
-    plan = plan_fixed_time(problem(), 6.0)
+    plan = plan_fixed_time(PROBLEM, 6.0)
     found = check_construction(plan)
     assert found.ok, found.faults[:3]
     starts = {
         robot: [w for w in plan.building.work if w.robot == robot]
-        for robot in problem().team
+        for robot in PROBLEM.team
     }
     for work in starts.values():
         end = 0.0
@@ -192,6 +176,19 @@ def short_skill(plan: ConstructionPlan) -> ConstructionPlan:
     return replace(plan, building=replace(building, work=work))
 
 
+def overlapping_skills(plan: ConstructionPlan) -> ConstructionPlan:
+    """The pick of a part goes on until after its place has begun."""
+    building = plan.building
+    place = next(w for w in building.work if w.holder is None)
+    work = tuple(
+        replace(w, time=np.append(w.time[:-1], place.start + 0.1))
+        if w.object == place.object and w is not place
+        else w
+        for w in building.work
+    )
+    return replace(plan, building=replace(building, work=work))
+
+
 def bent_joint(plan: ConstructionPlan) -> ConstructionPlan:
     model = robot_model("mobile-manipulator")
     beyond = np.array(plan.building.world.robots["robot1"].path[-1])
@@ -212,6 +209,7 @@ def bent_joint(plan: ConstructionPlan) -> ConstructionPlan:
         (misplaced, "pose", "beam2 ends 2.0 mm from where it belongs"),
         (forgotten_pick, "mode", "beam2 goes through place-down"),
         (short_skill, "mode", "less than"),
+        (overlapping_skills, "mode", "begins place"),
         (bent_joint, "motion", "beyond its joint limits"),
     ],
 )
@@ -268,7 +266,7 @@ def test_walks_find_what_measuring_every_sample_finds(seed: int) -> None:
 
 def test_samples_leave_nothing_out() -> None:
     motion = Motion(
-        ReferenceRobot(problem().cell.robots[0]),
+        ReferenceRobot(PROBLEM.cell.robots[0]),
         good().building.world.robots["robot1"],
     )
     parts = tuple(motion.robot.parts)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell, WorldState, start_state
 from planning.errors import PlanInvariantError, TransitError
+from planning.geometry.moving_pairs import MovingPair
 from planning.geometry.scene_checker import SceneChecker
-from planning.geometry.separation import MovingPair
 from planning.motion.composite import CompositeChecker
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.motion.sequential import MotionSettings

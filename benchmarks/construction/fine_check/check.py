@@ -99,7 +99,7 @@ def check_construction(
     }
     for part in problem.parts:
         faults += _part_faults(plan, part, motions)
-    faults += _load_faults(plan)
+    faults += _hand_faults(plan)
     faults += _order_faults(plan)
     measured = measure_clearances(plan, motions, progress)
     faults += [Fault(t, "clearance", words) for t, words in measured.found]
@@ -210,8 +210,17 @@ def _grip_faults(
     yield Fault(change.time, "mode", words)
 
 
-def _load_faults(plan: ConstructionPlan) -> Iterator[Fault]:
-    """Yield the times at which a robot takes something though it holds something."""
+def _hand_faults(plan: ConstructionPlan) -> Iterator[Fault]:
+    """Yield the times at which a robot does two skills at once or takes a second part."""
+    last: dict[str, PlannedTask] = {}
+    for skill in sorted(plan.building.work, key=lambda w: w.start):
+        before = last.get(skill.robot)
+        if before is not None and skill.start < before.end - SLACK_S:
+            words = (
+                f"{skill.robot} begins {skill.label} before the end of {before.label}"
+            )
+            yield Fault(skill.start, "mode", words)
+        last[skill.robot] = skill
     events = sorted(
         (change.time, change.holder is not None, name, change.holder)
         for name, line in plan.building.world.objects.items()

@@ -3,36 +3,19 @@
 A motion is cut at the cells of time: in each cell the whole of its stretch must clear the whole
 of what every other robot sweeps in the cell, and where that fails the cell is halved a few
 times. So what is found free can become nodes of a temporal plan graph, see ``motion_pieces``.
-
-Continuous collision checks of motions in space-time, compiled.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.scene import (
-    MoversScene,
-    own_at,
-    sweep_between,
-    sweep_stretch,
-)
-from planning.construction.checks.still_checks import (
-    capsules_meet,
-    movers_clear,
-    pairs_apart,
-    still_clear_until,
-)
-from planning.construction.world.tracks import (
-    Sweeps,
-    bodies_of,
-    near_stretch,
-    pieces_at,
-    set_motion,
-    sweep_carrier,
-)
+from planning.construction.checks.scene import MoverScene, own_at, sweep_stretch
+from planning.construction.checks.still_checks import still_clear
+from planning.construction.world.tracks import bodies_of, pieces_at, set_motion
 from planning.geometry.distance import boxes_apart
 from planning.geometry.hull_table import HullTable
+from planning.geometry.moving_pairs import pieces_apart
+from planning.geometry.swept import go_along, sweep_piece
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.transforms import Array
 
@@ -41,10 +24,10 @@ _PROBE = 0.4
 
 
 @inner_kernel
-def moving_clear_until(
-    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
-) -> tuple[bool, float]:
-    """Tell whether a motion is clear of robots that move, and until when it is.
+def first_meeting(
+    scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
+) -> float:
+    """Return up to when a motion is clear of robots that move, infinity where all of it is [s].
 
     Args:
         scene: the scene.
@@ -52,17 +35,16 @@ def moving_clear_until(
         q1, t1: where it ends, and when.
     """
     near, stack = scene.near, scene.stack
-    several = len(scene.begin) > 1
     sweep_stretch(scene, q0, t0, q1, t1, t0, t1)
     begin, finish = _cells(scene.step, t0, t1)
-    tracks = len(near) * 0
+    tracks = ZERO
     for r in range(len(scene.tracks.first) - 1):
         p, q = _near_pieces(scene, r, begin, finish)
         if p < q:
             near[tracks] = r
             tracks += 1
-    if tracks == 0 and not several:
-        return True, t1
+    if tracks == 0:
+        return np.inf
     stack[0, 0], stack[0, 1], stack[0, 2] = t0, t1, 0.0
     depth = 1
     while depth > 0:
@@ -80,13 +62,11 @@ def moving_clear_until(
             if p < q and not (single and clear_of_pieces(scene, p, q, begin, finish)):
                 clear = False
                 break
-        if clear and several:
-            clear = movers_clear(scene, single)
         if clear:
             continue
         if single:
             if level >= scene.halvings or hi - lo < 1e-9:
-                return False, lo
+                return float(lo)
             level += 1
             middle = begin + 0.5 * size
             if middle <= lo + 1e-9 or middle >= hi - 1e-9:
@@ -96,12 +76,12 @@ def moving_clear_until(
         else:
             middle = begin + size * np.round(0.5 * (finish - begin) / size)
         if depth + 2 > len(stack):
-            return False, lo
+            return float(lo)
         stack[depth, 0], stack[depth, 1], stack[depth, 2] = middle, hi, level
         stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle
         stack[depth + 1, 2] = level
         depth += 2
-    return True, t1
+    return np.inf
 
 
 @inner_kernel
@@ -114,24 +94,21 @@ def _cells(size: float, lo: float, hi: float) -> tuple[float, float]:
 
 @inner_kernel
 def _near_pieces(
-    scene: MoversScene, track: int, begin: float, finish: float
+    scene: MoverScene, track: int, begin: float, finish: float
 ) -> tuple[int, int]:
-    """Return the pieces of a track in a span, none where all are out of the movers' reach."""
+    """Return the pieces of a track in a span, from the first one in the robot's reach on."""
     tracks = scene.tracks
     first, last = tracks.first[track], tracks.first[track + 1]
-    start, end = tracks.pieces.start, tracks.pieces.end
+    start, end, box = tracks.pieces.start, tracks.pieces.end, tracks.sweeps.box
     p, q = pieces_at(start, end, first, last, begin, finish)
-    # The tree of a track has two nodes for each of its pieces.
-    count, base = last - first, 2 * first
-    around, widest = scene.own.box, scene.widest
-    if near_stretch(tracks.tree, base, count, p - first, q - first, around, widest):
-        return p, q
-    return p, p
+    while p < q and boxes_apart(scene.own.sweeps.box, ZERO, box, p, scene.widest):
+        p += 1
+    return p, q
 
 
 @inner_kernel
-def clear_of_tracks(scene: MoversScene, begin: float, finish: float) -> bool:
-    """Check the swept movers against all pieces in a span."""
+def clear_of_tracks(scene: MoverScene, begin: float, finish: float) -> bool:
+    """Check the swept robot against all pieces in a span."""
     for r in range(len(scene.tracks.first) - 1):
         p, q = _near_pieces(scene, r, begin, finish)
         if p < q and not clear_of_pieces(scene, p, q, begin, finish):
@@ -141,104 +118,59 @@ def clear_of_tracks(scene: MoversScene, begin: float, finish: float) -> bool:
 
 @inner_kernel
 def clear_of_pieces(
-    scene: MoversScene, p: int, q: int, begin: float, finish: float
+    scene: MoverScene, p: int, q: int, begin: float, finish: float
 ) -> bool:
-    """Check the swept movers against pieces ``range(p, q)`` of one track within a span."""
-    around, widest, limits = scene.own.box, scene.widest, scene.limits
-    tracks, sweeps, bodies = scene.tracks, scene.tracks.sweeps, scene.fleet.body_first
-    q_a, q_b = tracks.pieces.q_a, tracks.pieces.q_b
+    """Check the swept robot against pieces ``range(p, q)`` of one track within a span."""
+    own, widest, limits = scene.own, scene.widest, scene.limits.entities
+    tracks, bodies, entity = scene.tracks, scene.fleet.body_first, scene.entity
+    mine = (own.hulls, own.sweeps, ZERO, entity[: bodies[1]])
     for i in range(p, q):
-        if boxes_apart(around, ZERO, sweeps.box, i, widest):
+        if boxes_apart(own.sweeps.box, ZERO, tracks.sweeps.box, i, widest):
             continue
         v = tracks.carrier[i]
-        hulls = bodies_of(scene.fleet, v)
-        clipped = _clip(scene, hulls, i, begin, finish)
-        if clipped:
-            count = _near_bodies(scene, v, scene.other, (v * 0, v * 0))
-        else:
-            first = sweeps.body_first[i], sweeps.capsule_first[i]
-            count = _near_bodies(scene, v, sweeps, first)
-        if count == 0:
-            continue
-        if not clipped:
-            set_motion(hulls, q_a[i], q_b[i])
-        columns = scene.entity[bodies[v] : bodies[v + 1]]
-        if not pairs_apart(scene, count, limits.entities, hulls, columns):
+        hulls, names = bodies_of(scene.fleet, v), entity[bodies[v] : bodies[v + 1]]
+        swept, piece = tracks.sweeps, i
+        if _clip(scene, hulls, i, begin, finish):
+            swept, piece = scene.other, ZERO
+        theirs = (hulls, swept, piece, names)
+        if not pieces_apart(mine, theirs, limits, widest, scene.pairs, scene.scratch):
             return False
     return True
 
 
 @inner_kernel
 def _clip(
-    scene: MoversScene, hulls: HullTable, piece: int, begin: float, finish: float
+    scene: MoverScene, hulls: HullTable, piece: int, begin: float, finish: float
 ) -> bool:
-    """Sweep only what of a piece falls into a span; False where that is all of it."""
+    """Put a carrier on what of a piece falls into a span; tell whether only a part of it does.
+
+    Then that is swept, too.
+    """
     pieces = scene.tracks.pieces
     start, end = pieces.start[piece], pieces.end[piece]
+    set_motion(hulls, pieces.q_a[piece], pieces.q_b[piece])
     if pieces.whole[piece] or not (start < begin - 1e-9 or end > finish + 1e-9):
         return False
-    from_q, to_q = pieces.q_a[piece], pieces.q_b[piece]
-    n, moves = hulls.q_a.shape[1], False
-    for j in range(n):
-        moves = moves or from_q[j] != to_q[j]
+    q_a, q_b = hulls.q_a[0], hulls.q_b[0]
+    moves = False
+    for j in range(len(q_a)):
+        moves = moves or q_a[j] != q_b[j]
     if not moves:
         return False
     x = min(max((begin - start) / (end - start), 0.0), 1.0)
     y = min(max((finish - start) / (end - start), 0.0), 1.0)
-    q_a, q_b = hulls.q_a[0], hulls.q_b[0]
-    for j in range(n):
-        q_a[j] = from_q[j] + x * (to_q[j] - from_q[j])
-        q_b[j] = from_q[j] + y * (to_q[j] - from_q[j])
-    first = n * 0, n * 0
-    sweep_carrier(hulls, q_a, q_b, first, scene.other, scene.other_moved, scene.room)
+    # Configurations of pieces are padded to the most joints.
+    n = len(q_a)
+    go_along(hulls, pieces.q_a[piece, :n], pieces.q_b[piece, :n], x, y)
+    sweep_piece(hulls, q_a, q_b, ZERO, scene.other, scene.other_room)
     return True
 
 
 @inner_kernel
-def _near_bodies(
-    scene: MoversScene, v: int, other: Sweeps, first: tuple[int, int]
-) -> int:
-    """Collect the pairs of own bodies and of those of a carrier whose capsules meet.
-
-    Args:
-        scene: the scene, with the movers swept.
-        v: the carrier.
-        other: what its bodies sweep.
-        first: where its bodies and its capsules begin there.
-    """
-    fleet, own, limits = scene.fleet, scene.own, scene.limits.entities
-    around, box, other_box = own.box, own.body_box, other.body_box
-    pairs, joint, entity = scene.pairs, scene.joint, scene.entity
-    capsules, widest = scene.capsule_first, scene.widest
-    b0, bodies = fleet.body_first[v], fleet.body_first[v + 1] - fleet.body_first[v]
-    hulls = bodies_of(fleet, v)
-    count = v * 0
-    for k in range(bodies):
-        x = first[0] + k
-        if boxes_apart(around, ZERO, other_box, x, widest):
-            continue
-        low = first[1] + hulls.capsule_first[k]
-        high = first[1] + hulls.capsule_first[k + 1]
-        for o in range(len(box)):
-            limit = limits[o, entity[b0 + k]]
-            if (
-                limit >= 0.0
-                and not boxes_apart(box, o, other_box, x, limit)
-                and (joint[o] >= 0 or hulls.joint[k] >= 0)
-                and capsules_meet(
-                    own, capsules[o], capsules[o + 1], other, low, high, limit
-                )
-            ):
-                pairs[count] = o * bodies + k
-                count += 1
-    return count
-
-
-@inner_kernel
 def met_by_robots(
-    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
+    scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
-    """Return when a motion of one mover is in the way of other robots, infinity for never [s].
+    """Return when a motion is in the way of other robots, infinity for never [s].
 
     Some places on it are looked at first, so it need not be the first such time.
     """
@@ -246,17 +178,16 @@ def met_by_robots(
     if worth_probing(q0, t0, q1, t1):
         for share in (0.5, 0.25, 0.75):
             t = t0 + share * (t1 - t0)
-            own_at(scene, q0, t0, q1, t1, t, q)
-            sweep_between(scene, q, q, t, t)
+            own_at(q0, t0, q1, t1, t, q)
+            sweep_stretch(scene, q, t, q, t, t, t)
             if not clear_of_tracks(scene, t, t):
                 return t
-    clear, until = moving_clear_until(scene, q0, t0, q1, t1)
-    return np.inf if clear else until
+    return first_meeting(scene, q0, t0, q1, t1)
 
 
 @inner_kernel
-def left_by_robots(scene: MoversScene, q: Array, t: float, latest: float) -> float:
-    """Return from when on other robots leave room for the only mover to be at a place [s].
+def left_by_robots(scene: MoverScene, q: Array, t: float, latest: float) -> float:
+    """Return from when on other robots leave room to be at a place [s].
 
     Args:
         scene: the scene.
@@ -264,8 +195,8 @@ def left_by_robots(scene: MoversScene, q: Array, t: float, latest: float) -> flo
         t: no earlier time is looked at [s].
         latest: nor a later one: some time after it may be returned though it is not free [s].
     """
-    sweep_between(scene, q, q, t, t)
-    around, widest, tracks = scene.own.box, scene.widest, scene.tracks
+    sweep_stretch(scene, q, t, q, t, t, t)
+    around, widest, tracks = scene.own.sweeps.box, scene.widest, scene.tracks
     start, end, box = tracks.pieces.start, tracks.pieces.end, tracks.sweeps.box
     waited = True
     while waited and t < latest:
@@ -294,7 +225,7 @@ def worth_probing(q0: Array, t0: float, q1: Array, t1: float) -> bool:
 
 @kernel
 def clear_throughout(
-    scene: MoversScene, q0: Array, q1: Array, lo: float, hi: float
+    scene: MoverScene, q0: Array, q1: Array, lo: float, hi: float
 ) -> bool:
     """Tell whether a straight motion is clear of everything, wherever it is in a span.
 
@@ -303,80 +234,33 @@ def clear_throughout(
         q0, q1: ends of the motion, shape (n,).
         lo, hi: the span [s].
     """
-    clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
-    if not clear:
+    if not still_clear(scene, q0, lo, q1, hi, hi - lo):
         return False
     size = scene.step / (1 << scene.halvings)
     begin = np.floor(lo / size + 1e-6) * size
     finish = np.ceil(hi / size - 1e-6) * size
-    sweep_between(scene, q0, q1, lo, hi)
-    return clear_of_tracks(scene, begin, finish) and (
-        len(scene.begin) == 1 or movers_clear(scene, hi >= lo)
-    )
+    sweep_stretch(scene, q0, lo, q1, hi, lo, hi)
+    return clear_of_tracks(scene, begin, finish)
 
 
 @kernel
-def configuration_clear(scene: MoversScene, q: Array, t: float) -> bool:
-    """Tell whether the movers may be at ``q``, shape (n,), at one instant."""
-    clear, _ = still_clear_until(scene, q, t, q, t, 0.0)
-    # The movers have been swept, if such it may be called, and not cut up.
-    return (
-        clear
-        and clear_of_tracks(scene, t, t)
-        and (len(scene.begin) == 1 or movers_clear(scene, clear))
-    )
-
-
-@inner_kernel
-def clear_until(
-    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
-) -> tuple[bool, float]:
-    """Tell whether a whole motion is clear, and until when it is.
-
-    Each mover that is free to move by then goes straight, at constant speed.
-
-    Args:
-        scene: the scene.
-        q0, t0: where it begins, and when, shape (n,).
-        q1, t1: where it ends, and when.
-    """
-    begins = scene.begin
-    a, b = np.empty_like(q0), np.empty_like(q1)
-    a[:] = q0
-    begin = t0
-    while begin < t1:
-        # A mover that becomes free within the motion appears there.
-        end = t1
-        for m in range(len(begins)):
-            if begin + 1e-9 < begins[m] < end:
-                end = begins[m]
-        own_at(scene, q0, t0, q1, t1, end, b)
-        clear, until = still_clear_until(scene, a, begin, b, end, 0.0)
-        if not clear:
-            if until <= begin:
-                return False, begin
-            own_at(scene, q0, t0, q1, t1, until, b)
-        moving, first = moving_clear_until(scene, a, begin, b, until)
-        if not moving:
-            return False, first
-        if not clear:
-            return False, until
-        a[:] = b
-        begin = end
-    return True, t1
+def configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
+    """Tell whether the robot may be at ``q``, shape (n,), at one instant."""
+    # It has been swept, if such it may be called, and not cut up.
+    return still_clear(scene, q, t, q, t, 0.0) and clear_of_tracks(scene, t, t)
 
 
 @kernel
-def motion_clear(
-    scene: MoversScene, q0: Array, t0: float, q1: Array, t1: float
-) -> bool:
+def motion_clear(scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float) -> bool:
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
         return False
     if worth_probing(q0, t0, q1, t1):
         q, middle = np.empty_like(q0), 0.5 * (t0 + t1)
-        own_at(scene, q0, t0, q1, t1, middle, q)
+        own_at(q0, t0, q1, t1, middle, q)
         if not configuration_clear(scene, q, middle):
             return False
-    clear, _ = clear_until(scene, q0, t0, q1, t1)
-    return bool(clear)
+    return (
+        still_clear(scene, q0, t0, q1, t1, 0.0)
+        and first_meeting(scene, q0, t0, q1, t1) == np.inf
+    )

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.checks.moving_checks import clear_of_pieces, clear_throughout
-from planning.construction.checks.scene import MoversScene, sweep_between
-from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.checks.checker import SpaceTimeChecker, straight_runs
+from planning.construction.checks.moving_checks import clear_of_pieces
+from planning.construction.checks.scene import MoverScene, sweep_stretch
+from planning.construction.checks.still_checks import still_clear
 from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import pieces_at
 from planning.geometry.distance import boxes_apart
@@ -47,10 +47,8 @@ def arrival_windows(
         last = max(min(last, int(np.ceil((latest + duration) / STEP))), first + 1)
     free = np.ones(max(last - first, 0), dtype=np.bool_)
     for part, path in parts:
-        path = np.array(np.atleast_2d(path), dtype=np.float64)
-        following = path[1:] if len(path) > 1 else path
-        for a, b in zip(path, following, strict=False):
-            strike_out(part.scene, a.copy(), b.copy(), first, free)
+        for a, b in straight_runs(path):
+            strike_out(part.scene, a, b, first, free)
     out = np.empty((len(free) // 2 + 1, 2))
     spans = out[: spans_of(free, first, STEP, out)]
     opens = np.maximum(spans[:, 0], earliest)
@@ -63,7 +61,7 @@ def arrival_windows(
 
 @kernel
 def strike_out(
-    scene: MoversScene,
+    scene: MoverScene,
     q0: Array,
     q1: Array,
     first: int,
@@ -79,24 +77,17 @@ def strike_out(
     """
     cells, step = len(free), scene.step
     begin, finish = first * step, (first + cells) * step
-    if len(scene.begin) > 1:
-        # Movers are there from different times on.
-        for k in range(cells):
-            lo = (first + k) * step
-            free[k] = free[k] and clear_throughout(scene, q0, q1, lo, lo + step)
-        return
-    clear, _ = still_clear_until(scene, q0, begin, q1, finish, finish - begin)
+    clear = still_clear(scene, q0, begin, q1, finish, finish - begin)
     k = cells * int(clear)
     while k < cells:
         # Until something comes to lie there or is taken away, one cell is like another.
         same = _unchanged(scene, first + k, first + cells, step) - first
         lo, hi = (first + k) * step, (first + same) * step
-        clear, _ = still_clear_until(scene, q0, lo, q1, hi, hi - lo)
-        if not clear:
+        if not still_clear(scene, q0, lo, q1, hi, hi - lo):
             free[k:same] = False
         k = same
-    sweep_between(scene, q0, q1, begin, finish)
-    around, widest, tracks = scene.own.box, scene.widest, scene.tracks
+    sweep_stretch(scene, q0, begin, q1, finish, begin, finish)
+    around, widest, tracks = scene.own.sweeps.box, scene.widest, scene.tracks
     start, end = tracks.pieces.start, tracks.pieces.end
     box, firsts = tracks.sweeps.box, tracks.first
     for r in range(len(firsts) - 1):
@@ -116,7 +107,7 @@ def strike_out(
 
 
 @inner_kernel
-def _unchanged(scene: MoversScene, cell: int, last: int, step: float) -> int:
+def _unchanged(scene: MoverScene, cell: int, last: int, step: float) -> int:
     """Return the cell before which the same lies still all along, no later than the last one."""
     lo, until = cell * step, last * step
     start, end = scene.boxes.start, scene.boxes.end

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.construction.checks.scene import MoversScene
-from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.checks.scene import MoverScene
+from planning.construction.checks.still_checks import still_clear
 from planning.construction.paths.direct_paths import Query, chain_to
 from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array
@@ -45,12 +45,12 @@ class Lattice(NamedTuple):
 
 
 @kernel
-def base_path(scene: MoversScene, query: Query, goal: int, most: int) -> Array:
+def base_path(scene: MoverScene, query: Query, goal: int, most: int) -> Array:
     """Return corners of a way to a goal, clear of what lies still.
 
     Args:
-        scene: what must be kept clear of. The only mover drives with its first three joints: x,
-            y and a turn.
+        scene: what must be kept clear of. The robot drives with its first three joints: x, y
+            and a turn.
         query: what is asked for.
         goal: which goal is driven to.
         most: steps on the lattice that are looked at, at most.
@@ -109,7 +109,7 @@ def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> No
 
 @kernel
 def lattice_way(
-    scene: MoversScene, query: Query, goal: int, lattice: Lattice, most: int
+    scene: MoverScene, query: Query, goal: int, lattice: Lattice, most: int
 ) -> tuple[Array, Array]:
     """Return the shortest way over the lattice, from place to neighbouring place.
 
@@ -126,7 +126,7 @@ def lattice_way(
         none or too much has been looked at.
     """
     n, count = len(query.start), lattice.rows * lattice.columns
-    begin, speed = np.min(query.begin), min(query.velocity[0], query.velocity[1])
+    begin, speed = query.begin, min(query.velocity[0], query.velocity[1])
     cost, parent = np.full(count, np.inf), np.full(count, -1, dtype=np.int64)
     taken = np.zeros(count, dtype=np.bool_)
     q, before, looked = np.empty(n), np.empty(n), 0
@@ -145,10 +145,10 @@ def lattice_way(
                 looked += 1
                 stand_at(query, goal, lattice, source, before)
                 since = t - _between(lattice, source, at) / speed
-                clear, _ = still_clear_until(scene, before, since, q, t, 0.0)
+                clear = still_clear(scene, before, since, q, t, 0.0)
             if not clear:
                 looked += 1
-                here, _ = still_clear_until(scene, q, t, q, t, 0.0)
+                here = still_clear(scene, q, t, q, t, 0.0)
                 taken[at] = not here
                 if source != lattice.first or not here:
                     continue
@@ -180,7 +180,7 @@ def _between(lattice: Lattice, a: int, b: int) -> float:
 
 
 @inner_kernel
-def _corners(scene: MoversScene, way: Array, times: Array) -> Array:
+def _corners(scene: MoverScene, way: Array, times: Array) -> Array:
     """Return places of a way, each as far from the one before as halving finds a straight drive."""
     keep = np.zeros(len(way), dtype=np.bool_)
     keep[:1] = True
@@ -189,10 +189,7 @@ def _corners(scene: MoversScene, way: Array, times: Array) -> Array:
         # The next place is a neighbour.
         good, bad, to = at + 1, len(way), len(way) - 1
         while good < to:
-            clear, _ = still_clear_until(
-                scene, way[at], times[at], way[to], times[to], 0.0
-            )
-            if clear:
+            if still_clear(scene, way[at], times[at], way[to], times[to], 0.0):
                 good = to
             else:
                 bad = to

@@ -1,6 +1,6 @@
 """The bi-directional space-time RRT, compiled (Hartmann et al. IV-C).
 
-Two forests grow in space-time: one from where the movers are, forwards in time, and one from
+Two forests grow in space-time: one from where the robot is, forwards in time, and one from
 goals at sampled arrival times, backwards. A motion from (q, t) to (q', t') is possible where
 t < t' and no joint must go faster than it can; its length is eq. (5), with the time that the
 slowest joint needs as the distance of configurations.
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.checks.moving_checks import motion_clear
-from planning.construction.checks.scene import MoversScene, own_at
+from planning.construction.checks.scene import MoverScene, own_at
 from planning.construction.paths.direct_paths import (
     Query,
     arrive,
@@ -55,7 +55,7 @@ class _Forest(NamedTuple):
 
 
 def grow(
-    scene: MoversScene,
+    scene: MoverScene,
     query: Query,
     settings: RrtSettings,
     iterations: int,
@@ -88,7 +88,7 @@ def grow(
 
 @kernel
 def _grow(
-    scene: MoversScene,
+    scene: MoverScene,
     query: Query,
     settings: RrtSettings,
     ahead: _Forest,
@@ -102,7 +102,7 @@ def _grow(
     n, most = len(query.start), len(ahead.t)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed)
-    start, gain = np.min(query.begin), settings.good_enough_s
+    start, gain = query.begin, settings.good_enough_s
     soonest = np.inf
     for goal in range(len(query.goals)):
         reach = arrive(query, query.start, start, query.goals[goal])
@@ -175,7 +175,7 @@ def _grow(
 
 @inner_kernel
 def _hurry(
-    scene: MoversScene, query: Query, times: Array, path: Array, goal: int
+    scene: MoverScene, query: Query, times: Array, path: Array, goal: int
 ) -> tuple[Array, Array]:
     """Go straight to the goal from where on the path that leads there soonest."""
     best, at = times[-1], -1
@@ -245,7 +245,7 @@ def _distance(
     far = 0.0
     for j in range(len(a)):
         travel = abs(b[j] - a[j]) / query.velocity[j]
-        if travel > _TINY and travel > tb - max(ta, query.begin[j]) + _TINY:
+        if travel > _TINY and travel > tb - ta + _TINY:
             return np.inf
         far = max(far, travel)
     return weight * far + (1.0 - weight) * (tb - ta)
@@ -276,7 +276,7 @@ def _nearest_node(
 
 @inner_kernel
 def _extend(
-    scene: MoversScene,
+    scene: MoverScene,
     forest: _Forest,
     near: int,
     q: Array,
@@ -295,12 +295,12 @@ def _extend(
     for _ in range(3):
         if forest.forward:
             end = t if span >= t - tn - _TINY else tn + span
-            own_at(scene, forest.q[near], tn, q, t, end, out)
+            own_at(forest.q[near], tn, q, t, end, out)
             if motion_clear(scene, forest.q[near], tn, out, end):
                 return True, end
         else:
             end = t if span >= tn - t - _TINY else tn - span
-            own_at(scene, q, t, forest.q[near], tn, end, out)
+            own_at(q, t, forest.q[near], tn, end, out)
             if motion_clear(scene, out, end, forest.q[near], tn):
                 return True, end
         span *= 0.4

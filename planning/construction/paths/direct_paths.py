@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.construction.checks.moving_checks import clear_until
-from planning.construction.checks.scene import MoversScene
-from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.checks.moving_checks import first_meeting
+from planning.construction.checks.scene import MoverScene
+from planning.construction.checks.still_checks import still_clear
 from planning.kernels import inner_kernel, kernel
 from planning.transforms import Array, Indices
 
@@ -28,8 +28,8 @@ class Query(NamedTuple):
     """A query: from a start to one of several goals within their time windows.
 
     Attributes:
-        start: where the movers are, shape (n,).
-        begin: when each joint is free to move, shape (n,) [s].
+        start: where the robot is, shape (n,).
+        begin: when it is free to move [s].
         lower, upper, velocity: of the joints, shape (n,).
         goals: configurations any of which will do, shape (g, n).
         window_first: windows of goal k are ``range(window_first[k], window_first[k + 1])``.
@@ -40,7 +40,7 @@ class Query(NamedTuple):
     """
 
     start: Array
-    begin: Array
+    begin: float
     lower: Array
     upper: Array
     velocity: Array
@@ -57,8 +57,7 @@ class SpaceTimePath:
 
     Attributes:
         time: of the waypoints, rising, shape (w,) [s].
-        path: waypoints of all movers, straight in between, shape (w, n). A mover that is not
-            yet free to move at a waypoint stands until it is.
+        path: waypoints, straight in between, shape (w, n).
         goal: which goal it leads to.
         earliest: no path to any goal arrives before [s].
     """
@@ -81,7 +80,7 @@ def arrive(query: Query, a: Array, t: float, b: Array) -> float:
     for j in range(len(a)):
         travel = abs(b[j] - a[j])
         if travel > 0.0:
-            out = max(out, max(t, query.begin[j]) + travel / query.velocity[j])
+            out = max(out, t + travel / query.velocity[j])
     return out
 
 
@@ -139,16 +138,12 @@ def sample_between(
     out: Array,
 ) -> float:
     """Draw a place in space-time that can be reached and from which a goal can be; return its time."""
-    first = np.inf
-    for j in range(len(out)):
-        first = min(first, query.begin[j])
-    t = first + random_share(state) * (arrival - first)
+    t = query.begin + random_share(state) * (arrival - query.begin)
     # While a robot drives its arm had better keep out of the way.
     leaning = random_share(state) < 0.5 and not np.all(query.leans)
     for j in range(len(out)):
         v = query.velocity[j]
-        ahead = v * max(t - query.begin[j], 0.0)
-        left = v * (arrival - max(t, query.begin[j]))
+        ahead, left = v * (t - query.begin), v * (arrival - t)
         low = max(query.lower[j], query.start[j] - ahead)
         high = min(query.upper[j], query.start[j] + ahead)
         low = max(low, query.goals[goal, j] - left)
@@ -168,7 +163,7 @@ _PLACES = 8
 
 @kernel
 def direct_paths(
-    scene: MoversScene, query: Query, latest: float, most: int, shares: int
+    scene: MoverScene, query: Query, latest: float, most: int, shares: int
 ) -> tuple[Array, Array, Indices, Indices, bool]:
     """Look for ways that are clear of all that lies still, the earliest arrivals first.
 
@@ -206,7 +201,7 @@ def direct_paths(
             continue
         which[found] = g
         found += 1
-        if _clear(scene, times[found - 1], ways[found - 1], counts[found - 1]):
+        if _meets_nobody(scene, times[found - 1], ways[found - 1], counts[found - 1]):
             return times[:found], ways[:found], counts[:found], which[:found], True
     return times[:found], ways[:found], counts[:found], which[:found], False
 
@@ -232,14 +227,14 @@ def _stands(
 def _soonest(query: Query, goal: int, kind: int, shares: int) -> float:
     """Return how soon a way can arrive [s]."""
     _, _, before, after = _stands(query, goal, kind, shares)
-    start = np.min(query.begin)
+    start = query.begin
     out = start
     for j in range(len(query.start)):
         travel = abs(query.goals[goal, j] - query.start[j]) / query.velocity[j]
         if query.leans[j]:
-            out = max(out, query.begin[j] + travel)
+            out = max(out, start + travel)
         elif travel > 0.0:
-            out = max(out, max(start + before, query.begin[j]) + travel + after)
+            out = max(out, start + before + travel + after)
     return out
 
 
@@ -255,7 +250,7 @@ def _lay(
 ) -> int:
     """Write a way that arrives at a time; return how many waypoints it has."""
     lean, back, before, after = _stands(query, goal, kind, shares)
-    start = np.min(query.begin)
+    start = query.begin
     span = arrival - start
     if lean + back > span > 0.0:
         share = span / (lean + back)
@@ -293,14 +288,14 @@ def _at(
 ) -> float:
     """Return where a joint is at a time: leaning as far as speeds allow, or going straight."""
     a, b, v = float(query.start[j]), float(query.goals[goal, j]), query.velocity[j]
-    start = np.min(query.begin)
+    start = query.begin
     if t >= arrival:
         return b
     if kind > 0 and query.leans[j]:
-        ahead, left = v * max(t - query.begin[j], 0.0), v * (arrival - t)
+        ahead, left = v * (t - start), v * (arrival - t)
         low, high = max(a - ahead, b - left), min(a + ahead, b + left)
         return float(min(max(query.rest[j], low), high))
-    begin = max(start + leave, query.begin[j])
+    begin = start + leave
     if t <= begin:
         return a
     if t >= come:
@@ -309,34 +304,31 @@ def _at(
 
 
 @inner_kernel
-def _still_clear(scene: MoversScene, times: Array, way: Array, count: int) -> bool:
+def _still_clear(scene: MoverScene, times: Array, way: Array, count: int) -> bool:
     """Tell whether a way is clear of all that lies still: places on it first, then all of it."""
     middle = np.empty(way.shape[1])
     for k in range(count - 1, 0, -1):
         t = times[k]
-        clear, _ = still_clear_until(scene, way[k], t, way[k], t, 0.0)
-        if not clear:
+        if not still_clear(scene, way[k], t, way[k], t, 0.0):
             return False
     for k in range(count - 1):
         t = 0.5 * (times[k] + times[k + 1])
         for j in range(len(middle)):
             middle[j] = 0.5 * (way[k, j] + way[k + 1, j])
-        clear, _ = still_clear_until(scene, middle, t, middle, t, 0.0)
-        if not clear:
+        if not still_clear(scene, middle, t, middle, t, 0.0):
             return False
     for k in range(count - 1):
-        clear, _ = still_clear_until(
-            scene, way[k], times[k], way[k + 1], times[k + 1], 0.0
-        )
-        if not clear:
+        a, s, b, t = way[k], times[k], way[k + 1], times[k + 1]
+        if not still_clear(scene, a, s, b, t, 0.0):
             return False
     return True
 
 
 @inner_kernel
-def _clear(scene: MoversScene, times: Array, way: Array, count: int) -> bool:
+def _meets_nobody(scene: MoverScene, times: Array, way: Array, count: int) -> bool:
+    """Tell whether a way is clear of robots that move."""
     for k in range(count - 1):
-        clear, _ = clear_until(scene, way[k], times[k], way[k + 1], times[k + 1])
-        if not clear:
+        a, s, b, t = way[k], times[k], way[k + 1], times[k + 1]
+        if first_meeting(scene, a, s, b, t) < np.inf:
             return False
     return True

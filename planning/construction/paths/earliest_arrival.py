@@ -1,6 +1,6 @@
 """Safe-interval path planning over a roadmap, compiled: which way, and when to wait where.
 
-Vertices are configurations, each with the spans of time in which the movers may stand there. The
+Vertices are configurations, each with the spans of time in which the robot may stand there. The
 search goes from span to span in order of earliest arrival (safe-interval path planning), and
 looks at a motion only once nothing else promises an earlier arrival. A motion that a robot is in
 the way of is looked at again for when that robot has left. It finds ways that a tree in
@@ -11,16 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.construction.checks.moving_checks import (
-    left_by_robots,
-    met_by_robots,
-    motion_clear,
-)
-from planning.construction.checks.scene import MoversScene
-from planning.construction.checks.still_checks import (
-    lies_throughout,
-    still_clear_until,
-)
+from planning.construction.checks.moving_checks import left_by_robots, met_by_robots
+from planning.construction.checks.scene import MoverScene
+from planning.construction.checks.still_checks import still_clear
 from planning.construction.paths.direct_paths import (
     Query,
     arrive,
@@ -52,18 +45,9 @@ _LATER = 0.4
 _UNKNOWN = ZERO - 1
 """In place of tries: the spans of the vertex where it ends are not known yet."""
 
-_LEEWAY = 4.0
-"""What is clear of all that lies still for so long needs no second look within that time [s]."""
-
-_CLEAR, _NOT_NOW, _BLOCKED = 1, 0, -1
-"""Answers of ``_look``."""
-
-_GREED = 1.0
-"""Weight of the time that is left against the time that has passed."""
-
 
 def search_roadmap(
-    scene: MoversScene,
+    scene: MoverScene,
     query: Query,
     settings: RrtSettings,
     extra: Array,
@@ -79,7 +63,7 @@ def search_roadmap(
         query: what is asked for.
         settings: effort.
         extra: configurations that become vertices, such as those of a path, shape (e, n).
-        depart: the movers stand until then, or as long as they may [s].
+        depart: the robot stands until then, or as long as it may [s].
         bound: only an arrival before this is of use [s].
         wide: configurations are drawn from which a goal can be reached by then [s].
         seed: of the random configurations.
@@ -91,18 +75,18 @@ def search_roadmap(
     known = len(query.goals) + len(extra)
     vertices = max(settings.vertices, 1 + known)
     q, rest = draw_vertices(scene, query, extra, vertices, wide, seed)
-    first = int(np.floor(np.min(query.begin) / scene.step + 1e-6))
+    first = int(np.floor(query.begin / scene.step + 1e-6))
     cells = max(int(np.ceil(bound / scene.step)) - first, 1)
     road, heap = new_roadmap(q, rest, cells), no_motions()
-    times, path, goal = _search(
+    found: tuple[Array, Array, int] = _search(
         scene, query, settings, road, heap, known, first, depart, bound
     )
-    return times, path, goal
+    return found
 
 
 @kernel
 def _search(
-    scene: MoversScene,
+    scene: MoverScene,
     query: Query,
     settings: RrtSettings,
     road: Roadmap,
@@ -121,11 +105,11 @@ def _search(
         road: the roadmap: the start, goals, vertices given, and random ones.
         heap: an empty one.
         known: how many goals and vertices given there are.
-        first: step of the scene in which the movers start.
-        depart: the movers stand until then, or as long as they may [s].
+        first: step of the scene in which the robot starts.
+        depart: the robot stands until then, or as long as it may [s].
         bound: only an arrival before this is of use [s].
     """
-    n, goals, start = len(query.start), len(query.goals), np.min(query.begin)
+    n, goals, start = len(query.start), len(query.goals), query.begin
     # It begins where it stands, even where it has to leave at once.
     find_stands(scene, road, ZERO, first)
     if road.number[0] == 0 or road.spans[0, 0, 0] > start + _TINY:
@@ -172,7 +156,7 @@ def _offer_neighbours(
         neighbours: how many of the nearest vertices.
         bound: only an arrival before this is of use [s].
     """
-    v, start = state // SPANS, np.min(query.begin)
+    v, start = state // SPANS, query.begin
     depart, goals = road.come[v, state % SPANS], len(query.goals)
     order = np.full(len(road.q), np.inf)
     for k in range(len(road.q)):
@@ -198,7 +182,7 @@ def _offer_neighbours(
 
 @inner_kernel
 def _next_state(
-    scene: MoversScene,
+    scene: MoverScene,
     query: Query,
     road: Roadmap,
     heap: Motions,
@@ -213,7 +197,7 @@ def _next_state(
         been checked on the way, ``most`` in all.
     """
     step = scene.step
-    first = int(np.floor(np.min(query.begin) / step + 1e-6))
+    first = int(np.floor(query.begin / step + 1e-6))
     while heap.size[0] > 0 and checked < most and heap.key[0] < bound - _TINY:
         depart, edge = heap.depart[0], heap.edge[0]
         source, target, tries = edge[0], edge[1], edge[2]
@@ -229,55 +213,26 @@ def _next_state(
             continue
         if road.come[u, j] < np.inf:
             continue
-        arrival = arrive(query, road.q[v], depart, road.q[u])
+        a, b = road.q[v], road.q[u]
+        arrival = arrive(query, a, depart, b)
         checked += 1
-        found, met = _look(scene, road, v, depart, u, arrival)
-        if found == _CLEAR:
+        still, met = still_clear(scene, a, depart, b, arrival, 0.0), np.inf
+        if still:
+            met = met_by_robots(scene, a, depart, b, arrival)
+        if still and met == np.inf:
             road.come[u, j], road.left[u, j] = arrival, depart
             road.parent[u, j] = source
             return target, checked
-        if tries == 0 and found == _BLOCKED:
+        if tries == 0 and not still:
             road.blocked[v, u] = road.blocked[u, v] = True
         elif tries + 1 < _TRIES:
             later = np.floor(depart / step + 1e-6) * step + _LATER * (1 << tries)
             if met < np.inf:
-                share = (met - depart) / (arrival - depart)
-                there = road.q[v] + share * (road.q[u] - road.q[v])
+                there = a + (met - depart) / (arrival - depart) * (b - a)
                 until = left_by_robots(scene, there, met, bound)
                 later = max(later, depart + until - met)
             _offer(query, road, heap, source, target, later, tries + 1, bound)
     return -1, checked
-
-
-@inner_kernel
-def _look(
-    scene: MoversScene, road: Roadmap, v: int, depart: float, u: int, arrival: float
-) -> tuple[int, float]:
-    """Tell whether a motion is clear, and else whether what lies still is in its way.
-
-    Returns:
-        The answer, and when a robot is met, infinity where that is not known [s].
-    """
-    a, b = road.q[v], road.q[u]
-    if len(scene.begin) > 1:
-        if motion_clear(scene, a, depart, b, arrival):
-            return _CLEAR, np.inf
-        still, _ = still_clear_until(scene, a, depart, b, arrival, 0.0)
-        return (_NOT_NOW if still else _BLOCKED), np.inf
-    if not 0.0 <= depart - road.still[v, u] <= _LEEWAY:
-        # It will be asked for again, for a later departure: that is why what comes to lie there
-        # meanwhile is looked at, too.
-        until = arrival + _LEEWAY
-        still, _ = still_clear_until(scene, a, depart, b, until, until - depart)
-        if still:
-            road.still[v, u] = depart
-        elif (
-            lies_throughout(scene, depart, until)
-            or not still_clear_until(scene, a, depart, b, arrival, 0.0)[0]
-        ):
-            return _BLOCKED, np.inf
-    met = met_by_robots(scene, a, depart, b, arrival)
-    return (_CLEAR if met == np.inf else _NOT_NOW), met
 
 
 @inner_kernel
@@ -307,7 +262,7 @@ def _offer(
         or road.come[u, j] <= arrival
     ):
         return
-    push(heap, arrival + _GREED * road.rest[u], depart, source, target, tries)
+    push(heap, arrival + road.rest[u], depart, source, target, tries)
 
 
 @inner_kernel

@@ -1,6 +1,6 @@
 """Post-processing of paths through space-time: shorter, earlier, smoother (Hartmann et al. IV-C).
 
-Only the movers' own motion changes; everything fixed stays, and is checked against again. No
+Only the robot's own motion changes; everything fixed stays, and is checked against again. No
 step makes the arrival later.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.moving_checks import motion_clear
-from planning.construction.checks.scene import MoversScene
+from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.time_windows import spans_of, strike_out
 from planning.construction.paths.direct_paths import (
     Query,
@@ -31,14 +31,14 @@ _SPANS = 16
 
 @kernel
 def earliest_along(
-    scene: MoversScene, query: Query, path: Array, goal: int, latest: float
+    scene: MoverScene, query: Query, path: Array, goal: int, latest: float
 ) -> tuple[Array, Array]:
     """Return the times at each place of a path with which it is passed as early as possible.
 
     Args:
         scene: what must be kept clear of.
         query: speeds, when joints are free to move, and windows of arrival.
-        path: places, the first where the movers are, the last a goal, shape (w, n).
+        path: places, the first where the robot is, the last a goal, shape (w, n).
         goal: which goal that is.
         latest: only an arrival before this is of use [s].
 
@@ -46,7 +46,7 @@ def earliest_along(
         Times of coming, and of leaving, shape (w,); empty where there is no such arrival.
     """
     places = len(path)
-    start, step = np.min(query.begin), scene.step
+    start, step = query.begin, scene.step
     spans, counts = _stands_along(scene, path, start, latest)
     # For each span of each place: arrival there, departure from the place before, and from
     # which span of it.
@@ -92,21 +92,21 @@ def earliest_along(
 
 @kernel
 def latest_along(
-    scene: MoversScene, query: Query, path: Array, arrival: float
+    scene: MoverScene, query: Query, path: Array, arrival: float
 ) -> tuple[Array, Array]:
     """Return the times at each place of a path with which its start is left as late as possible.
 
     Args:
         scene: what must be kept clear of.
-        query: speeds, and when the one mover is free to move.
-        path: places, the first where the mover is, the last a goal, shape (w, n).
+        query: speeds, and when the robot is free to move.
+        path: places, the first where the robot is, the last a goal, shape (w, n).
         arrival: when it arrives [s].
 
     Returns:
         Times of coming, and of leaving, shape (w,); empty where there is no way to be there then.
     """
     places = len(path)
-    start, step = np.min(query.begin), scene.step
+    start, step = query.begin, scene.step
     spans, counts = _stands_along(scene, path, start, arrival)
     # For each span of each place: the latest departure that is still in time, and to which
     # span of the next place.
@@ -148,13 +148,13 @@ def latest_along(
 
 @inner_kernel
 def _stands_along(
-    scene: MoversScene, path: Array, start: float, end: float
+    scene: MoverScene, path: Array, start: float, end: float
 ) -> tuple[Array, Indices]:
-    """Return the spans of time in which the movers may stand at each place of a path.
+    """Return the spans of time in which the robot may stand at each place of a path.
 
     Args:
         scene: what must be kept clear of.
-        path: places, shape (w, n); the movers are at the first one from ``start`` on.
+        path: places, shape (w, n); the robot is at the first one from ``start`` on.
         start, end: what is before or after is not looked at [s].
 
     Returns:
@@ -218,7 +218,7 @@ def shorten(
         i, j = np.searchsorted(time, [lo, hi]).tolist()
         if i == j or hi - lo < 1e-3:
             continue
-        a, b = _point(query, time, path, lo), _point(query, time, path, hi)
+        a, b = _point(time, path, lo), _point(time, path, hi)
         old = np.vstack([a[None], path[i:j], b[None]])
         when = np.concatenate([[lo], time[i:j], [hi]])
         if attempt % 3 < 2:
@@ -299,12 +299,11 @@ def _places(path: Array, query: Query) -> Array:
     return np.concatenate(places)
 
 
-def _point(query: Query, time: Array, path: Array, t: float) -> Array:
-    """Return where the path is at a time; joints that are not free to move stand."""
+def _point(time: Array, path: Array, t: float) -> Array:
+    """Return where the path is at a time."""
     k = min(max(int(np.searchsorted(time, t, side="right")) - 1, 0), len(time) - 2)
-    begin = np.maximum(time[k], query.begin)
-    span = np.maximum(time[k + 1] - begin, 1e-300)
-    share = np.clip((t - begin) / span, 0.0, 1.0)
+    span = max(time[k + 1] - time[k], 1e-300)
+    share = np.clip((t - time[k]) / span, 0.0, 1.0)
     return np.asarray(path[k] + share * (path[k + 1] - path[k]))
 
 
@@ -315,9 +314,8 @@ def _length(path: Array, query: Query) -> float:
 
 
 def _possible(query: Query, time: Array, path: Array) -> bool:
-    """Tell whether no joint must go faster than it can, or before it is free to move."""
-    begin = np.maximum(time[:-1, None], query.begin[None])
-    room = np.maximum(time[1:, None] - begin, 0.0)
+    """Tell whether no joint must go faster than it can."""
+    room = np.diff(time)[:, None]
     travel = np.abs(np.diff(path, axis=0)) / query.velocity
     return bool(np.all((travel <= room + 1e-9) | (travel < 1e-12)))
 

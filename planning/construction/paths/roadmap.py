@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.construction.checks.scene import MoversScene
-from planning.construction.checks.still_checks import still_clear_until
+from planning.construction.checks.scene import MoverScene
+from planning.construction.checks.still_checks import still_clear
 from planning.construction.checks.time_windows import spans_of, strike_out
 from planning.construction.paths.direct_paths import (
     Query,
@@ -41,15 +41,13 @@ class Roadmap(NamedTuple):
     Attributes:
         q: shape (v, n).
         number: spans of each vertex, -1 where they are not known yet, shape (v,).
-        spans: in which the movers may stand there, any time where that is not known yet, shape
+        spans: in which the robot may stand there, any time where that is not known yet, shape
             (v, SPANS, 2) [s].
         come: arrival in each span, infinity where that is not known, shape (v, SPANS) [s].
         left: departure from the vertex before, likewise [s].
         parent: which span of which vertex that was, likewise.
         rest: least time from there to a goal, shape (v,) [s].
         blocked: motions that are not clear of what lies still, shape (v, v).
-        still: departure from which on, for some while, a motion is clear of it, infinity where
-            that is not known, shape (v, v) [s].
         free: room to work in, shape (cells,).
     """
 
@@ -61,7 +59,6 @@ class Roadmap(NamedTuple):
     parent: Indices
     rest: Array
     blocked: npt.NDArray[np.bool_]
-    still: Array
     free: npt.NDArray[np.bool_]
 
 
@@ -95,7 +92,7 @@ def _draw_along(
         middle = query.start[j] + share * (query.goals[goal, j] - query.start[j])
         far = spread * min(
             query.upper[j] - query.lower[j],
-            query.velocity[j] * max(wide - query.begin[j], 0.0),
+            query.velocity[j] * max(wide - query.begin, 0.0),
         )
         at = middle + far * random_normal(state)
         out[j] = min(max(at, query.lower[j]), query.upper[j])
@@ -103,7 +100,7 @@ def _draw_along(
 
 @kernel
 def draw_vertices(
-    scene: MoversScene,
+    scene: MoverScene,
     query: Query,
     extra: Array,
     vertices: int,
@@ -118,7 +115,7 @@ def draw_vertices(
     n, goals = len(query.start), len(query.goals)
     state = np.zeros(1, dtype=np.uint64)
     state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
-    start = np.min(query.begin)
+    start = query.begin
     q = np.empty((vertices, n))
     q[0] = query.start
     q[1 : 1 + goals] = query.goals
@@ -138,8 +135,7 @@ def draw_vertices(
             sample_between(query, goal, wide, state, q[number])
         else:
             _draw_along(query, goal, wide, state, q[number])
-        clear, _ = still_clear_until(scene, q[number], start, q[number], start, 0.0)
-        if clear:
+        if still_clear(scene, q[number], start, q[number], start, 0.0):
             number += 1
     q = q[:number]
     rest = np.full(number, np.inf)
@@ -164,15 +160,14 @@ def new_roadmap(q: Array, rest: Array, cells: int) -> Roadmap:
             np.full((count, SPANS), -1, dtype=np.int64),
             rest,
             np.zeros((count, count), dtype=np.bool_),
-            np.full((count, count), np.inf),
             np.empty(cells, dtype=np.bool_),
         )
     )
 
 
 @inner_kernel
-def find_stands(scene: MoversScene, road: Roadmap, v: int, first: int) -> None:
-    """Find the spans of time in which the movers may stand at a vertex."""
+def find_stands(scene: MoverScene, road: Roadmap, v: int, first: int) -> None:
+    """Find the spans of time in which the robot may stand at a vertex."""
     road.free[:] = True
     strike_out(scene, road.q[v], road.q[v], first, road.free)
     road.number[v] = spans_of(road.free, first, scene.step, road.spans[v])

@@ -13,7 +13,6 @@ from planning.construction.paths.bidirectional_search import grow
 from planning.construction.paths.direct_paths import (
     Query,
     SpaceTimePath,
-    arrive,
     direct_paths,
     next_arrival,
 )
@@ -57,44 +56,50 @@ def space_time_rrt(
         settings: effort.
         latest: no later arrival is wanted [s].
         hints: configurations that a path may well lead through, shape (h, n).
-        linger: one robot alone that has to wait does so early on the way, not late: where it
-            is, rather than where it is in the way of others.
+        linger: a robot that has to wait does so early on the way, not late: where it is, rather
+            than where it is in the way of others.
         seed: of all random numbers.
     """
     goals = np.array(goals, dtype=np.float64)
-    start = np.array(checker.start_configuration(), dtype=np.float64)
-    begin = np.array(checker.begin_of_joint)
-    soon = np.max(begin + np.abs(goals - start) / checker.velocity, axis=1)
+    start = checker.start_configuration()
+    model, first = checker.model, checker.start
+    soon = first + np.max(np.abs(goals - start) / model.velocity, axis=1)
     spans = [
         _cut(span, float(earliest), latest)
         for span, earliest in zip(windows, soon, strict=True)
     ]
-    query = packed(
-        Query(
-            start,
-            begin,
-            np.minimum(checker.lower, np.minimum(start, goals.min(axis=0))),
-            np.maximum(checker.upper, np.maximum(start, goals.max(axis=0))),
-            np.array(checker.velocity),
-            goals,
-            np.cumsum([0, *(len(s) for s in spans)]).astype(np.int64),
-            np.ascontiguousarray(np.concatenate([np.empty((0, 2)), *spans])),
-            checker.rest,
-            checker.leans,
-        )
-    )
-    first = float(begin.min())
-    reached = [arrive(query, start, first, goal) for goal in goals]
-    earliest = min(next_arrival(query, g, t) for g, t in enumerate(reached))
+    query = query_to(checker, goals, spans)
+    earliest = min(next_arrival(query, g, t) for g, t in enumerate(soon.tolist()))
     if not earliest <= latest or np.isinf(earliest):
         return None  # no goal is ever free when it can be reached
-    least = min(reached) - first
+    least = float(soon.min()) - first
     # Some while after all others have stopped nothing changes any more.
     calm = max(checker.world.end, earliest)
     horizon = min(latest, calm + 4.0 * least + 20.0)
     search = _Search(checker, query, settings, seed, earliest, least, horizon)
     found = search.run(np.empty((0, len(start))) if hints is None else hints)
     return delayed(checker, found, query) if linger and found is not None else found
+
+
+def query_to(
+    checker: SpaceTimeChecker, goals: Array, windows: Sequence[Array]
+) -> Query:
+    """Return a query from where a robot becomes free to move, see ``space_time_rrt``."""
+    start, model = checker.start_configuration(), checker.model
+    return packed(
+        Query(
+            start,
+            checker.start,
+            np.minimum(model.lower, np.minimum(start, goals.min(axis=0))),
+            np.maximum(model.upper, np.maximum(start, goals.max(axis=0))),
+            model.velocity,
+            goals,
+            np.cumsum([0, *(len(s) for s in windows)]).astype(np.int64),
+            np.ascontiguousarray(np.concatenate([np.empty((0, 2)), *windows])),
+            checker.home,
+            np.arange(model.dof) >= (3 if model.is_mobile else 0),
+        )
+    )
 
 
 def _cut(windows: Array, earliest: float, latest: float) -> Array:
@@ -180,7 +185,7 @@ class _Search:
     def _base_paths(self) -> list[Array]:
         """Return paths for the base of a robot that moves alone to drive to each goal."""
         checker, most = self.checker, self.settings.drives
-        if most == 0 or len(checker.robots) > 1 or not checker.models[0].is_mobile:
+        if most == 0 or not checker.model.is_mobile:
             return []
         goals = range(len(self.query.goals))
         return [base_path(checker.scene, self.query, k, most) for k in goals]
@@ -191,7 +196,7 @@ class _Search:
         """Return a path that arrives earlier than the best one so far, over a random roadmap."""
         bound = min(self.horizon, self.earliest + self.settings.most_loss_s)
         # As wide as that there are detours; waits make them no wider.
-        wide = float(self.query.begin.min()) + self.least
+        wide = self.checker.start + self.least
         wide += max(0.5 * self.least, _DETOUR)
         if best is not None:
             hints = np.concatenate([hints, np.unique(best.path, axis=0)])

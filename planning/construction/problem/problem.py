@@ -83,6 +83,18 @@ def _into(axis: int, sign: float, along: int) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
+class Hold(NamedTuple):
+    """A hold on a part: grip and turn of the tool.
+
+    Attributes:
+        grip: number of the grip.
+        turn: of the tool about its z axis [rad].
+    """
+
+    grip: int
+    turn: float
+
+
 @dataclass(frozen=True)
 class Part:
     """A part and its goal pose.

@@ -8,21 +8,22 @@ all failed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
-from itertools import product
+from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot, WorldState
-from planning.construction.problem.problem import ConstructionProblem, Part
+from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.problem.reach_sampler import ReachSampler
 from planning.errors import ConstructionError, listed
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
 from planning.kinematics.kinematics import frame_pose
-from planning.transforms import Array, Transform, rotation
+from planning.transforms import Array, Transform
 
 _TURNS = 12
 """Random turns of the tool for which a grip is tried."""
@@ -33,8 +34,17 @@ _STARTS = 12
 _HANDOVERS = 150
 """Poses of a part that are tried for a handover."""
 
-Handover = tuple[Array, Array, Transform]
-"""Configurations of giver and taker, and the pose of the part's centre in the world."""
+
+class DrawnHandover(NamedTuple):
+    """A place in which two robots hold a part at once: first of the giver, then of the taker.
+
+    Attributes:
+        q: their configurations, of shape (n,) each.
+        tools: poses of their tools in the world.
+    """
+
+    q: tuple[Array, Array]
+    tools: tuple[Transform, Transform]
 
 
 class ReachBounds:
@@ -91,18 +101,30 @@ class ReachBounds:
             if set(self.pick_grips(r, part)) & set(self.place_grips(r, part))
         )
 
+    def may_bring(self, part: Part, robots: tuple[str, ...]) -> bool:
+        """Tell whether there is any chance that one robot brings a part to its place, or two do.
+
+        Args:
+            part: what is brought.
+            robots: who has it in hand, in order.
+        """
+        if len(robots) == 1:
+            return robots[0] in self.alone(part)
+        giver, taker = robots
+        return (
+            bool(self.pick_grips(giver, part))
+            and bool(self.place_grips(taker, part))
+            and self.can_hand_over(giver, taker, part)
+        )
+
     def can_hand_over(self, giver: str, taker: str, part: Part) -> bool:
         """Tell whether there is a pose in which both reach a part.
 
         The giver holds it by a grip by which it could have picked it; the taker by any.
         """
-        kinds = tuple(self._kind[r] for r in (giver, taker))
-        key = (
-            "handover",
-            *kinds,
-            self._likeness[part.name],
-            self.pick_grips(giver, part),
-        )
+        grips = self.pick_grips(giver, part)
+        kinds = self._kind[giver], self._kind[taker]
+        key = ("handover", *kinds, self._likeness[part.name], grips)
         if key not in self._known:
             rng = self._draws(key)
             found = self.draw_handover(giver, taker, part, rng)
@@ -110,12 +132,8 @@ class ReachBounds:
         return self._known[key]
 
     def draw_handover(
-        self,
-        giver: str,
-        taker: str,
-        part: Part,
-        rng: np.random.Generator,
-    ) -> Handover | None:
+        self, giver: str, taker: str, part: Part, rng: np.random.Generator
+    ) -> DrawnHandover | None:
         """Return configurations in which two robots hold a part at once, None if none is found.
 
         Args:
@@ -124,48 +142,62 @@ class ReachBounds:
             part: what is handed over.
             rng: what is drawn from.
         """
-        pairs = list(self._grip_pairs(giver, part))
+        pairs = [
+            (mine, yours)
+            for mine in self.pick_grips(giver, part)
+            for yours in range(len(part.grips))
+            if part.grips_apart(mine, yours)
+        ]
         if not pairs or giver == taker:
             return None
-        # The robot that cannot drive leads: the other one comes to it.
-        lead = 0 if not self.sampler(giver).mobile else 1
-        robots = (giver, taker)
-        half = 0.5 * float(np.max(self.problem.object(part).size))
         for _ in range(_HANDOVERS):
-            pair = pairs[int(rng.integers(len(pairs)))]
-            q_lead = self.sampler(robots[lead]).draw(rng)
-            held = part.grips[pair[lead]].held(rng.uniform(-np.pi, np.pi))
-            at = (
-                frame_pose(self._robot(robots[lead]), q_lead, self.problem.frame) @ held
-            )
-            if at[2, 3] < half:
-                continue
-            other = part.grips[pair[1 - lead]].touch
-            target = at @ other @ rotation("z", rng.uniform(-np.pi, np.pi))
-            found = self.sampler(robots[1 - lead]).sample(target, rng, 4)
-            if found:
-                both = (q_lead, found[0]) if lead == 0 else (found[0], q_lead)
-                return (*both, at)
+            grips = pairs[int(rng.integers(len(pairs)))]
+            turns = rng.uniform(-np.pi, np.pi, 2).tolist()
+            holds = Hold(grips[0], turns[0]), Hold(grips[1], turns[1])
+            found = self.draw_meeting((giver, taker), part, holds, rng)
+            if found is not None:
+                return found
         return None
 
+    def draw_meeting(
+        self,
+        robots: tuple[str, str],
+        part: Part,
+        holds: tuple[Hold, Hold],
+        rng: np.random.Generator,
+    ) -> DrawnHandover | None:
+        """Return configurations in which two robots hold a part in given ways, None if that failed.
+
+        The robot that cannot drive is drawn first, and the other comes to it.
+
+        Args:
+            robots: giver and taker.
+            part: what both hold, above the ground.
+            holds: how each of them does.
+            rng: what is drawn from.
+        """
+        problem, size = self.problem, self.problem.object(part).size
+        lead = 0 if not self.sampler(robots[0]).mobile else 1
+        # Two that drive meet somewhere on the way.
+        ends = (problem.object(part).start[:2, 3], part.goal[:2, 3])
+        q_lead = self.sampler(robots[lead]).draw(rng, ends)
+        tool = frame_pose(self._robot(robots[lead]), q_lead, problem.frame)
+        at = tool @ part.grips[holds[lead].grip].held(holds[lead].turn)
+        if at[2, 3] - 0.5 * float(np.abs(at[2, :3]) @ size) < problem.approach:
+            return None
+        other = problem.tool_pose(part, at, *holds[1 - lead])
+        found = self.sampler(robots[1 - lead]).sample(other, rng, 2)
+        if not found:
+            return None
+        if lead == 0:
+            return DrawnHandover((q_lead, found[0]), (tool, other))
+        return DrawnHandover((found[0], q_lead), (other, tool))
+
     def chain(self, part: Part) -> tuple[str, ...] | None:
-        """Return a shortest chain of robots that could bring a part to its place, or None."""
-        alone = self.alone(part)
-        if alone:
-            return alone[:1]
-        placers = set(self.placers(part))
-        chains: list[tuple[str, ...]] = [(robot,) for robot in self.pickers(part)]
-        seen = {chain[0] for chain in chains}
-        for chain in chains:  # grows while it is gone through: breadth first
-            for taker in self.problem.team:
-                if taker in chain or (taker in seen and taker not in placers):
-                    continue
-                if self.can_hand_over(chain[-1], taker, part):
-                    if taker in placers:
-                        return (*chain, taker)
-                    seen.add(taker)
-                    chains.append((*chain, taker))
-        return None
+        """Return robots that could bring a part to its place, as few as possible, or None."""
+        team = self.problem.team
+        groups = (robots for size in (1, 2) for robots in permutations(team, size))
+        return next((g for g in groups if self.may_bring(part, g)), None)
 
     def _grips(
         self, what: str, robot: str, part: Part, at: Transform
@@ -201,13 +233,6 @@ class ReachBounds:
         there = WorldState({robot: placed.home}, {item.name: Attachment(None, at)})
         pad = frozenset((entity(robot, "tool"), item.name))
         return SceneChecker(cell, robot, there, frozenset({pad}))
-
-    def _grip_pairs(self, giver: str, part: Part) -> Iterator[tuple[int, int]]:
-        for mine, yours in product(
-            self.pick_grips(giver, part), range(len(part.grips))
-        ):
-            if part.grips_apart(mine, yours):
-                yield mine, yours
 
     def _robot(self, name: str) -> PlacedRobot:
         return self.problem.cell.robot(name)

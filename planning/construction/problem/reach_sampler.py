@@ -134,18 +134,16 @@ class ReachSampler:
         )
         return [found[k].copy() for k in range(solved)]
 
-    def draw(
-        self, rng: np.random.Generator, between: tuple[Array, Array] | None = None
-    ) -> Array:
+    def draw(self, rng: np.random.Generator, between: tuple[Array, Array]) -> Array:
         """Return a configuration, shape (n,).
 
         Args:
             rng: what it is drawn from.
             between: two places in the world, shape (2,) [m], between which a mobile base stands,
-                by and large; at zero where not given.
+                by and large.
         """
         q = np.array(self._table.q[int(rng.integers(len(self._table.q)))])
-        if self.mobile and between is not None:
+        if self.mobile:
             model, (a, b) = self.robot.model, between
             x, y = a + rng.random() * (b - a)
             spot = self._to_base @ np.array([x, y, 0.0, 1.0])

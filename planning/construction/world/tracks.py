@@ -1,4 +1,4 @@
-"""Robots on fixed timelines as obstacles: what they sweep, piece by piece, in a tree over time.
+"""Robots on fixed timelines as obstacles: what they sweep, piece by piece.
 
 Carriers, robots with what they hold, and their bodies for compiled code.
 """
@@ -10,42 +10,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, CellObject, PlacedRobot, Workcell
+from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.construction.world.timeline import HandChange, MotionPieces, pose_of
-from planning.geometry.distance import boxes_apart
 from planning.geometry.hull_table import HullTable
-from planning.geometry.robot_bodies import entity_numbers, robot_bodies
-from planning.geometry.swept import place_capsules
-from planning.kernels import ZERO, inner_kernel, kernel
+from planning.geometry.robot_bodies import Held, RobotBodies, robot_bodies
+from planning.geometry.swept import (
+    SweepRoom,
+    Sweeps,
+    no_sweeps,
+    room_to_sweep,
+    sweep_piece,
+)
+from planning.kernels import inner_kernel, kernel
 from planning.packed import packed, packed_at
-from planning.transforms import Array, Indices, Transform
-
-Held = tuple[tuple[CellObject, Transform], ...]
-"""The objects in a robot's hand, with their poses in the flange frame."""
+from planning.transforms import Array, Indices
 
 
 class Carrier(NamedTuple):
     """A robot with something in its hand.
 
     Attributes:
-        robot: who carries.
-        names: entities of its bodies: the robot's parts, then what it holds.
-        self_limits: least distance of two of them, see RobotBodies.
+        bodies: the robot's parts, then what it holds.
         hulls: these bodies on a motion of one segment, packed.
     """
 
-    robot: PlacedRobot
-    names: tuple[str, ...]
-    self_limits: Array
+    bodies: RobotBodies
     hulls: HullTable
 
 
-def make_carrier(robot: PlacedRobot, held: Held = ()) -> Carrier:
+def make_carrier(robot: PlacedRobot, held: Sequence[Held] = ()) -> Carrier:
     """Return a robot with what it holds."""
-    hand = [(item, Attachment(robot.name, pose)) for item, pose in held]
-    bodies = robot_bodies(robot, hand)
-    hulls = bodies.hulls.on_a_motion()
-    return Carrier(robot, bodies.entities, bodies.self_limits, hulls)
+    bodies = robot_bodies(robot, held)
+    return Carrier(bodies, bodies.hulls.on_a_motion())
 
 
 class Fleet(NamedTuple):
@@ -67,7 +63,7 @@ def make_fleet(carriers: Sequence[Carrier]) -> Fleet:
     hulls = [carrier.hulls for carrier in carriers]
     addresses = np.array([h.address for h in hulls], dtype=np.int64)  # type: ignore[attr-defined]
     return packed(
-        Fleet(addresses, hulls[0], np.cumsum([0, *(len(c.names) for c in carriers)]))
+        Fleet(addresses, hulls[0], np.cumsum([0, *(len(h.joint) for h in hulls)]))
     )
 
 
@@ -84,32 +80,6 @@ def set_motion(hulls: HullTable, q_a: Array, q_b: Array) -> None:
     for j in range(hulls.q_a.shape[1]):
         hulls.q_a[0, j] = q_a[j]
         hulls.q_b[0, j] = q_b[j]
-
-
-def cell_entities(cell: Workcell) -> dict[str, int]:
-    """Return the number of every entity: arm and tool of each robot, fixtures, objects."""
-    things = [f.name for f in cell.fixtures] + [o.name for o in cell.objects]
-    return entity_numbers((robot.name for robot in cell.robots), things)
-
-
-class Sweeps(NamedTuple):
-    """Bounds of what bodies sweep in pieces of motion.
-
-    Attributes:
-        box: least and greatest corner of what a piece sweeps, shape (p, 6).
-        body_first: where a piece's bodies begin in ``body_box``, shape (p + 1,).
-        body_box: likewise of every body, shape (bodies of all pieces, 6).
-        capsule_first: where a piece's capsules begin in the next three, shape (p + 1,).
-        capsule_a, capsule_b, radius: swept capsules, shapes (c, 3), (c, 3), (c,).
-    """
-
-    box: Array
-    body_first: Indices
-    body_box: Array
-    capsule_first: Indices
-    capsule_a: Array
-    capsule_b: Array
-    radius: Array
 
 
 class SweptTrack(NamedTuple):
@@ -166,111 +136,28 @@ def sweep_track(
     at = np.searchsorted(times, pieces.moment + 1e-9, side="right") - 1
     used, hand = np.unique(at, return_inverse=True)
     carriers = [
-        make_carrier(robot, tuple((item(name), pose_of(pose)) for name, pose in held))
+        make_carrier(
+            robot,
+            [(item(n), Attachment(robot.name, pose_of(pose))) for n, pose in held],
+        )
         for held in (changes[k][1] for k in used.tolist())
     ]
-    bodies = np.array([len(c.names) for c in carriers])[hand]
+    bodies = np.array([len(c.hulls.joint) for c in carriers])[hand]
     capsules = np.array([len(c.hulls.radius) for c in carriers])[hand]
     sweeps = no_sweeps(bodies, capsules)
     hand = hand.astype(np.int64)
     q_a, q_b = pieces.q_a, pieces.q_b
-    room = packed(Room(np.empty((q_a.shape[1] + 1, 4, 4)), np.empty(q_a.shape[1])))
+    room = room_to_sweep(q_a.shape[1], int(capsules.max(initial=0)))
     _sweep_pieces(make_fleet(carriers), q_a, q_b, hand, packed(sweeps), room)
     return SweptTrack(pieces, tuple(carriers), hand, sweeps)
 
 
-def no_sweeps(bodies: Indices, capsules: Indices) -> Sweeps:
-    """Return room for what is swept in pieces, with so many bodies and capsules each."""
-    body_first, capsule_first = (
-        np.cumsum([0, *counts]).astype(np.int64) for counts in (bodies, capsules)
-    )
-    count = int(capsule_first[-1])
-    return Sweeps(
-        np.zeros((len(bodies), 6)),
-        body_first,
-        np.zeros((int(body_first[-1]), 6)),
-        capsule_first,
-        np.zeros((count, 3)),
-        np.zeros((count, 3)),
-        np.zeros(count),
-    )
-
-
-class Room(NamedTuple):
-    """Room to sweep a carrier in.
-
-    Attributes:
-        poses: of its joints, shape (n + 1, 4, 4).
-        middle: a configuration, shape (n,).
-    """
-
-    poses: Array
-    middle: Array
-
-
 @kernel
 def _sweep_pieces(
-    fleet: Fleet, q_a: Array, q_b: Array, hand: Indices, sweeps: Sweeps, room: Room
+    fleet: Fleet, q_a: Array, q_b: Array, hand: Indices, sweeps: Sweeps, room: SweepRoom
 ) -> None:
-    most = 0
     for p in range(len(hand)):
-        most = max(most, sweeps.capsule_first[p + 1] - sweeps.capsule_first[p])
-    moved = np.empty((most, q_a.shape[1] + 1))
-    box, body_box = sweeps.box, sweeps.body_box
-    for p in range(len(hand)):
-        first = sweeps.body_first[p], sweeps.capsule_first[p]
-        hulls = bodies_of(fleet, hand[p])
-        sweep_carrier(hulls, q_a[p], q_b[p], first, sweeps, moved, room)
-        b0, b1 = sweeps.body_first[p], sweeps.body_first[p + 1]
-        for r in range(3):
-            box[p, r] = np.min(body_box[b0:b1, r])
-            box[p, r + 3] = np.max(body_box[b0:b1, r + 3])
-
-
-@inner_kernel
-def sweep_carrier(
-    hulls: HullTable,
-    q_a: Array,
-    q_b: Array,
-    first: tuple[int, int],
-    out: Sweeps,
-    moved: Array,
-    room: Room,
-) -> None:
-    """Write the capsules and the boxes of the bodies of a carrier on a straight motion.
-
-    Args:
-        hulls: its bodies.
-        q_a, q_b: ends of its motion, shape (n,).
-        first: where its bodies and its capsules begin in ``out``.
-        out: ``body_box``, ``capsule_a``, ``capsule_b`` and ``radius`` are written.
-        moved: how far capsules stray, see ``place_capsules``, shape (at least c, n + 1), written.
-        room: room to work in.
-    """
-    body, start = first
-    capsules, count = hulls.capsule_first, len(hulls.radius)
-    a, b, radius = out.capsule_a, out.capsule_b, out.radius
-    place_capsules(
-        hulls,
-        q_a,
-        q_b,
-        room.poses,
-        room.middle[: len(q_a)],
-        a[start : start + count],
-        b[start : start + count],
-        moved,
-    )
-    bare, box = hulls.radius, out.body_box
-    for c in range(count):
-        radius[start + c] = bare[c] + moved[c, 0]
-    for k in range(len(hulls.joint)):
-        low, high = start + capsules[k], start + capsules[k + 1]
-        for r in range(3):
-            least, most = np.inf, -np.inf
-            for c in range(low, high):
-                least = min(least, min(a[c, r], b[c, r]) - radius[c])
-                most = max(most, max(a[c, r], b[c, r]) + radius[c])
-            box[body + k, r], box[body + k, r + 3] = least, most
+        sweep_piece(bodies_of(fleet, hand[p]), q_a[p], q_b[p], p, sweeps, room)
 
 
 class Tracks(NamedTuple):
@@ -281,19 +168,16 @@ class Tracks(NamedTuple):
         pieces: of all tracks; configurations are padded to the most joints.
         carrier: which carrier of the fleet a piece is, shape (p,).
         sweeps: what pieces sweep.
-        tree: boxes of ever longer stretches of a track: a segment tree whose leaf i is piece i
-            of its track; it begins at ``2 * first[r]``, shape (2 p, 6).
     """
 
     first: Indices
     pieces: MotionPieces
     carrier: Indices
     sweeps: Sweeps
-    tree: Array
 
 
 def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
-    """Put what robots sweep one after another, and grow a tree over each.
+    """Put what robots sweep one after another.
 
     Args:
         swept: of each robot.
@@ -308,8 +192,6 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
     pieces += [_padded(s.pieces, most) for s in swept]
     sweeps = [no_sweeps(first[:0], first[:0]), *(s.sweeps for s in swept)]
     joined = Sweeps._make(map(np.concatenate, zip(*sweeps, strict=True)))
-    tree = np.empty((2 * len(joined.box), 6))
-    _grow_trees(first, joined.box, tree)
     tracks = Tracks(
         first,
         packed(MotionPieces._make(map(np.concatenate, zip(*pieces, strict=True)))),
@@ -321,7 +203,6 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
                 capsule_first=_joined([s.capsule_first for s in sweeps]),
             )
         ),
-        tree,
     )
     return packed(tracks)
 
@@ -338,21 +219,6 @@ def _joined(firsts: Sequence[Indices]) -> Indices:
     return np.cumsum(np.concatenate([[0], *counts])).astype(np.int64)
 
 
-@kernel
-def _grow_trees(firsts: Indices, box: Array, tree: Array) -> None:
-    """Fill in the tree of each track."""
-    for t in range(len(firsts) - 1):
-        first, base = firsts[t], 2 * firsts[t]
-        count = firsts[t + 1] - first
-        for i in range(count):
-            tree[base + count + i] = box[first + i]
-        for i in range(count - 1, 0, -1):
-            a, b = tree[base + 2 * i], tree[base + 2 * i + 1]
-            for r in range(3):
-                tree[base + i, r] = min(a[r], b[r])
-                tree[base + i, r + 3] = max(a[r + 3], b[r + 3])
-
-
 @inner_kernel
 def pieces_at(
     start: Array, end: Array, first: int, last: int, lo: float, hi: float
@@ -365,52 +231,8 @@ def pieces_at(
         lo, hi: the span; equal for one instant [s].
     """
     eps = 1e-9
-    a, b = first, last
-    while a < b:
-        m = (a + b) // 2
-        if end[m] > lo + eps:
-            b = m
-        else:
-            a = m + 1
-    p = a
-    b = last
-    while a < b:
-        m = (a + b) // 2
-        if start[m] < hi - eps:
-            a = m + 1
-        else:
-            b = m
-    if a == p and hi - lo < eps and p < last and start[p] <= lo + eps:
-        a = p + 1
-    return p, a
-
-
-@inner_kernel
-def near_stretch(
-    tree: Array, base: int, count: int, a: int, b: int, box: Array, limit: float
-) -> bool:
-    """Tell whether a box comes within a limit of the boxes of a stretch of a track.
-
-    Few nodes of the track's tree make up any stretch.
-
-    Args:
-        tree: of all tracks.
-        base, count: where that of the track begins, and how many pieces the track has.
-        a, b: the stretch, ``range(a, b)``, counted within the track.
-        box: shape (1, 6).
-        limit: [m].
-    """
-    a += count
-    b += count
-    while a < b:
-        if a & 1:
-            if not boxes_apart(tree, base + a, box, ZERO, limit):
-                return True
-            a += 1
-        if b & 1:
-            b -= 1
-            if not boxes_apart(tree, base + b, box, ZERO, limit):
-                return True
-        a >>= 1
-        b >>= 1
-    return False
+    p = first + np.searchsorted(end[first:last], lo + eps, side="right")
+    q = max(first + np.searchsorted(start[first:last], hi - eps), p)
+    if q == p and hi - lo < eps and p < last and start[p] <= lo + eps:
+        q = p + 1
+    return int(p), int(q)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from hashlib import sha256
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot, Workcell
-from planning.construction.planner import plan_construction
-from planning.construction.problem.models import ModelPart
+from planning.cell.shape import box_shape
+from planning.cell.workcell import Fixture, PlacedRobot, Workcell
+from planning.construction.planner import ConstructionPlan, plan_construction
+from planning.construction.problem.models import ModelPart, tower
 from planning.construction.problem.problem import ConstructionProblem
 from planning.construction.problem.site import (
     Spiral,
@@ -64,3 +66,42 @@ def slab_digest() -> str:
         digest.update(repr((work.robot, work.kind, work.object)).encode())
         digest.update(work.handlings[0].pose.tobytes())
     return digest.hexdigest()
+
+
+@cache
+def tower_plan() -> ConstructionPlan:
+    """Three robots stack beams."""
+    return plan_construction(toy_problem(tower(4), 3))
+
+
+@cache
+def handover_plan() -> ConstructionPlan:
+    """An arm on wheels reaches the supply, a crane the place; where they meet is up to them."""
+    arm, crane = robot_model("mobile-iiwa14"), robot_model("tower-crane")
+    at = np.array(arm.home)
+    at[:3] = 3.5, 0.0, np.pi
+    # What an arm can reach is below this, what the crane reaches is above the floor.
+    height = 1.152
+    size = readonly((0.7, 0.2, height))
+    plinth = Fixture(
+        "plinth",
+        box_shape("plinth", size),
+        readonly(translation(0.0, 0.0, 0.5 * height)),
+    )
+    beam = toy_part("beam", (0.7, 0.2, 0.096), (0.0, 0.0, height + 0.048))
+    cell = Workcell(
+        (
+            PlacedRobot(
+                "crane",
+                crane,
+                readonly(translation(-1.9, 0.0, 0.0)),
+                readonly((1.57, 2.2, 0.0, 0.0)),
+            ),
+            PlacedRobot("arm", arm, identity(), readonly(at)),
+        ),
+        (ground_fixture(), plinth),
+        part_objects((beam,), Spiral(2.4, turn=0.5)),
+    )
+    problem = build_problem(cell, (beam,), offsets=(0.0, 0.25, -0.25), approach=0.05)
+    problem = replace(problem, seed=2)
+    return plan_construction(problem)

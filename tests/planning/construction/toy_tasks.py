@@ -77,15 +77,13 @@ def find_path(
     linger: bool = False,
     seed: int = 0,
 ) -> SpaceTimePath | None:
-    """A path to goals at which the movers stay for a while, or at a given time of arrival."""
+    """A path to goals at which the robot stays for a while, or at a given time of arrival."""
     goals = np.atleast_2d(np.asarray(goals, dtype=np.float64))
     latest = latest if arrival is None else min(latest, arrival)
     here = checker.start_configuration()
     if windows is None:
-        soon = np.max(
-            checker.begin_of_joint + np.abs(goals - here) / checker.velocity, axis=1
-        )
-        soon = np.maximum(soon, max(not_before, arrival or 0.0))
+        travel = np.max(np.abs(goals - here) / checker.model.velocity, axis=1)
+        soon = np.maximum(checker.start + travel, max(not_before, arrival or 0.0))
         windows = [
             arrival_windows([(checker, goal)], stay, float(earliest), latest)
             for goal, earliest in zip(goals, soon, strict=True)

@@ -17,7 +17,8 @@ from planning.cell.workcell import (
 )
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.scene_checker import SceneChecker
-from planning.geometry.swept import boxes_in_reach
+from planning.geometry.standing import stand_boxes
+from planning.geometry.swept import boxes_in_reach, make_swept
 from planning.robots.registry import robot_model
 from planning.transforms import readonly, translation
 
@@ -55,11 +56,13 @@ def test_whoever_touches_is_in_reach(first, last, where):
     """Bricks left out one and all do not change what a checker finds."""
     path = np.array([MODEL.home + first, MODEL.home + last])
     items = [brick(f"b{k}", *p) for k, p in enumerate(where)]
+    boxes = stand_boxes((), [p for i in items for p in i.shape.placed(i.name, i.start)])
     near = boxes_in_reach(
-        robot_bodies(ROBOT).hulls,
+        make_swept(robot_bodies(ROBOT).hulls),
         path,
-        np.array([item.start for item in items]),
-        np.array([item.size for item in items]) / 2,
+        boxes.pose,
+        boxes.half,
+        boxes.bounds,
         0.0005,
     )
     kept = [item for item, close in zip(items, near, strict=True) if close]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -12,26 +13,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.construction.checks.checker import SpaceTimeChecker
-from planning.construction.motion_plan_export import export_motion_plan
+from planning.construction.motion_plan_export import (
+    export_motion_plan,
+    motion_plan,
+)
+from planning.construction.planner import ConstructionPlan
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.errors import PlanInvariantError
 from planning.motion.known_motions import MotionPlan
 from planning.tasks.task import TRANSIT
-from planning.transforms import translation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
-from tests.planning.construction.toy_building import Builder
+from tests.planning.construction.toy_sites import handover_plan, tower_plan
 from tests.planning.construction.toy_tasks import PLAIN, find_path, with_task, world_of
-from tests.planning.construction.toy_teams import (
-    box,
-    fixture,
-    flyer,
-    placed,
-    slider,
-    team,
-)
+from tests.planning.construction.toy_teams import placed, slider, team
 from twin.audit.audit import Auditor
 from twin.audit.motion.executed import read_recording
 from twin.durations.bounded import Uniform
@@ -59,7 +56,7 @@ def crossing(count: int, seed: int) -> tuple[FixedWorld, list[PlannedTask]]:
     world, tasks = FixedWorld(cell), []
     for _ in range(count + 2):
         robot = f"s{rng.integers(count)}"
-        checker = SpaceTimeChecker(world, (robot,))
+        checker = SpaceTimeChecker(world, robot)
         goals = rng.uniform(-1.2, 1.2, (4, 2))
         found = find_path(checker, goals, QUICK, stay=np.inf, seed=seed)
         if found is None:
@@ -86,59 +83,48 @@ def test_robots_that_cross_keep_their_times_and_every_guarantee(seed: int) -> No
 
 
 @cache
-def building() -> tuple[Builder, MotionPlan, TemporalPlanGraph]:
-    """Three flyers build a stack; one hands a beam over to another."""
-    floor = fixture("floor", (6.0, 6.0, 0.2), (0.0, 0.0, -0.1))
-    boxes = tuple(
-        box(f"b{k}", (0.2, 0.2, 0.1), (1.2 * np.cos(2 * k), 1.2 * np.sin(2 * k), 0.05))
-        for k in range(4)
-    )
-    beam = box("beam", (0.8, 0.1, 0.1), (-1.8, 1.8, 0.05))
-    angle = 2 * np.pi * np.arange(3) / 3 + 0.4
-    robots = [
-        placed(f"f{k}", flyer(), (1.6 * np.cos(a), 1.6 * np.sin(a), 0.8))
-        for k, a in enumerate(angle)
-    ]
-    cell = team(robots, fixtures=(floor,), objects=(*boxes, beam))
-    builder = Builder(cell)
-    for k in range(4):
-        robot = min(("f0", "f1", "f2"), key=builder.world.free_from)
-        builder.free(robot)
-        builder.pick(robot, f"b{k}", k + 1)
-        builder.place(robot, f"b{k}", translation(0.0, 0.0, 0.05 + 0.1 * k), k + 1)
-    builder.free("f1")
-    builder.pick("f1", "beam", 5, along=-0.25)
-    builder.hand_over("f1", "f2", "beam", np.array([-1.0, 0.8, 0.9]), 5)
-    builder.place("f2", "beam", translation(1.5, -1.5, 0.05), 5)
-    plan = export_motion_plan(
-        builder.world,
-        builder.tasks,
-        rests_on={f"b{k}": [f"b{k - 1}"] for k in range(1, 4)},
-    )
-    return builder, plan, build_tpg(plan)
+def planned(
+    make: Callable[[], ConstructionPlan],
+) -> tuple[MotionPlan, TemporalPlanGraph]:
+    plan = make()
+    motions = motion_plan(plan.problem, plan.building)
+    return motions, build_tpg(motions)
 
 
-def test_a_building_is_proved_safe_and_no_slower_than_planned() -> None:
-    _, plan, tpg = building()
+both = pytest.mark.parametrize("make", [tower_plan, handover_plan])
+
+
+@both
+def test_a_construction_is_proved_safe_and_no_slower_than_planned(
+    make: Callable[[], ConstructionPlan],
+) -> None:
+    plan, tpg = planned(make)
     report = verify_plan(tpg)
     assert report.ok, report.problems
-    assert earliest_times(tpg).makespan <= max(m.time[-1] for m in plan.motions) + 1e-6
-    assert {t.kind for t in plan.tasks} == {TRANSIT, "pick", "place-down", "handover"}
+    planned_s = max(m.time[-1] for m in plan.motions)
+    assert earliest_times(tpg).makespan <= planned_s + 1e-6
+    if make is handover_plan:
+        kinds = {t.kind for t in plan.tasks}
+        assert kinds == {TRANSIT, "pick", "place-down", "handover"}
+        return
     # They do work at the same time.
     busy = sum(float(m.time[-1] - m.time[0]) for m in plan.motions)
-    assert busy > 1.3 * max(m.time[-1] for m in plan.motions)
+    assert busy > 1.3 * planned_s
     places = [t.index for t in plan.tasks if t.kind == "place-down"]
     edges = {tuple(e) for e in plan.dependencies.tolist()}
-    assert {(a, b) for a, b in pairwise(places[:4])} <= edges
+    assert {(a, b) for a, b in pairwise(places)} <= edges
 
 
-def test_nothing_touches_whatever_is_delayed(tmp_path: Path) -> None:
-    _, _, tpg = building()
+@both
+def test_nothing_touches_whatever_is_delayed(
+    make: Callable[[], ConstructionPlan], tmp_path: Path
+) -> None:
+    _, tpg = planned(make)
     skills = ("pick", "place-down", "handover")
     varied = SkillDurations({skill: Uniform(low_s=0.3, high_s=4.0) for skill in skills})
     stalls = Disturbances(stalls=Stalls(count_per_robot=4, duration_s=(1.0, 10.0)))
     with Auditor(tpg) as auditor:
-        for seed in range(4):
+        for seed in range(3):
             simulator = Simulator(tpg, ExecutionModel(SkillDurations({})))
             if seed:
                 simulator = Simulator(tpg, ExecutionModel(varied, disturbances=stalls))

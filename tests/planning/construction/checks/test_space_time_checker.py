@@ -13,15 +13,12 @@ from hypothesis import strategies as st
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell, WorldState
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.moving_checks import (
-    clear_until,
+    first_meeting,
     left_by_robots,
     met_by_robots,
     motion_clear,
 )
-from planning.construction.checks.still_checks import (
-    lies_throughout,
-    still_clear_until,
-)
+from planning.construction.checks.still_checks import still_clear
 from planning.construction.checks.time_windows import arrival_windows, strike_out
 from planning.construction.world.fixed_world import FixedWorld, PlannedTask
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
@@ -41,11 +38,10 @@ from tests.planning.construction.toy_teams import (
     team,
 )
 
-_clear_until = outer(clear_until)
+_first_meeting = outer(first_meeting)
 _left_by_robots = outer(left_by_robots)
-_lies_throughout = outer(lies_throughout)
 _met_by_robots = outer(met_by_robots)
-_still_clear_until = outer(still_clear_until)
+_still_clear = outer(still_clear)
 
 
 def bodies(cell: Workcell, robot: PlacedRobot, state: WorldState) -> list:  # type: ignore[type-arg]
@@ -156,18 +152,17 @@ def random_motion(rng: np.random.Generator) -> tuple[Array, float, Array, float]
 def test_what_is_free_keeps_its_distance_at_every_instant(seed: int) -> None:
     rng = np.random.default_rng(seed)
     world = busy_world(seed % 3)
-    checker = SpaceTimeChecker(world, ("r0",))
+    checker = SpaceTimeChecker(world, "r0")
     q0, t0, q1, t1 = random_motion(rng)
     if checker.motion_free(q0, t0, q1, t1):
         least = room_left(world, "r0", q0, t0, q1, t1, 25)
         assert least >= 0.0005 - 1e-6
-        assert _clear_until(checker.scene, q0, t0, q1, t1)[1] == t1
-    else:
-        until = _clear_until(checker.scene, q0, t0, q1, t1)[1]
-        assert until < t1
-        middle = q0 + (until - t0) / (t1 - t0) * (q1 - q0)
-        if until > t0:
-            assert checker.motion_free(q0, t0, middle, until)
+    met = _first_meeting(checker.scene, q0, t0, q1, t1)
+    if np.isfinite(met):
+        assert t0 <= met < t1
+        middle = q0 + (met - t0) / (t1 - t0) * (q1 - q0)
+        if met > t0:
+            assert np.isinf(_first_meeting(checker.scene, q0, t0, middle, met))
 
 
 @settings(max_examples=60, deadline=None)
@@ -175,7 +170,7 @@ def test_what_is_free_keeps_its_distance_at_every_instant(seed: int) -> None:
 def test_what_has_room_is_free(seed: int) -> None:
     rng = np.random.default_rng(seed)
     world = busy_world(seed % 3)
-    checker = SpaceTimeChecker(world, ("r0",))
+    checker = SpaceTimeChecker(world, "r0")
     q0, t0, q1, t1 = random_motion(rng)
     if checker.motion_free(q0, t0, q1, t1):
         return
@@ -191,9 +186,9 @@ def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_meets_no_robot
     seed: int,
 ) -> None:
     rng = np.random.default_rng(seed)
-    checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
+    checker = SpaceTimeChecker(busy_world(seed % 8), "r0")
     q0, t0, q1, t1 = random_motion(rng)
-    still, _ = _still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
+    still = _still_clear(checker.scene, q0, t0, q1, t1, 0.0)
     met = _met_by_robots(checker.scene, q0, t0, q1, t1)
     assert motion_clear(checker.scene, q0, t0, q1, t1) == (still and np.isinf(met))
     assert np.isinf(met) or t0 <= met <= t1
@@ -204,7 +199,7 @@ def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_meets_no_robot
 def test_a_place_is_left_as_soon_as_nobody_is_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
     world = busy_world(seed % 8)
-    checker = SpaceTimeChecker(world, ("r0",))
+    checker = SpaceTimeChecker(world, "r0")
     q, t, _, _ = random_motion(rng)
     left = _left_by_robots(checker.scene, q, t, np.inf)
     assert left >= t
@@ -219,21 +214,6 @@ def test_a_place_is_left_as_soon_as_nobody_is_there(seed: int) -> None:
         assert np.count_nonzero(free) <= 2  # proofs differ now and then
 
 
-@given(st.integers(0, 100_000))
-@settings(max_examples=150, deadline=None)
-def test_what_lies_there_throughout_is_as_much_in_the_way_of_a_shorter_stay(
-    seed: int,
-) -> None:
-    rng = np.random.default_rng(seed)
-    checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
-    q0, t0, q1, t1 = random_motion(rng)
-    late = t1 + 4.0
-    clear, _ = _still_clear_until(checker.scene, q0, t0, q1, late, late - t0)
-    if not clear and _lies_throughout(checker.scene, t0, late):
-        clear, _ = _still_clear_until(checker.scene, q0, t0, q1, t1, 0.0)
-        assert not clear
-
-
 def test_robots_that_move_are_seen_where_they_are() -> None:
     cell = team(
         [placed("a", slider(), (-1.0, 0.0)), placed("b", slider(), (0.0, -1.0))]
@@ -241,12 +221,12 @@ def test_robots_that_move_are_seen_where_they_are() -> None:
     crossing = RobotTimeline(
         "b", np.array([0.0, 4.0]), np.array([[0.0, -1.0], [0.0, 1.0]])
     )
-    checker = SpaceTimeChecker(FixedWorld(cell, {"b": crossing}), ("a",))
+    checker = SpaceTimeChecker(FixedWorld(cell, {"b": crossing}), "a")
     left, right = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
     assert not checker.motion_free(left, 0.0, right, 4.0)
     assert checker.motion_free(left, 2.0, right, 6.0)
     # The two boxes first share a place when both are 0.3 m away from the middle.
-    assert 1.3 < _clear_until(checker.scene, left, 0.0, right, 4.0)[1] <= 1.4 + 1e-9
+    assert 1.3 < _first_meeting(checker.scene, left, 0.0, right, 4.0) <= 1.4 + 1e-9
     middle = np.zeros(2)
     assert checker.skill_free(middle, 0.0, 1.0)
     assert not checker.skill_free(middle, 0.0, 2.0)
@@ -304,7 +284,7 @@ def test_objects_are_there_from_the_skill_that_puts_them_down() -> None:
         ),
     ):
         world = with_task(world, task)
-    checker = SpaceTimeChecker(world, ("a",))
+    checker = SpaceTimeChecker(world, "a")
     over_start, over_goal = np.array([0.0, 0.0, 0.05]), np.array([0.0, 1.0, 0.05])
     at_start = [
         t for t in np.arange(0.05, 14, 0.1) if checker.configuration_free(over_start, t)
@@ -329,46 +309,25 @@ def test_what_one_holds_and_may_touch_counts() -> None:
     world = FixedWorld(cell)
     touch, above = np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.3])
     pair = frozenset([frozenset(("a/tool", "o"))])
-    assert not SpaceTimeChecker(world, ("a",)).motion_free(above, 0.0, touch, 1.0)
-    bare = SpaceTimeChecker(world, ("a",), allowed=pair)
+    assert not SpaceTimeChecker(world, "a").motion_free(above, 0.0, touch, 1.0)
+    bare = SpaceTimeChecker(world, "a", allowed=pair)
     assert bare.motion_free(above, 0.0, touch, 1.0)
     held = {"o": Attachment("a", translation(0.0, 0.0, -0.05))}
-    with_load = SpaceTimeChecker(world, ("a",), allowed=pair, held=held)
+    with_load = SpaceTimeChecker(world, "a", allowed=pair, held=held)
     assert not with_load.motion_free(touch, 0.0, above, 1.0)
     both = pair | {frozenset(("floor", "o"))}
-    assert SpaceTimeChecker(world, ("a",), allowed=both, held=held).motion_free(
+    assert SpaceTimeChecker(world, "a", allowed=both, held=held).motion_free(
         touch, 0.0, above, 1.0
     )
     lower = np.array([0.0, 0.0, 0.2])
     assert with_load.motion_free(lower, 0.0, above, 1.0)
 
 
-def test_movers_that_become_free_later_are_obstacles_until_then() -> None:
-    cell = team(
-        [placed("a", slider(), (-1.0, 0.0)), placed("b", slider(), (0.0, -1.0))]
-    )
-    crossing = RobotTimeline(
-        "b", np.array([0.0, 4.0]), np.array([[0.0, -1.0], [0.0, 1.0]])
-    )
-    checker = SpaceTimeChecker(FixedWorld(cell, {"b": crossing}), ("a", "b"))
-    assert checker.begin.tolist() == [0.0, 4.0]
-    start = checker.start_configuration()
-    assert start.tolist() == [-1.0, 0.0, 0.0, 1.0]
-    through = np.array([1.0, 0.0, 0.0, 1.0])
-    assert not checker.motion_free(start, 0.0, through, 4.0)
-    assert checker.motion_free(start, 2.0, through, 6.0)
-    # Both move: past each other, and into each other.
-    past = np.array([1.0, 0.0, 2.0, 1.0])
-    assert checker.motion_free(start, 2.0, past, 8.0)
-    into = np.array([0.0, 0.0, 0.0, 0.2])
-    assert not checker.motion_free(start, 3.0, into, 6.0)
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 100_000))
 def test_free_cells_are_those_in_which_a_stand_is_free(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    checker = SpaceTimeChecker(busy_world(seed % 8), ("r0",))
+    checker = SpaceTimeChecker(busy_world(seed % 8), "r0")
     q0, _, q1, _ = random_motion(rng)
     q1 = q0 if seed % 2 else q1
     free = np.ones(120, dtype=np.bool_)

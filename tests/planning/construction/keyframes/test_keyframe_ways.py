@@ -39,7 +39,7 @@ def test_a_cassette_goes_straight_to_its_foot_above_a_wide_floor() -> None:
     pose = problem.held_in_flange("mover", own, 0, 0.0)
     tool = frozenset({frozenset(("mover/tool", part.name))})
     checker = SpaceTimeChecker(
-        world, ("mover",), held={part.name: Attachment("mover", pose)}, allowed=tool
+        world, "mover", held={part.name: Attachment("mover", pose)}, allowed=tool
     )
     at = problem.tool_pose(own, own.goal, 0, 0.0)
     drawn = ReachSampler(cell.robot("mover")).sample(at, np.random.default_rng(1), 12)

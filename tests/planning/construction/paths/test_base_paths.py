@@ -21,7 +21,9 @@ from planning.construction.paths.base_paths import (
     stand_at,
 )
 from planning.construction.paths.direct_paths import Query
+from planning.construction.paths.rrt import query_to
 from planning.construction.world.fixed_world import FixedWorld
+from planning.packed import packed
 from planning.transforms import Array
 from tests.planning.construction.toy_tasks import PLAIN, find_path
 from tests.planning.construction.toy_teams import fixture, placed, rover, team
@@ -36,23 +38,13 @@ HOME = (-1.5, 0.0, 0.0, 0.0, 0.0)
 def checker_of(*fixtures: Fixture) -> SpaceTimeChecker:
     """A rover among blocks, nobody else."""
     cell = team([placed("me", rover(), HOME)], fixtures=fixtures)
-    return SpaceTimeChecker(FixedWorld(cell), ("me",))
+    return SpaceTimeChecker(FixedWorld(cell), "me")
 
 
 def query_of(checker: SpaceTimeChecker, goal: Array) -> Query:
     """From START to one goal, at any time."""
-    return Query(
-        np.array(START),
-        np.array(checker.begin_of_joint),
-        np.array(checker.lower),
-        np.array(checker.upper),
-        np.array(checker.velocity),
-        np.array([goal]),
-        np.array([0, 1]),
-        np.array([[0.0, np.inf]]),
-        checker.rest,
-        checker.leans,
-    )
+    query = query_to(checker, np.array([goal]), [np.array([[0.0, np.inf]])])
+    return packed(query._replace(start=np.array(START)))
 
 
 def clear_steps(

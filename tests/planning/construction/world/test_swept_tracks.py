@@ -107,8 +107,8 @@ def test_what_is_remembered_equals_what_is_worked_out_anew(seed: int) -> None:
         start = float(rng.uniform(line.time[0], line.end + 1.0))
         found = memory.since(start, ROVER, line, changes[k], item)
         wanted = anew(line, changes[k], start)
-        assert [found.carriers[n].names for n in found.hand] == [
-            wanted.carriers[n].names for n in wanted.hand
+        assert [found.carriers[n].bodies.entities for n in found.hand] == [
+            wanted.carriers[n].bodies.entities for n in wanted.hand
         ]
         # A stand that began before the cell of ``start`` is cut there, and a motion is not.
         assert found.pieces.start[0] <= start
@@ -138,4 +138,4 @@ def test_another_hand_is_another_sweep() -> None:
     bare = memory.since(0.0, ROVER, line, [(-np.inf, ())], item)
     assert len(full.carriers) > 1
     parts = len(ROVER.model.parts)
-    assert [len(carrier.names) for carrier in bare.carriers] == [parts]
+    assert [len(carrier.bodies.entities) for carrier in bare.carriers] == [parts]
