@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,6 +17,7 @@ from planning.lego.skills.candidates import find_candidates
 from planning.tasks.assignment import StepChoice
 from planning.tasks.highs_solver import assign_steps
 from tests.planning.importers.published_form import write_published
+from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, find_sequence
 from twin.scenario.manifest import load_scenario
@@ -58,15 +57,6 @@ def _settled(step: LegoStep, choice: StepChoice) -> LegoStep:
     )
 
 
-def twin(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "twin.cli", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 @pytest.mark.parametrize(
     ("name", "terse"),
     [
@@ -83,8 +73,8 @@ def test_published_files_are_read_as_they_were_meant(
     names = write_published(tmp_path, name, cell, assembly, terse=terse)
     file = tmp_path / f"{name}.yaml"
     more = () if terse else ("--prescribed-stock",)
-    done = twin("import", "apex-mr", tmp_path, "--task", name, "-o", file, *more)
-    assert done.returncode == 0, done.stderr
+    done = invoke("import", "apex-mr", tmp_path, "--task", name, "-o", file, *more)
+    assert done.exit_code == 0, done.stderr
     assert "every step can be done" in done.stdout
     assert "note: " not in done.stderr
     scenario = load_scenario(file)
@@ -125,12 +115,12 @@ def test_a_published_task_is_built_with_either_tool(tmp_path: Path, tool: str) -
     write_published(tmp_path, "cliff", *shipped("cliff"))
     file = tmp_path / "cliff.yaml"
     task = ("import", "apex-mr", tmp_path, "--task", "cliff", "--tool", tool)
-    done = twin(*task, "-o", file)
-    assert done.returncode == 0, done.stderr
+    done = invoke(*task, "-o", file)
+    assert done.exit_code == 0, done.stderr
     robots = load_scenario(file).cell.robots
     assert {robot.tool for robot in robots} == {tool}
-    done = twin("run", file, "--out", tmp_path / "run")
-    assert done.returncode == 0, done.stderr
+    done = invoke("run", file, "--out", tmp_path / "run")
+    assert done.exit_code == 0, done.stderr
     audit = json.loads((tmp_path / "run" / "summary.json").read_text())["audit"]
     assert audit["violations"] == []
     assert audit["contact_tolerance_m"] == 0.0002
@@ -145,6 +135,6 @@ def test_what_is_asked_of_the_importer_must_be_there(tmp_path: Path) -> None:
         ("--tool", "thin", "dual-arm, slim"),
         ("--press-from", "y", "side, cell"),
     ):
-        done = twin(*task, option, value)
-        assert done.returncode == 2
+        done = invoke(*task, option, value)
+        assert done.exit_code == 2
         assert valid in done.stderr

@@ -50,7 +50,7 @@ def _corners(tpg: TemporalPlanGraph) -> int:
 def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(
     robots: int, seed: int
 ) -> None:
-    before = _graph(random_plan(robots, seed, rounds=5))
+    before = _graph(random_plan(robots, seed, rounds=3))
     tpg = round_corners(before)
     check_conflicts_are_ordered(tpg)
     rested, smooth = within_limits(before), within_limits(tpg)

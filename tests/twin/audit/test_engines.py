@@ -164,7 +164,11 @@ def test_both_engines_find_the_same_violations(tmp_path: Path) -> None:
 @needs_pybullet
 @pytest.mark.parametrize(
     ("name", "robots"),
-    [("lego/cliff", None), ("multi_arm/multi_goal", None), ("construction/tower", 2)],
+    [
+        pytest.param("lego/cliff", None, marks=pytest.mark.nightly),
+        ("multi_arm/multi_goal", None),
+        ("construction/tower", 2),
+    ],
 )
 def test_both_engines_give_the_same_verdict_on_shipped_runs(
     shipped: ShippedRuns, name: str, robots: int | None
