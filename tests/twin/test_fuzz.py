@@ -14,8 +14,8 @@ from benchmarks.fuzz.worker import Worker
 
 CASES = {
     "scenarios": 40,
-    "plans": 10,
-    "logs": 10,
+    "plans": 6,
+    "logs": 5,
     "blocks": 2,
     "urdfs": 30,
     "csvs": 20,

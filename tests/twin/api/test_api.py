@@ -156,7 +156,7 @@ def test_an_audit_tells_what_it_finds(plan: twin.PlanResult) -> None:
 
 
 def test_a_study_has_a_row_a_policy_and_variant(
-    plan: twin.PlanResult, tmp_path: Path
+    plan: twin.PlanResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = twin.study(
         plan,
@@ -179,6 +179,8 @@ def test_a_study_has_a_row_a_policy_and_variant(
         assert np.mean(mine) == pytest.approx(cell["makespan_s"])
     assert found.report.is_file()
     assert found.tasks.num_rows == 4 * len(plan.tpg.tasks)
+    # The report is there, and as long to draw again.
+    monkeypatch.setattr("twin.api.studies.write_report", lambda result, progress: None)
     again = twin.resume_study(found.folder, FILE, workers=0)
     assert again.summary == found.summary
     with pytest.raises(RequestError, match="holds a study of scenario"):

@@ -66,7 +66,9 @@ PARTS = cell(
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
-    return loaded(tmp_path_factory.mktemp("four"), SCENARIO)
+    return _changed(
+        loaded(tmp_path_factory.mktemp("four"), SCENARIO), shortcut_candidates=60
+    )
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +147,7 @@ def _rates_as_fresh(first: PlannedMotions) -> int:
     """Compare ratings that know other plans with fresh ones; return the number of orders seen."""
     once, twice = (_rater(first, shortcuts=on) for on in (False, True))
     orders = set()
-    for work, plan in _walk(_work(first), first.task_plan, 8):
+    for work, plan in _walk(_work(first), first.task_plan, 5):
         assert _obeys(work.problem, plan)
         orders.add(work.order)
         for rater, shortcuts in ((once, False), (twice, True)):

@@ -212,6 +212,7 @@ def test_the_same_study_gives_the_same_bytes(study: Path, tmp_path: Path) -> Non
     assert "<dc:date" not in (study / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("no_report")
 def test_the_terminal_says_what_is_worth_fixing(study: Path) -> None:
     arguments = ["study", "--resume", str(study), "--workers", "0"]
     found = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
