@@ -224,6 +224,8 @@ def nodes_stretch(
     tasks = tuple(dict.fromkeys(own.task.tolist()))
 
     spans = graph.spans_within(chain, first, stop)
+    # The graph itself is not kept: a stretch outlives it, and there is one for every change.
+    cell, entities = graph.tpg.cell, graph.entities
 
     def parts() -> Iterable[bytes]:
         yield repr((own.robot, len(own), len(own.waypoints))).encode()
@@ -236,7 +238,7 @@ def nodes_stretch(
             yield span.pose.tobytes()
 
     def make() -> Occupancy:
-        return chain_occupancy(graph.tpg.cell, own, spans, graph.entities)
+        return chain_occupancy(cell, own, spans, entities)
 
     return GraphStretch(len(own), tasks, parts, make)
 

@@ -67,18 +67,21 @@ class NodeChain:
         return len(self.task)
 
     def cut(self, first: int, stop: int) -> NodeChain:
-        """Return nodes ``range(first, stop)`` as a chain of their own."""
+        """Return nodes ``range(first, stop)`` as a chain of their own.
+
+        Its arrays are copies: a piece that is kept does not keep the whole chain.
+        """
         lo, hi = int(self.first[first]), int(self.first[stop])
         return NodeChain(
             self.robot,
-            self.start if lo == 0 else self.waypoints[lo - 1],
-            self.waypoints[lo:hi],
-            self.fraction[lo:hi],
+            self.start if lo == 0 else self.waypoints[lo - 1].copy(),
+            self.waypoints[lo:hi].copy(),
+            self.fraction[lo:hi].copy(),
             self.first[first : stop + 1] - lo,
-            self.task[first:stop],
-            self.skill[first:stop],
-            self.duration[first:stop],
-            self.planned_start[first:stop],
+            self.task[first:stop].copy(),
+            self.skill[first:stop].copy(),
+            self.duration[first:stop].copy(),
+            self.planned_start[first:stop].copy(),
             drive=None if self.drive is None else self.drive.cut(slice(first, stop)),
             corners=None if self.corners is None else self.corners.inside(first, stop),
         )

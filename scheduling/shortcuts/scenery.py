@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -28,6 +28,10 @@ _SMOOTHING = 40
 
 _KEPT_WAYS = 20_000
 """Ways that are kept."""
+
+_KEPT_SCENES = 64
+"""Scenes that are kept. There are more of them the more objects there are, and each knows all of
+these: without a bound their memory would grow with the square of the objects."""
 
 
 class KnownWays:
@@ -118,7 +122,7 @@ class Scenery:
 
     def __init__(self, known: KnownWays | None = None) -> None:
         self._known = known
-        self._amid: dict[object, Amid] = {}
+        self._amid: KeptAnswers[Amid] = KeptAnswers(_KEPT_SCENES)
         self._rests: _Rests | None = None
 
     def amid(self, graph: DerivedTpg, index: int, first: int, last: int) -> Amid:
@@ -134,13 +138,13 @@ class Scenery:
         tasks = frozenset(chain.task[first : last + 1].tolist())
         # Within the tasks of a run, a robot carries the same.
         key = (index, tasks, present.tobytes())
-        amid = self._amid.get(key)
-        if amid is None:
+
+        def build() -> Amid:
             rests = graph.history.rests
             there = tuple(rests[k] for k in np.flatnonzero(present).tolist())
-            amid = _amid(graph, index, first, tasks, there)
-            amid = self._amid[key] = replace(amid, known=self._known)
-        return amid
+            return _amid(graph, index, first, tasks, there, self._known)
+
+        return self._amid.get(key, build)
 
     def _present(
         self, graph: DerivedTpg, index: int, first: int, last: int
@@ -191,6 +195,7 @@ def _amid(
     first: int,
     tasks: frozenset[int],
     present: tuple[Rest, ...],
+    known: KnownWays | None,
 ) -> Amid:
     """Return all that does not move: no robot that has nodes."""
     tpg = graph.tpg
@@ -213,4 +218,4 @@ def _amid(
     allowed = frozenset(
         frozenset((c.first, c.second)) for c in tpg.allowed if tasks <= c.tasks
     )
-    return Amid(cell, robot, state, allowed)
+    return Amid(cell, robot, state, allowed, known)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from pathlib import Path
 
 import networkx as nx
@@ -21,6 +23,7 @@ from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
+from scheduling.shortcuts import scenery
 from scheduling.shortcuts.replacement_check import Swap, splice_edges
 from scheduling.shortcuts.shortcutting import Board, shorten_tpg
 from scheduling.verification.verify import verify_plan
@@ -104,6 +107,45 @@ def test_the_same_seed_gives_the_same_plan() -> None:
         len(a) != len(b) or not np.array_equal(a.waypoints, b.waypoints)
         for a, b in zip(one.chains, other.chains, strict=True)
     )
+
+
+def test_graphs_before_a_shortcut_are_forgotten() -> None:
+    """Were each kept, or only the arrays of its chains, memory would grow with the square."""
+    board = Board(
+        build_tpg(random_plan(3, 3, rounds=10, step=0.5)),
+        {f"arm{k}": L1Speed() for k in range(3)},
+        0.5,
+    )
+    rng, before = np.random.default_rng(0), list[weakref.ref[object]]()
+    for _ in range(150):
+        graph = board.graph
+        board.step(rng)
+        if board.graph is not graph:
+            before.append(weakref.ref(graph))
+            # Arrays and not chains: a piece of one may be what keeps it.
+            before += (
+                weakref.ref(old.waypoints)
+                for old, new in zip(
+                    graph.tpg.chains, board.graph.tpg.chains, strict=True
+                )
+                if old is not new
+            )
+    del graph
+    gc.collect()
+    assert len(before) >= 6
+    assert not [ref for ref in before if ref() is not None]
+
+
+def test_scenes_that_are_forgotten_change_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plan = random_turns(1, 5, gap=0.62)
+    kept = _shorten(plan, 0.05, candidates=120)
+    monkeypatch.setattr(scenery, "_KEPT_SCENES", 1)
+    forgotten = _shorten(plan, 0.05, candidates=120)
+    assert np.array_equal(kept.edges, forgotten.edges)
+    for a, b in zip(kept.chains, forgotten.chains, strict=True):
+        assert np.array_equal(a.waypoints, b.waypoints)
 
 
 def test_a_shortened_plan_is_saved_and_loaded(tmp_path: Path) -> None:
