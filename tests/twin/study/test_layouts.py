@@ -20,7 +20,7 @@ from twin.study.summary import rank_layouts
 
 X = "cell.robots.right.base.xyz_m.0"
 PICK = "skills.pick.scale"
-COUNT = 20
+COUNT = 60
 
 
 @pytest.fixture(scope="module")
