@@ -109,7 +109,8 @@ class RobotTimeline:
         return RobotTimeline(
             self.robot,
             np.concatenate([self.time, more]),
-            np.vstack([self.path, path]),
+            # Not even by a rounding error does it move between two motions.
+            np.vstack([self.path, self.path[-1:], path[1:]]),
             skills if skill else self.skills,
             float(more[-1]) if work else self.busy_until,
         )

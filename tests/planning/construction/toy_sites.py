@@ -103,5 +103,5 @@ def handover_plan() -> ConstructionPlan:
         part_objects((beam,), Spiral(2.4, turn=0.5)),
     )
     problem = build_problem(cell, (beam,), offsets=(0.0, 0.25, -0.25), approach=0.05)
-    problem = replace(problem, seed=2)
+    problem = replace(problem, seed=1)
     return plan_construction(problem)

@@ -40,6 +40,22 @@ def test_it_goes_on_only_from_where_it_stands() -> None:
     assert longer.end == longer.busy_until == 5.0
 
 
+@given(st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_it_does_not_move_between_two_motions_by_a_rounding_error(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    there = rng.uniform(-3.0, 3.0, 4)
+    own = RobotTimeline("a", np.array([0.0, 1.0]), np.array([np.zeros(4), there]))
+    for begin in (1.0, 3.0 + rng.random()):
+        off = there + rng.choice([0.0, 1e-15, 1e-12, 9e-7], 4) * rng.choice([-1, 1], 4)
+        path = np.array([off, there, rng.uniform(-3.0, 3.0, 4)])
+        longer = own.then(begin + np.array([0.0, 1.0, 2.0]), path)
+        assert longer.path[-1].tolist() == path[-1].tolist()
+        pieces = cut_timeline(longer, 1.0, np.inf, 0.1, [begin])
+        stands = pieces.end <= begin + 1.0 + 1e-9
+        assert np.array_equal(pieces.q_a[stands], pieces.q_b[stands])
+
+
 def test_shapes_and_falling_times_are_refused() -> None:
     with pytest.raises(PlanInvariantError, match="fall"):
         RobotTimeline("a", np.array([1.0, 0.5]), np.zeros((2, 2)))
