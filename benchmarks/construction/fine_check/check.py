@@ -85,22 +85,8 @@ def check_construction(
         plan: the plan.
         progress: told how many robots and pairs of robots are measured, of how many.
     """
-    problem, world = plan.problem, plan.building.world
-    faults: list[Fault] = []
-    for robot in problem.cell.robots:
-        line = world.robots[robot.name]
-        model = robot.model
-        faults += _motion_faults(
-            line, robot.home, model.lower, model.upper, model.velocity
-        )
-    robots = {robot.name: ReferenceRobot(robot) for robot in problem.cell.robots}
-    motions = {
-        name: Motion(robots[name], world.robots[name]) for name in sorted(robots)
-    }
-    for part in problem.parts:
-        faults += _part_faults(plan, part, motions)
-    faults += _hand_faults(plan)
-    faults += _order_faults(plan)
+    motions = _motions(plan)
+    faults = timeline_faults(plan, motions)
     measured = measure_clearances(plan, motions, progress)
     faults += [Fault(t, "clearance", words) for t, words in measured.found]
     return FineCheck(
@@ -109,6 +95,35 @@ def check_construction(
         measured.least[False],
         tuple(sorted(faults, key=lambda f: (f.t, f.kind, f.words))),
     )
+
+
+def timeline_faults(
+    plan: ConstructionPlan, motions: Mapping[str, Motion] | None = None
+) -> list[Fault]:
+    """Return all faults but those of clearances: of motions, modes, poses and order.
+
+    Args:
+        plan: the plan.
+        motions: of its robots, read anew where not given.
+    """
+    problem, world = plan.problem, plan.building.world
+    motions = _motions(plan) if motions is None else motions
+    faults: list[Fault] = []
+    for robot in problem.cell.robots:
+        line = world.robots[robot.name]
+        model = robot.model
+        faults += _motion_faults(
+            line, robot.home, model.lower, model.upper, model.velocity
+        )
+    for part in problem.parts:
+        faults += _part_faults(plan, part, motions)
+    return [*faults, *_hand_faults(plan), *_order_faults(plan)]
+
+
+def _motions(plan: ConstructionPlan) -> dict[str, Motion]:
+    robots = {robot.name: ReferenceRobot(robot) for robot in plan.problem.cell.robots}
+    world = plan.building.world
+    return {name: Motion(robots[name], world.robots[name]) for name in sorted(robots)}
 
 
 def _motion_faults(

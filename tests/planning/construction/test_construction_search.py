@@ -126,8 +126,21 @@ def test_robots_that_are_free_earliest_come_first() -> None:
     assert robot_groups(busy, problem.team, 2)[0] == ("robot2", "robot3")
 
 
-def test_placements_are_taken_back_for_a_part_that_was_built_in() -> None:
-    plan = plan_construction(toy_problem(CHEST, 2, seed=3))
+ONCE = replace(
+    PlannerSettings(), search=replace(PlannerSettings().search, attempts=1, tries=1)
+)
+"""Nothing is tried twice before something else is."""
+
+
+@pytest.mark.parametrize(
+    "effort",
+    [ONCE, pytest.param(PlannerSettings(), marks=pytest.mark.nightly)],
+    ids=["once", "usual"],
+)
+def test_placements_are_taken_back_for_a_part_that_was_built_in(
+    effort: PlannerSettings,
+) -> None:
+    plan = plan_construction(toy_problem(CHEST, 2, seed=3), effort)
     order = [w.object for w in plan.building.work if w.holder is None]
     assert sorted(order) == ["chest", "post1", "post2", "slab"]
     assert plan.rewound >= 1

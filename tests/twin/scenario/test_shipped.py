@@ -53,8 +53,6 @@ def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> No
     copied = twin.load(begin_scenario(tmp_path / "copy", name))
     sections = copied.sections.model_copy(update={"name": original.name})
     assert sections == original.sections
-    cells = (build_workcell(own.sections, own.folder) for own in (original, copied))
-    assert not cell_differences(*cells)
     files = [path for path in copied.folder.rglob("*") if path.is_file()]
     named = {path.relative_to(copied.folder).as_posix() for path in files}
     named -= {"scenario.yaml", "scenario.schema.json"}
@@ -63,6 +61,21 @@ def test_a_copy_of_each_is_whole_wherever_it_is(name: str, tmp_path: Path) -> No
     for path in named:
         kept = (copied.folder / path).read_bytes()
         assert kept == (original.folder / path).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        # Its gear is a mesh that is cut into convex pieces first; that of shapes is soon cut.
+        pytest.param(name, marks=pytest.mark.nightly) if name == "gearbox" else name
+        for name in shipped_scenarios()
+    ],
+)
+def test_a_copy_of_each_is_of_the_same_cell(name: str, tmp_path: Path) -> None:
+    original = twin.load(name)
+    copied = twin.load(begin_scenario(tmp_path / "copy", name))
+    cells = (build_workcell(own.sections, own.folder) for own in (original, copied))
+    assert not cell_differences(*cells)
 
 
 def test_a_name_is_a_scenario_unless_there_is_such_a_file(

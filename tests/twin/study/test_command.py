@@ -23,6 +23,9 @@ from twin.cli import app
 
 ROOT = Path(__file__).parents[3]
 SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
+RUNS = 1000
+"""Replications of each cell: two blocks."""
+
 POLICIES = ("--policy", "sequential", "--policy", "asynchronous")
 TABLES = (
     *("replications.parquet", "tasks.parquet", "edges.parquet", "summary.json"),
@@ -60,7 +63,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("study") / "whole"
     vary = ("--vary", "skills.pick.scale=1,2", "--deadline", "90")
     code, output = _twin(
-        *("study", SCENARIO, "-n", "1500", *POLICIES, *vary),
+        *("study", SCENARIO, "-n", str(RUNS), *POLICIES, *vary),
         *("--workers", "0", "--out", folder, "-q"),
     )
     assert code == 0, output
@@ -91,7 +94,7 @@ def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
 
 def test_the_tables_are_tidy(study: Path) -> None:
     rows = pq.read_table(study / "replications.parquet")
-    assert rows.num_rows == 4 * 1500
+    assert rows.num_rows == 4 * RUNS
     table = rows.to_pydict()
     keys = list(
         zip(
@@ -167,7 +170,7 @@ def test_the_report_names_every_cell(study: Path) -> None:
             assert page.count(f"<h2>What decides: {label}</h2>") == 1
             assert f"{label}: tasks that were on the critical path most often" in page
             for what in ("one thing", "many at once"):
-                gained = f"{label}: {what}, seconds gained with 95 % intervals, 1500"
+                gained = f"{label}: {what}, seconds gained with 95 % intervals, {RUNS}"
                 assert gained in page
 
 
@@ -182,7 +185,7 @@ def test_the_first_page_says_what_it_rests_on(study: Path) -> None:
         "execution.skills: these skills take the packaged times",  # a warning: no LEGO
         "(speed_model l1); joints have no limit of acceleration",
         "<th>Disturbances</th><td>none</td>",
-        "1500 of each policy and variant, independent of each other",
+        f"{RUNS} of each policy and variant, independent of each other",
         "<th>Varied: skills.pick.scale</th><td>1, 2</td>",
         "assembly-twin",
     ):
