@@ -261,6 +261,7 @@ class _Copies:
                     self._name(contact.second, copy),
                     frozenset(tasks[tasks >= 0].tolist()),
                     contact.grazing,
+                    contact.depth,
                 )
 
     def _dependencies(self) -> Indices:

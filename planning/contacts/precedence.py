@@ -14,15 +14,8 @@ from graphlib import TopologicalSorter
 from itertools import pairwise
 from typing import TypeVar
 
-from planning.contacts.touching import (
-    NEAR,
-    TOUCH,
-    Lying,
-    Overlaps,
-    leads_through,
-    lowest,
-    near_to,
-)
+from planning.contacts.interference import Overlaps, leads_through
+from planning.contacts.touching import NEAR, TOUCH, Lying, lowest, near_to
 from planning.errors import ConstructionError
 from planning.transforms import Array, translation
 
@@ -32,8 +25,6 @@ _SINK = 0.01
 _RESTS = 0.5
 """It rests on what then comes closer by more than this share of it."""
 
-
-_ROUNDING = Overlaps()
 
 Item = TypeVar("Item")
 
@@ -109,7 +100,7 @@ def build_part_graph(
     *,
     touch: float = TOUCH,
     covers: Mapping[str, frozenset[str]] | None = None,
-    overlaps: Overlaps = _ROUNDING,
+    overlaps: Overlaps | None = None,
 ) -> PartGraph:
     """Find what touches what where every part is in its place.
 
@@ -120,7 +111,7 @@ def build_part_graph(
         fixtures: what stands fast.
         touch: parts nearer to each other than this touch [m].
         covers: see PartGraph and ``stacked``.
-        overlaps: how deep things may be in each other.
+        overlaps: how deep things may be in each other, where anybody can say that; else only by rounding.
 
     Raises:
         ConstructionError: two parts, or a part and a fixture, would overlap.
@@ -130,11 +121,12 @@ def build_part_graph(
     for name, (item, pose) in parts.items():
         others = {key: value for key, value in parts.items() if key != name}
         near = near_to((item, pose), others | grounds, touch)
-        for other, gap in near.items():
-            if gap < -overlaps.most(name, other):
-                raise ConstructionError(
-                    f"{name} and {other} would overlap by {-gap * 1e3:.0f} mm where they belong"
-                )
+        known = overlaps or Overlaps()
+        for other, deep in known.too_deep(name, (item, pose), others | grounds).items():
+            raise ConstructionError(
+                f"{name} and {other} would overlap by {deep * 1e3:.3g} mm where they belong"
+                + ("" if overlaps is None else overlaps.remedy(name, other, deep))
+            )
         neighbours[name] = frozenset(key for key in near if key in others)
         carriers[name] = _below((item, pose), others, near, touch)
         if fixed := frozenset(near) & frozenset(grounds):

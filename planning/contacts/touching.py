@@ -1,4 +1,4 @@
-"""What touches what: distances of things where they lie, how deep they may be in each other, ways in.
+"""What touches what: distances of things where they lie, by the convex pieces that stand for them.
 
 Assemblies of parts and constructions use it, and checks before anything is planned.
 """
@@ -6,7 +6,6 @@ Assemblies of parts and constructions use it, and checks before anything is plan
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.geometry.exact import Solid, distance, place, resting_solid
-from planning.transforms import Array, Transform, translation
+from planning.transforms import Array, Transform
 
 Lying = tuple[CellObject | Fixture, Transform]
 """A thing and the pose of its frame in the world."""
@@ -106,46 +105,5 @@ def bounds(lying: Lying) -> tuple[Array, Array]:
 TOUCH = 0.03
 """Parts that are nearer to each other than this touch: a joint with room to spare [m]."""
 
-MOST_OVERLAP = 0.002
-"""Deepest that a part may be in what it touches: rounding of poses in files [m]."""
-
 NEAR = 0.002
 """Things this near to each other touch [m]: rounding, and the margin that planning keeps."""
-
-_STEP = 0.005
-"""A straight way is looked at so often [m]."""
-
-
-@dataclass(frozen=True)
-class Overlaps:
-    """Depths to which things may be in each other where they belong.
-
-    Attributes:
-        joined: pairs of names that are joined, such as bars that meet in a node.
-        depth: of those; of all others it is ``MOST_OVERLAP`` [m].
-    """
-
-    joined: frozenset[frozenset[str]] = frozenset()
-    depth: float = MOST_OVERLAP
-
-    def most(self, first: str, second: str) -> float:
-        """Return how deep two things may be in each other [m]."""
-        if {first, second} in self.joined:
-            return max(self.depth, MOST_OVERLAP)
-        return MOST_OVERLAP
-
-
-def leads_through(
-    lying: Lying,
-    other: Lying,
-    insertion: Array,
-    approach: float,
-    most: float = MOST_OVERLAP,
-) -> bool:
-    """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
-    item, pose = lying
-    for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
-        before = (item, translation(*(-away * insertion)) @ pose)
-        if any(gap < -most for gap in near_to(before, {"": other}, 0.0).values()):
-            return True
-    return False

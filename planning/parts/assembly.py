@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from planning.contacts.touching import Overlaps
+from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.statics.standing import Joint, StandingRules
 from planning.tasks.work import Supply

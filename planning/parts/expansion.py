@@ -9,6 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from planning.contacts.interference import depth_of_pieces
+from planning.contacts.touching import standing
 from planning.grips.grip import Grip
 from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.parts.candidates import PartCandidates
@@ -43,6 +45,9 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import AssemblyWork, Supply, TaskHistory
 from planning.transforms import Transform
+
+_STRAYS = 2e-4
+"""A carried part strays from its straight way by this: joints move evenly between its poses [m]."""
 
 _PICK, _PLACE = "pick", "place-down"
 
@@ -114,7 +119,28 @@ class _Expansion:
             gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
             build.unmoved(leaving.machine, LEAVE, "leaves", None, gone)
         changes.allow_mounted(build, before)
-        return build.build()
+        return self._with_depths(build.build())
+
+    def _with_depths(self, tasks: StepTasks) -> StepTasks:
+        """Return tasks in which a part is in what it touches as deep as in its place and on its way there."""
+        known = self._known
+        if not isinstance(known, PartStep):
+            return tasks
+        part, lying = known.part, standing(self._cell) | known.others
+        ways = self._candidates.assembly.handling(part.name)
+        straight = (
+            (known.place, np.array(ways.insertion), ways.approach),
+            (part.start, -np.array(ways.extraction), ways.leave),
+        )
+        allowed = []
+        for contact in tasks.allowed:
+            (*_, other) = {contact.first, contact.second} - {part.name}
+            if part.name in (contact.first, contact.second) and other in lying:
+                item = part, part.start
+                deep = depth_of_pieces(item, lying[other], straight)
+                contact = replace(contact, depth=round(deep + _STRAYS, 6))
+            allowed.append(contact)
+        return replace(tasks, allowed=tuple(allowed))
 
     def _placement(self, step: PartStep) -> PlannedPlacement:
         """Return how the part is picked, changes hands, is held and placed."""

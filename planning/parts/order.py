@@ -20,19 +20,14 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Fixture, Workcell
+from planning.contacts.interference import ROUNDING, depth, leads_through
 from planning.contacts.precedence import (
     PartGraph,
     StepPrecedence,
     build_part_graph,
     stacked,
 )
-from planning.contacts.touching import (
-    MOST_OVERLAP,
-    Lying,
-    leads_through,
-    near_to,
-    nearest_to,
-)
+from planning.contacts.touching import Lying, near_to, nearest_to
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import AnyStep, MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.balance import PartBalance, standing_of
@@ -315,7 +310,7 @@ class _AnyOrder:
                     yield at[name], at[other], words
                 start = self._starts[other]
                 up = -np.array(handled[other].extraction), handled[other].leave
-                if _overlap(goal, start) or leads_through(goal, start, *down):
+                if depth(goal, start) > ROUNDING or leads_through(goal, start, *down):
                     yield at[other], at[name], f"{other} is where {name} goes"
                 elif leads_through(start, goal, *up):
                     words = f"{name} would lock {other} in at its start"
@@ -329,7 +324,7 @@ class _AnyOrder:
             if not isinstance(step, Work):
                 continue
             place = spot_pose(self._cell, step.spot, lying)
-            long = step.process.approach - 2.0 * MOST_OVERLAP
+            long = step.process.approach - 2.0 * _BORE
             rod = box_shape("way", (_BORE, _BORE, long))
             for pose in step.process.path or (np.eye(4),):
                 at = place @ pose @ translation(0.0, 0.0, 0.5 * step.process.approach)

@@ -10,14 +10,8 @@ import numpy as np
 
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
-from planning.contacts.touching import (
-    Lying,
-    Overlaps,
-    leads_through,
-    near_to,
-    nearest_words,
-    standing,
-)
+from planning.contacts.interference import Overlaps, depth, leads_through
+from planning.contacts.touching import Lying, near_to, nearest_words, standing
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import tool_grips
@@ -35,9 +29,6 @@ from planning.transforms import Transform, readonly
 
 TIP = 0.005
 """What is nearer than this to where a process is done may be touched by its tool [m]."""
-
-DEEPEST_NODE = 0.05
-"""Deepest that bars that meet in a node may be said to be in each other [m]."""
 
 
 @dataclass(frozen=True)
@@ -174,9 +165,6 @@ def far_first(step: KnownStep) -> list[int]:
     return sorted(range(len(held.grips)), key=near)
 
 
-_GRAZED = 0.001
-"""By so much more than in its place a part may be in what it touches, on the way there [m]."""
-
 _IN = "into its place: lead it in from another side (insert), or over a shorter way (approach_m)"
 _OUT = (
     "out of where it starts: take away first what is on it, or lead it out to another side"
@@ -201,7 +189,7 @@ def _place_step(
             f"step {number} ({name}) would leave it in the air: it touches neither a fixture nor a part"
             f" that is there by then; {nearest_words(name, (part, goal), lying)}"
         )
-    _require_room(number, name, touched, assembly.overlaps)
+    _require_room(number, name, (part, goal), lying, assembly.overlaps)
     at_start = near_to((part, part.start), lying, assembly.touch)
     rules = assembly.handling(name).grips
     robots = list(with_each_tool(cell.robots))
@@ -229,10 +217,12 @@ def require_ways(
             (step.place, step.touched, np.array(ways.insertion), ways.approach, _IN),
             (part.start, step.at_start, -np.array(ways.extraction), ways.leave, _OUT),
         ):
-            for other, gap in sorted(touched.items()):
-                most = assembly.overlaps.most(part.name, other) + _GRAZED
+            for other in sorted(touched):
+                most = assembly.overlaps.most(part.name, other)
+                if depth((part, place), lying[other]) > most:
+                    continue  # a mistake of another kind
                 way = (part, place), lying[other], direction, length, most
-                if gap >= -most and leads_through(*way):
+                if leads_through(*way):
                     raise InfeasibleStepError(
                         f"step {number} ({part.name}) leads through {other} on the straight way"
                         f" {words}"
@@ -240,31 +230,20 @@ def require_ways(
 
 
 def _require_room(
-    number: int, name: str, touched: Mapping[str, float], overlaps: Overlaps
+    number: int,
+    name: str,
+    part: Lying,
+    lying: Mapping[str, Lying],
+    overlaps: Overlaps,
 ) -> None:
-    deep = {k: -gap for k, gap in touched.items() if -gap > overlaps.most(name, k)}
+    deep = overlaps.too_deep(name, part, lying)
     if not deep:
         return
     other = max(deep, key=deep.__getitem__)
-    most = overlaps.most(name, other)
     raise InfeasibleStepError(
         f"step {number} ({name}) goes where {other} is: they would overlap by"
-        f" {deep[other] * 1e3:.1f} mm, and may by {most * 1e3:g} mm"
-        + node_remedy(name, other, deep[other], overlaps)
+        f" {overlaps.words(name, other, deep[other])}"
     )
-
-
-def node_remedy(name: str, other: str, depth: float, overlaps: Overlaps) -> str:
-    """Return in words what would let two bars that meet in a node be in each other."""
-    wide = math.ceil(depth * 1e3) / 1e3
-    if wide > DEEPEST_NODE:
-        return ""
-    if {name, other} in overlaps.joined:
-        return f"; if they meet in a node, say joined_overlap_m: {wide:g}"
-    words = f"; if they meet in a node, join them (joined: [[{other}, {name}]])"
-    if wide > overlaps.depth:
-        words += f" and say joined_overlap_m: {wide:g}"
-    return words
 
 
 def _work_step(cell: Workcell, step: Work, known: KnownStep, touch: float) -> KnownStep:

@@ -23,7 +23,7 @@ from planning.cell.workcell import (
     RackTool,
     Workcell,
 )
-from planning.contacts.touching import MOST_OVERLAP, near_to, standing
+from planning.contacts.touching import near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.geometry.robot_bodies import entity
 from planning.steps.skill import (
@@ -113,6 +113,9 @@ def _all_at_once(arm: RobotModel, models: tuple[RobotModel, ...]) -> RobotModel:
 
 _RACK_TOUCH = 0.002
 """A tool in its rack may touch what is nearer to it than this [m]."""
+
+_RACK_DEPTH = 0.002
+"""Deepest in it: hulls stand for the meshes of a tool, and fill the grooves that a rack reaches into [m]."""
 
 
 @dataclass(frozen=True)
@@ -255,7 +258,7 @@ def _touched_in_racks(
         rest = tool.item, tool.rack
         others = {k: at for k, at in (lying | placed).items() if k != tool.name}
         for other, gap in near_to(rest, others | fixtures, _RACK_TOUCH).items():
-            if gap < -MOST_OVERLAP:
+            if gap < -_RACK_DEPTH:
                 raise InfeasibleStepError(
                     f"the rack of {tool.name} is where {other} is: they overlap by"
                     f" {-gap * 1e3:.1f} mm"

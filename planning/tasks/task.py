@@ -84,12 +84,15 @@ class AllowedContact:
             robot's node needs m in ``tasks``; a contact between nodes of tasks m and m' of two
             robots needs both.
         grazing: whether it was measured to be no deeper than the cell's contact tolerance.
+        depth: how deep the convex pieces of the two may be in each other; None for as deep as the cell
+            says [m].
     """
 
     first: str
     second: str
     tasks: frozenset[int]
     grazing: bool = False
+    depth: float | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, PlainSerializer
+from pydantic import (
+    Field,
+    PlainSerializer,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError, listed
@@ -68,6 +73,11 @@ class _Allowed(Entry):
     second: str
     tasks: Annotated[frozenset[Index], PlainSerializer(sorted)]
     grazing: bool
+    depth: Annotated[float, Field(ge=0, le=0.1)] | None = Field(None, alias="depth_m")
+
+    @model_serializer(mode="wrap")
+    def _what_is_said(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if v is not None}
 
 
 class PlanDocument(Entry):

@@ -55,6 +55,8 @@ def allowed_depths(tpg: TemporalPlanGraph) -> Depths:
             depth = cell.clearances.contact_tolerance
         elif not others.isdisjoint(tools):
             depth = CONTACT_DEPTH
+        elif contact.depth is not None:
+            depth = min(depth, contact.depth)
         out.setdefault(pair, []).append((contact.tasks, depth))
     return out
 

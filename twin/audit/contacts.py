@@ -18,7 +18,7 @@ from twin.audit.violation import Violation
 from twin.audit.worlds.world import WatchedShape
 
 CONTACT_DEPTH = 0.003
-"""Allowed contacts may be this deep, unless the plan says that a tool only grazes [m]."""
+"""Allowed contacts may be this deep, unless the plan says of them that they are less deep [m]."""
 
 NODE_SLACK = 0.001
 """What is joined may be deeper in each other than its scenario says by this: rounding [m]."""
@@ -141,7 +141,7 @@ class Contacts:
         """
         owners = [self._tools.get(name, holders.get(name)) for name in pair]
         now = [
-            contact.grazing
+            contact
             for contact in self._allowed.get(frozenset(pair), ())
             if all(
                 owner is None or contact.tasks & self._tasks_at(owner, t)
@@ -150,8 +150,15 @@ class Contacts:
         ]
         if not now:
             return SLACK
-        if all(now):
+        if all(contact.grazing for contact in now):
             return self.tolerance + SLACK
-        if frozenset(pair) in self._case.wanted.joined:
-            return max(CONTACT_DEPTH, self._case.wanted.joined_overlap_m + NODE_SLACK)
-        return CONTACT_DEPTH
+        said = self._case.wanted.overlaps_m.get(frozenset(pair), 0.0)
+        most = max(CONTACT_DEPTH, said + NODE_SLACK)
+        planned = [contact.depth for contact in now if not contact.grazing]
+        return min([most, *(d + SLACK for d in [_deepest(planned)] if d is not None)])
+
+
+def _deepest(planned: Sequence[float | None]) -> float | None:
+    """Return the greatest of depths, None where a contact has none of its own [m]."""
+    own = [depth for depth in planned if depth is not None]
+    return max(own) if len(own) == len(planned) else None

@@ -136,7 +136,7 @@ class Wanted:
         processes: that are to be done, in any order but for what they are to come after.
         joined: pairs of objects, or of an object and a fixture, that hold each other in their
             places, each with the room between the two [m].
-        joined_overlap_m: how deep these may be in each other [m].
+        overlaps_m: how deep pairs of these, or others, may be in each other [m].
         rests: where parts lie on their way and are worked at without a robot, in order for each.
         doors: objects that machines hold, so that they rest on nothing.
         tools: that robots change; their racks hold them.
@@ -152,7 +152,7 @@ class Wanted:
     helpers: bool = False
     processes: tuple[WantedProcess, ...] = ()
     joined: Mapping[frozenset[str], float] = field(default_factory=dict)
-    joined_overlap_m: float = 0.0
+    overlaps_m: Mapping[frozenset[str], float] = field(default_factory=dict)
     rests: tuple[WantedRest, ...] = ()
     doors: frozenset[str] = frozenset()
     tools: tuple[ChangedTool, ...] = ()

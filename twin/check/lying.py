@@ -8,8 +8,8 @@ import numpy as np
 
 from planning.cell.shape import Mesh, Shape
 from planning.cell.workcell import Fixture, PlacedRobot
+from planning.contacts.interference import Overlaps, depth, depth_words
 from planning.contacts.touching import (
-    MOST_OVERLAP,
     Lying,
     bounds,
     near_to,
@@ -23,7 +23,6 @@ from planning.parts.assembly import MachineWork, PlacePart, Process
 from planning.parts.part_skills import process_targets
 from planning.parts.part_steps import (
     KnownStep,
-    node_remedy,
     steps_in_order,
     wide_joints,
 )
@@ -42,6 +41,9 @@ from twin.scenario.sections.parts import MachineSection, PartsSection
 _TOUCH = 0.002
 """Distance up to which things touch where the scenario does not say [m]."""
 
+_MISPLACED = 0.002
+"""A centre of mass no farther outside of its part is one of a measured part [m]."""
+
 _MERGED = 0.005
 """Fixtures of one piece of furniture may overlap by this [m]."""
 
@@ -53,14 +55,18 @@ def check_starts(subject: Subject) -> Findings:
     lying: list[tuple[str, Lying]] = [(item.name, (item, item.start)) for item in there]
     lying += list(standing(cell).items())
     moved = {item.name for item in there if not item.fixed}
+    things = dict(lying)
+    overlaps = Overlaps() if subject.parts is None else subject.parts.listed.overlaps
     touched: dict[str, set[str]] = {}
     for one, other, gap in close_pairs(lying, touch, first=len(there)):
-        if gap < -MOST_OVERLAP:
+        most = overlaps.most(one, other)
+        deep = depth(things[one], things[other]) if -gap > most else 0.0
+        if deep > most:
             movable = one in moved or other in moved
             yield Finding(
                 subject.thing_at(one, "start"),
-                f"{one} and {other} overlap by {millimetres(-gap)} at the start: no two things can"
-                " be in one place",
+                f"{one} and {other} overlap by {depth_words(deep)} at the start, and may by"
+                f" {depth_words(most)}: no two things can be in one place",
                 error=movable,
             )
         touched.setdefault(one, set()).add(other)
@@ -101,16 +107,15 @@ def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
             if item.name in where and item.name != name
         }
         touched = near_to((cell.object(name), goal), lying, section.touch_m)
-        for other, gap in touched.items():
-            if -gap > assembly.overlaps.most(name, other):
-                when = "is" if where.get(other) is not None else "stands"
-                yield Finding(
-                    at,
-                    f"{name} goes where {other} {when} by then: they would overlap by"
-                    f" {millimetres(-gap)}"
-                    + node_remedy(name, other, -gap, assembly.overlaps),
-                    error=True,
-                )
+        overlaps, part = assembly.overlaps, (cell.object(name), goal)
+        for other, deep in overlaps.too_deep(name, part, lying).items():
+            when = "is" if where.get(other) is not None else "stands"
+            yield Finding(
+                at,
+                f"{name} goes where {other} {when} by then: they would overlap by"
+                f" {overlaps.words(name, other, deep)}",
+                error=True,
+            )
         if not touched and not assembly.joined_to(name):
             near = nearest_words(name, (cell.object(name), goal), lying)
             yield Finding(
@@ -139,7 +144,7 @@ def check_centres(subject: Subject) -> Findings:
         if shape.own_centre is None:
             continue
         beyond = np.maximum(shape.low - shape.own_centre, shape.own_centre - shape.high)
-        if (farthest := float(np.max(beyond))) > MOST_OVERLAP:
+        if (farthest := float(np.max(beyond))) > _MISPLACED:
             low, high = position(shape.low.tolist()), position(shape.high.tolist())
             yield Finding(
                 subject.thing_at(item.name, "centre_of_mass_m"),

@@ -19,7 +19,12 @@ from twin.durations.lifetimes import SkillOverride
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
-from twin.planning.part_assembly.built import assembly_of, joined_pairs, line_pattern
+from twin.planning.part_assembly.built import (
+    assembly_of,
+    joined_pairs,
+    line_pattern,
+    overlaps_of,
+)
 from twin.planning.part_assembly.line import Line, machine_durations, written_out
 from twin.planning.part_assembly.problems import find_part_problems, machine_names
 from twin.scenario.document.validation import Found
@@ -94,7 +99,8 @@ class PartKind(AssemblyKind):
 
     def contact_depth(self) -> float:
         """Return how deep they may be: bars that are joined may meet in a node [m]."""
-        return max(CONTACT_DEPTH, self.section.joined_overlap_m + _ROUNDING)
+        said = overlaps_of(self.section).said.values()
+        return max([CONTACT_DEPTH, *(deep + _ROUNDING for deep in said)])
 
     def wanted(self, cell: CellSection) -> Wanted:
         """Return the goals of the parts, the processes, and how far fingers stand open."""
@@ -178,7 +184,7 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
         ),
         processes=tuple(processes),
         joined=joined_pairs(section),
-        joined_overlap_m=section.joined_overlap_m,
+        overlaps_m=overlaps_of(line.section).said,
         rests=tuple(rests),
         doors=frozenset(job.door for job in line.jobs.values() if job.door),
         tools=tuple(_changed_tools(cell)),

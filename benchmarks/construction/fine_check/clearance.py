@@ -16,10 +16,12 @@ from benchmarks.construction.fine_check.walk import Group, Limit, Measurer, Moti
 from planning.cell.workcell import Clearances
 from planning.construction.planner import ConstructionPlan
 from planning.construction.world.timeline import ObjectChange
-from planning.contacts.touching import MOST_OVERLAP
 from planning.progress import Progress
 from planning.transforms import Array
 from scheduling.verification.reference import ReferenceBody, measure, resting_parts
+
+_PRESSED = 0.002
+"""A pad may be this deep in a part, and a part in the hand in what it touches [m]."""
 
 
 def measure_clearances(
@@ -146,7 +148,7 @@ def _among_still(robot: str, touch: frozenset[str], clearances: Clearances) -> L
             return -math.inf  # what is bolted down may stand in the floor
         pad = moving.entity == f"{robot}/tool" and still.entity in touch
         if pad or moving.entity in touch:
-            return -MOST_OVERLAP
+            return -_PRESSED
         return clearances.robot_object
 
     return limit
@@ -163,9 +165,7 @@ def _between(
 
     def limit(one: ReferenceBody, other: ReferenceBody) -> float:
         names = {one.entity, other.entity}
-        return (
-            -MOST_OVERLAP if names & touch and names & pads else clearances.robot_robot
-        )
+        return -_PRESSED if names & touch and names & pads else clearances.robot_robot
 
     return limit
 

@@ -24,15 +24,9 @@ from planning.construction.problem.reach_bounds import (
     reach_bounds,
     require_reach,
 )
+from planning.contacts.interference import Overlaps
 from planning.contacts.precedence import build_part_graph, stacked, with_insertions
-from planning.contacts.touching import (
-    MOST_OVERLAP,
-    NEAR,
-    TOUCH,
-    Lying,
-    near_to,
-    standing,
-)
+from planning.contacts.touching import NEAR, TOUCH, Lying, near_to, standing
 from planning.errors import ConstructionError, listed
 from planning.geometry.scene_checker import SceneChecker
 from planning.transforms import Array, Transform, readonly, rotation, translation
@@ -360,12 +354,12 @@ def require_free_supply(problem: ConstructionProblem) -> None:
     fixed = standing(cell)
     before: dict[str, Lying] = {}
     for name, item in lying.items():
-        for other, gap in near_to(item, {**fixed, **before}, 0.0).items():
-            if gap < -MOST_OVERLAP:
-                raise ConstructionError(
-                    f"{name} and {other} overlap by {-gap * 1e3:.0f} mm at the start: change "
-                    "the supply's layout"
-                )
+        deep = Overlaps().too_deep(name, item, {**fixed, **before})
+        for other, depth in deep.items():
+            raise ConstructionError(
+                f"{name} and {other} overlap by {depth * 1e3:.3g} mm at the start: change "
+                "the supply's layout"
+            )
         before[name] = item
     for robot in cell.robots:
         contact = SceneChecker(

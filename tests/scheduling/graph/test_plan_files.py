@@ -102,7 +102,7 @@ def test_a_plan_comes_back_as_it_was(tpg: TemporalPlanGraph, tmp_path: Path) -> 
 def test_what_few_cells_say_goes_with_their_plans(
     tpg: TemporalPlanGraph, tmp_path: Path
 ) -> None:
-    """Colours of fixtures, and how deep joined bars may be."""
+    """Colours of fixtures, how deep joined bars may be, and how deep one pair may."""
     shape = box_shape("box", (0.1, 0.1, 0.1))
     fixtures = (
         Fixture("red", shape, translation(5, 0, 0), colour=(255, 0, 10)),
@@ -110,9 +110,20 @@ def test_what_few_cells_say_goes_with_their_plans(
     )
     clearances = dataclasses.replace(tpg.cell.clearances, contact_depth=0.008)
     cell = dataclasses.replace(tpg.cell, fixtures=fixtures, clearances=clearances)
-    special = dataclasses.replace(tpg, cell=cell)
+    first, *others = tpg.allowed
+    allowed = (dataclasses.replace(first, depth=0.0125), *others)
+    special = dataclasses.replace(tpg, cell=cell, allowed=allowed)
     save_plan(special, tmp_path)
-    _same(special, load_plan(tmp_path, _models(tpg)))
+    again = load_plan(tmp_path, _models(tpg))
+    _same(special, again)
+    assert [contact.depth for contact in again.allowed] == [
+        0.0125,
+        *(None for _ in others),
+    ]
+    text = (tmp_path / "plan.json").read_text()
+    assert text.count('"depth_m"') == 1
+    save_plan(tpg, tmp_path)
+    assert '"depth_m"' not in (tmp_path / "plan.json").read_text()
 
 
 def test_the_same_plan_makes_the_same_bytes(

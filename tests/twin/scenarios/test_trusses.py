@@ -59,10 +59,26 @@ def test_bars_that_are_joined_may_be_in_each_other_as_far_as_the_scenario_says(
     words = [p.message for p in verify_plan(less).problems]
     assert words
     assert all("first" in text and "second" in text for text in words)
+    # The plan says of the pair how deep it is, and is held to that by proof and audit.
+    own = [c for c in tpg.allowed if {c.first, c.second} == {"first", "second"}]
+    assert own
+    assert all(0.005 < (c.depth or 0.0) < 0.0065 for c in own)
+    allowed = tuple(replace(c, depth=0.0045) if c in own else c for c in tpg.allowed)
+    shallow = replace(tpg, allowed=allowed)
+    words = [p.message for p in verify_plan(shallow).problems]
+    assert words
+    assert all("first" in text and "second" in text for text in words)
+    executed(given, shallow, tmp_path / "shallow")
+    found = audit_run(tmp_path / "shallow").violations
+    assert {(v.kind, *sorted((v.first, v.second))) for v in found} == {
+        ("contact", "first", "second")
+    }
     out = tmp_path / "run"
     executed(given, tpg, out)
+    assert audit_run(out).violations == ()
     wanted = assembly_kind(given.assembly).wanted(given.cell)
-    strict = audit_run(out, wanted=replace(wanted, joined_overlap_m=0.002))
+    less = dict.fromkeys(wanted.overlaps_m, 0.002)
+    strict = audit_run(out, wanted=replace(wanted, overlaps_m=less))
     assert {v.kind for v in strict.violations} == {"contact"}
     touched = {name for v in strict.violations for name in (v.first, v.second)}
     assert touched == {"first", "second"}

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.contacts.touching import Overlaps
+from planning.contacts.interference import Overlaps
 from planning.errors import PlanInvariantError
 from planning.grips.grip import GripRules
 from planning.parts.assembly import (
@@ -68,9 +68,19 @@ def assembly_of(line: Line) -> PartAssembly:
         usual=usual,
         own={part.name: _ways(part, usual) for part in section.parts},
         balance=_balance(section),
-        overlaps=Overlaps(frozenset(joined_pairs(section)), section.joined_overlap_m),
+        overlaps=overlaps_of(section),
         supply=line.supply,
     )
+
+
+def overlaps_of(section: PartsSection) -> Overlaps:
+    """Return how deep what is joined, and what is pressed into each other, may be in each other."""
+    joined = frozenset(joined_pairs(section))
+    said = dict.fromkeys(joined, section.joined_overlap_m)
+    for fit in section.fits:
+        pair = frozenset(fit.parts)
+        said[pair] = max(fit.press_m, said.get(pair, 0.0))
+    return Overlaps(said, joined, section.joined_overlap_m)
 
 
 def joined_pairs(section: PartsSection) -> dict[frozenset[str], float]:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,12 +23,15 @@ from twin.scenario.sections.line import (
     TraySection,
 )
 from twin.scenario.sections.parts import (
+    FitSection,
     JoinedSection,
     PartSection,
     PartsSection,
     StepSection,
 )
 from twin.scenario.sections.shapes import PoseSection, build_transform
+
+Pair = TypeVar("Pair", JoinedSection, FitSection)
 
 
 @dataclass(frozen=True)
@@ -225,8 +229,18 @@ class _Writer:
             for product in range(1, self.period + 1)
             for joint in self._joined(product)
         )
+        fits = tuple(
+            fit
+            for product in range(1, self.period + 1)
+            for fit in self._of_product(self.section.fits, product)
+        )
         section = self.section.model_copy(
-            update={"parts": tuple(parts), "steps": steps, "joined": joined}
+            update={
+                "parts": tuple(parts),
+                "steps": steps,
+                "joined": joined,
+                "fits": fits,
+            }
         )
         jobs = machine_jobs(section, self.period)
         if section.products is not None:
@@ -309,14 +323,18 @@ class _Writer:
 
     def _joined(self, product: int) -> Iterator[JoinedSection]:
         """Yield the joints of a product, with its names; those of no product once."""
-        for joint in self.section.joined:
-            parts = tuple(self._name(name, product) for name in joint.parts)
-            if parts == joint.parts and product > 1:
-                continue
+        for joint in self._of_product(self.section.joined, product):
             by = joint.by
             if by is not None and self.section.products is not None:
                 by = numbered(by, product)
-            yield joint.model_copy(update={"parts": parts, "by": by})
+            yield joint.model_copy(update={"by": by})
+
+    def _of_product(self, pairs: Sequence[Pair], product: int) -> Iterator[Pair]:
+        """Yield what is said of pairs with the names of a product; what is of none once."""
+        for item in pairs:
+            parts = tuple(self._name(name, product) for name in item.parts)
+            if parts != item.parts or product == 1:
+                yield item.model_copy(update={"parts": parts})
 
     def _step(self, step: StepSection, product: int) -> StepSection:
         """Return a step for a product, with names of that."""

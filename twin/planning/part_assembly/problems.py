@@ -56,6 +56,22 @@ def _check_steps(section: PartsSection) -> Found:
         elif not {first, second} & set(section.placed):
             yield at, f"neither {first} nor {second} is placed by a step"
         yield from unless_known((*at, "by"), "step", item.by, names)
+    yield from _check_fits(section)
+
+
+def _check_fits(section: PartsSection) -> Found:
+    """Two different things fit each other, one of which is placed, and how is said once."""
+    listed: dict[frozenset[str], int] = {}
+    for k, item in enumerate(section.fits):
+        at: KeyPath = ("assembly", "fits", k)
+        first, second = item.parts
+        earlier = listed.setdefault(frozenset(item.parts), k)
+        if first == second:
+            yield at, f"{first} cannot be pressed into itself"
+        elif not {first, second} & set(section.placed):
+            yield at, f"neither {first} nor {second} is placed by a step"
+        elif earlier != k:
+            yield at, f"how {first} and {second} fit is already said by fits.{earlier}"
 
 
 def _check_until(section: PartsSection, names: dict[str, int]) -> Found:
@@ -242,10 +258,15 @@ def _check_work(section: PartsSection, cell: CellSection) -> Found:
             at = ("assembly", "machines", name, "fixtures", i)
             yield from unless_known(at, "fixture", own, fixtures)
     things = (*(part.name for part in section.parts), *fixtures)
-    for k, item in enumerate(section.joined):
-        for i, name in enumerate(item.parts):
-            at = ("assembly", "joined", k, "parts", i)
-            yield from unless_known(at, "part or fixture", name, things)
+    pairs = {
+        "joined": [item.parts for item in section.joined],
+        "fits": [item.parts for item in section.fits],
+    }
+    for key, listed in pairs.items():
+        for k, both in enumerate(listed):
+            for i, name in enumerate(both):
+                at = ("assembly", key, k, "parts", i)
+                yield from unless_known(at, "part or fixture", name, things)
     names = [robot.name for robot in robots]
     for k, step in enumerate(section.steps):
         at = ("assembly", "steps", k)

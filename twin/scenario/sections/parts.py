@@ -51,6 +51,19 @@ class JoinedSection(Section):
     torque_nm: Annotated[float, Field(gt=0, le=1e9)] | None = None
 
 
+class FitSection(Section):
+    """Two parts that are pressed into each other, or a part and a fixture.
+
+    Attributes:
+        parts: names of the two.
+        press_m: how deep they may be in each other in their places; of a round pin in a round hole
+            it is half of what its diameter is larger.
+    """
+
+    parts: Two[Name]
+    press_m: Annotated[float, Field(gt=0, le=0.05)]
+
+
 def _joint_spelt_out(joined: Any) -> Any:
     """Return a joint in full: a pair of names alone bears whatever comes."""
     own = with_tuples(joined)
@@ -391,7 +404,8 @@ class PartsSection(Section):
         balance: friction under which everything must stand after every step.
         joined: pairs of parts, or of a part and a fixture, that are joined.
         joined_overlap_m: deepest that these may be in each other in their places, such as bars
-            that meet in a node.
+            that meet in a node; only rounding when not given.
+        fits: pairs of parts, or of a part and a fixture, that are pressed into each other.
     """
 
     kind: Literal["assembly"]
@@ -408,7 +422,8 @@ class PartsSection(Section):
     grips: GripSection = GripSection()
     balance: BalanceSection = BalanceSection()
     joined: tuple[JoinedParts, ...] = ()
-    joined_overlap_m: Annotated[float, Field(ge=0, le=0.05)] = 0.002
+    joined_overlap_m: Annotated[float, Field(ge=0, le=0.05)] = 0.0
+    fits: tuple[FitSection, ...] = ()
 
     @model_validator(mode="after")
     def _has_steps(self) -> PartsSection:

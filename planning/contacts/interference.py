@@ -1,0 +1,354 @@
+"""How deep things are in each other: measured on their forms, not on the polyhedra that planning sees.
+
+A round form is round here, and of a mesh its triangles count, not the convex pieces that fill its
+hollows. A hole of a mesh whose wall is the polygon of a round bore is that bore to a round peg.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import coal
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planning.cell.cover import Capsules, ConvexBody
+from planning.cell.shape import Box, Capsule, Cylinder, Element, Form, Mesh, Shape
+from planning.contacts.bores import bore_around
+from planning.contacts.surface_depth import (
+    ConvexSolid,
+    RoundSolid,
+    deepest_point,
+    winding,
+)
+from planning.contacts.touching import Lying, near_to
+from planning.files import KeptAnswers
+from planning.geometry.exact import hull_shape
+from planning.transforms import Array, Transform, inverse, readonly, translation
+
+ROUNDING = 1e-5
+"""Deepest that things may be in each other of which nothing is said: rounding of poses [m]."""
+
+DEEPEST = 0.05
+"""Deepest that things may be said to be in each other [m]."""
+
+_NODE = 0.001
+"""Nothing is pressed deeper into anything: bars that meet in a node are [m]."""
+
+_STEP = 0.005
+"""A straight way is looked at so often [m]."""
+
+_THROUGH = 0.9
+"""A surface that comes so near to the middle of a form, as a share, goes through it."""
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Depths to which things may be in each other where they belong.
+
+    Attributes:
+        said: of pairs of names, such as a pin and its hole or bars that meet in a node [m].
+        joined: pairs that are joined, for messages.
+        in_nodes: how deep what is joined may be in each other [m].
+    """
+
+    said: Mapping[frozenset[str], float] = field(default_factory=dict)
+    joined: frozenset[frozenset[str]] = frozenset()
+    in_nodes: float = 0.0
+
+    def most(self, first: str, second: str) -> float:
+        """Return how deep two things may be in each other [m]."""
+        return self.said.get(frozenset((first, second)), 0.0) + ROUNDING
+
+    def too_deep(
+        self, name: str, part: Lying, others: Mapping[str, Lying]
+    ) -> dict[str, float]:
+        """Return what a part is deeper in than it may be, and how deep [m].
+
+        Args:
+            name: of the part.
+            part: where it is.
+            others: everything else, by name.
+        """
+        found = {}
+        for other, gap in near_to(part, others, 0.0).items():
+            most = self.most(name, other)
+            if -gap > most and (deep := depth(part, others[other])) > most:
+                found[other] = deep
+        return found
+
+    def words(self, first: str, second: str, deep: float) -> str:
+        """Return in words how deep two things are in each other, may be, and what would let them be."""
+        most = self.most(first, second)
+        told = f"{depth_words(deep)}, and may by {depth_words(most)}"
+        return told + self.remedy(first, second, deep)
+
+    def remedy(self, first: str, second: str, deep: float) -> str:
+        """Return in words what a scenario would have to say for two things to be so deep in each other."""
+        digits = 6 if deep < 1e-4 else 5
+        press = math.ceil(round(deep * 10**digits, 3)) / 10**digits
+        if press > DEEPEST:
+            return ""
+        if frozenset((first, second)) in self.joined:
+            return f"; if they meet in a node, say joined_overlap_m: {press:g}"
+        told = (
+            "; if one is pressed into the other, say"
+            f" fits: [{{parts: [{first}, {second}], press_m: {press:g}}}]"
+        )
+        if deep > _NODE:
+            told += (
+                "; if they are bars that meet in a node, join them"
+                f" (joined: [[{second}, {first}]])"
+            )
+            if press > self.in_nodes:
+                told += f" and say joined_overlap_m: {press:g}"
+        return told
+
+
+def depth_words(depth: float) -> str:
+    """Return a depth for people: below a millimetre to three digits."""
+    return f"{depth * 1e3:.3g} mm" if depth < 1e-3 else f"{depth * 1e3:.1f} mm"
+
+
+def depth_of_pieces(
+    item: Lying, other: Lying, ways: Iterable[tuple[Transform, Array, float]]
+) -> float:
+    """Return how deep the pieces that stand for two things are in each other on straight ways [m].
+
+    Round ones are round; that is what proofs and audits of plans measure.
+
+    Args:
+        item: what is moved.
+        other: what rests.
+        ways: places of the first, directions in which it comes there, and how far.
+    """
+    deepest = 0.0
+    for pose, direction, length in ways:
+        for away in np.linspace(0.0, length, int(np.ceil(length / _STEP)) + 1):
+            at = translation(*(-away * np.asarray(direction))) @ pose
+            if not near_to((item[0], at), {"": other}, 0.0):
+                continue
+            own = [Element(e.form, at @ e.pose) for e in item[0].shape.elements]
+            met = [Element(e.form, other[1] @ e.pose) for e in other[0].shape.elements]
+            found = max(pieces_depth(a, b) for a, b in product(own, met))
+            deepest = max(deepest, found)
+    return deepest
+
+
+def leads_through(
+    lying: Lying,
+    other: Lying,
+    insertion: Array,
+    approach: float,
+    most: float = ROUNDING,
+) -> bool:
+    """Tell whether a part that comes to its place on a straight way is deeper than ``most`` in another one."""
+    item, pose = lying
+    for away in np.linspace(0.0, approach, int(np.ceil(approach / _STEP)) + 1)[1:]:
+        before = (item, translation(*(-away * insertion)) @ pose)
+        near = near_to(before, {"": other}, 0.0).values()
+        if any(gap < -most for gap in near) and depth(before, other) > most:
+            return True
+    return False
+
+
+_DEPTHS: KeptAnswers[float] = KeptAnswers(50_000)
+
+
+def depth(one: Lying, other: Lying) -> float:
+    """Return how deep two things are in each other [m].
+
+    That is how far the one would have to go to be free; of a mesh, by how much the other would have to
+    be thinner all over where its surface does not go through it. Not positive where they are free.
+    """
+    (item, at), (another, there) = one, other
+    between = np.round(inverse(at) @ there, 12)
+    key = item.shape, another.shape, between.tobytes()
+    return _DEPTHS.get(key, lambda: _depth(item.shape, another.shape, between))
+
+
+def _depth(one: Shape, other: Shape, between: Transform) -> float:
+    """Return the depth of two shapes, given the pose of the second in the frame of the first."""
+    return max(
+        forms_depth(first, Element(second.form, readonly(between @ second.pose)))
+        for first, second in product(one.elements, other.elements)
+    )
+
+
+def forms_depth(first: Element, second: Element) -> float:
+    """Return how deep two forms are in each other [m]."""
+    hulls = pieces_depth(first, second)
+    if hulls <= ROUNDING:
+        return hulls
+    ways = []
+    for convex, mesh in ((first, second), (second, first)):
+        if isinstance(mesh.form, Mesh):
+            ways.append(_in_mesh(convex, mesh, hulls))
+    return min(ways, default=hulls)
+
+
+def _in_mesh(item: Element, mesh: Element, hulls: float) -> float:
+    """Return how deep a form is in a mesh, given how deep in its pieces [m]."""
+    assert isinstance(mesh.form, Mesh)
+    if isinstance(item.form, Cylinder):
+        bore = bore_around(item.form, item.pose, mesh)
+        if bore is not None:
+            play = bore.radius - bore.off - item.form.radius
+            reached = _in_surface(item, mesh, hulls)
+            if reached <= bore.chord + max(-play, 0.0) + ROUNDING:
+                # What is at the ends of the peg counts, the corners of its wall do not.
+                slim = min(item.form.radius, bore.radius - bore.off - bore.chord)
+                if slim <= 0.0:
+                    return -play
+                thin = Element(Cylinder(slim - 1e-7, item.form.length), item.pose)
+                return max(-play, _in_surface(thin, mesh, hulls))
+            return reached
+    return _in_surface(item, mesh, hulls)
+
+
+def _in_surface(item: Element, mesh: Element, hulls: float) -> float:
+    """Return how deep the surface of a mesh is in a form, or how deep the form is where it goes through."""
+    assert isinstance(mesh.form, Mesh)
+    corners = mesh.form.vertices[mesh.form.faces]
+    near = np.argwhere(_box_gaps(item, mesh) <= 0.0).tolist()
+    depths = zip(near, _pair_depths(item, mesh, near), strict=True)
+    reached = {i for (i, _), deep in depths if deep > ROUNDING}
+    deepest = -math.inf
+    for number, (solid, pose) in enumerate(_solids(item)):
+        if number not in reached:
+            continue
+        seen = inverse(pose) @ mesh.pose
+        triangles = corners @ seen[:3, :3].T + seen[:3, 3]
+        found = deepest_point(solid, triangles)
+        through = found >= _THROUGH * solid.inner
+        if through or abs(winding(solid.middle, triangles)) > 0.5:
+            return hulls
+        deepest = max(deepest, found)
+    return min(deepest, hulls)
+
+
+def _solids(element: Element) -> Iterator[tuple[ConvexSolid, Transform]]:
+    """Yield the convex solids of a form, with their poses."""
+    form, pose = element.form, element.pose
+    if isinstance(form, Mesh):
+        for body in mesh_bodies(form):
+            yield _hull_solid(body), pose
+    elif isinstance(form, Box):
+        half = 0.5 * np.array(form.size)
+        planes, offsets = np.vstack([np.eye(3), -np.eye(3)]), np.tile(half, 2)
+        inner = float(half.min())
+        yield ConvexSolid(planes, offsets, inner, np.zeros(3), -half, half), pose
+    else:
+        yield round_solid(form), pose
+
+
+def round_solid(form: Cylinder | Capsule) -> ConvexSolid:
+    """Return the solid of a round form."""
+    flat = isinstance(form, Cylinder)
+    axis = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) if flat else np.empty((0, 3))
+    half = 0.5 * form.length
+    inner = min(form.radius, half) if flat else form.radius
+    high = np.array([form.radius, form.radius, half + (0.0 if flat else form.radius)])
+    planes = axis, np.full(len(axis), half), inner, np.zeros(3), -high, high
+    return RoundSolid(*planes, form.radius, math.inf if flat else half)
+
+
+_HULLS: KeptAnswers[ConvexSolid] = KeptAnswers(10_000)
+
+
+def _hull_solid(body: ConvexBody) -> ConvexSolid:
+    def solid() -> ConvexSolid:
+        hull = ConvexHull(body.vertices)
+        planes = np.unique(np.round(hull.equations, 12), axis=0)
+        middle = body.vertices.mean(axis=0)
+        offsets = -planes[:, 3]
+        inner = float((offsets - planes[:, :3] @ middle).min())
+        return ConvexSolid(planes[:, :3], offsets, inner, middle, body.low, body.high)
+
+    return _HULLS.get(body, solid)
+
+
+_BODIES: KeptAnswers[tuple[ConvexBody, ...]] = KeptAnswers(1000)
+
+
+def mesh_bodies(form: Mesh) -> tuple[ConvexBody, ...]:
+    """Return the convex pieces of a mesh in its own frame, of which the hulls alone are looked at."""
+    none = Capsules(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+    return _BODIES.get(
+        form, lambda: tuple(ConvexBody("piece", hull, none) for hull in form.hulls)
+    )
+
+
+def pieces_depth(one: Element, other: Element) -> float:
+    """Return the greatest depth of a piece of one form in one of another, round ones exact [m].
+
+    Not positive where they are free: then it is how far they are apart, or less.
+    """
+    gaps = _box_gaps(one, other)
+    near = np.argwhere(gaps <= 0.0).tolist()
+    if not near:
+        return -float(gaps.min())
+    return max(_pair_depths(one, other, near))
+
+
+def _pair_depths(
+    one: Element, other: Element, pairs: Iterable[list[int]]
+) -> Iterator[float]:
+    """Yield how deep pieces are in each other, pair by pair [m]."""
+    request = coal.DistanceRequest()
+    own, met = exact_shapes(one), exact_shapes(other)
+    for i, k in pairs:
+        result = coal.DistanceResult()
+        yield -float(coal.distance(*own[i], *met[k], request, result))
+
+
+_CORNERS: KeptAnswers[tuple[Array, Array]] = KeptAnswers(1000)
+
+
+def _box_gaps(one: Element, other: Element) -> Array:
+    """Return how far boxes around the pieces of two forms are apart, negative where they overlap [m]."""
+    (low, high), (other_low, other_high) = _boxes(one), _boxes(other)
+    gaps = np.maximum(low[:, None] - other_high, other_low - high[:, None])
+    return np.asarray(gaps.max(axis=2))
+
+
+def _boxes(element: Element) -> tuple[Array, Array]:
+    """Return the corners of boxes around the pieces of a form in its place, shape (n, 3) each [m]."""
+    form, pose = element.form, element.pose
+
+    def corners() -> tuple[Array, Array]:
+        if isinstance(form, Mesh):
+            low = np.array([hull.min(axis=0) for hull in form.hulls])
+            return low, np.array([hull.max(axis=0) for hull in form.hulls])
+        if isinstance(form, Box):
+            half = 0.5 * np.array([form.size])
+        else:
+            ends = form.radius if isinstance(form, Capsule) else 0.0
+            half = np.array([[form.radius, form.radius, 0.5 * form.length + ends]])
+        return -half, half
+
+    low, high = _CORNERS.get(form, corners)
+    middle = 0.5 * (low + high) @ pose[:3, :3].T + pose[:3, 3]
+    reach = 0.5 * (high - low) @ np.abs(pose[:3, :3]).T
+    return middle - reach, middle + reach
+
+
+def exact_shapes(element: Element) -> list[tuple[Any, Any]]:
+    """Return coal's shapes of a form with their poses: exact, but for the pieces of a mesh."""
+    form, pose = element.form, element.pose
+    at = coal.Transform3s(pose[:3, :3], pose[:3, 3])
+    if isinstance(form, Mesh):
+        return [(hull_shape(body), at) for body in mesh_bodies(form)]
+    return [(_coal_shape(form), at)]
+
+
+def _coal_shape(form: Form) -> Any:
+    if isinstance(form, Box):
+        return coal.Box(*form.size)
+    assert not isinstance(form, Mesh)
+    kind = coal.Cylinder if isinstance(form, Cylinder) else coal.Capsule
+    return kind(form.radius, form.length)

@@ -1,0 +1,268 @@
+"""How deep things are in each other, against formulas, and against points spread over surfaces."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.cell.shape import (
+    Box,
+    Capsule,
+    Cylinder,
+    Element,
+    Form,
+    Mesh,
+    Shape,
+    shape_of,
+)
+from planning.cell.workcell import Fixture
+from planning.contacts.bores import bore_around
+from planning.contacts.interference import (
+    ROUNDING,
+    Overlaps,
+    depth,
+    mesh_bodies,
+    round_solid,
+)
+from planning.contacts.surface_depth import ConvexSolid, deepest_point, winding
+from planning.contacts.touching import Lying
+from planning.transforms import Array, Transform, from_rpy, translation
+
+UPRIGHT = np.eye(4)
+
+
+def thing(form: Form | Shape, pose: Transform = UPRIGHT) -> Lying:
+    if isinstance(form, Mesh):
+        own = Shape((Element(form, UPRIGHT),), mesh_bodies(form))
+    else:
+        own = (
+            form
+            if isinstance(form, Shape)
+            else shape_of("own", [Element(form, UPRIGHT)])
+        )
+    return Fixture("own", own, pose), pose
+
+
+def mesh_of(pieces: list[Array], faces: Array, vertices: Array) -> Mesh:
+    return Mesh(vertices, faces, tuple(pieces), 1e-6, np.zeros(3))
+
+
+def bored(radius: float, sides: int, width: float, height: float) -> Mesh:
+    """Return a round block with a bore through it, its polygon inside of the circle of the bore."""
+    turn = 2.0 * math.pi * np.arange(sides) / sides
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    rings = [
+        np.column_stack([scale * ring, np.full(sides, high)])
+        for scale in (radius, width)
+        for high in (-0.5 * height, 0.5 * height)
+    ]
+    vertices = np.vstack(rings)
+    low, top, outer_low, outer_top = (k * sides + np.arange(sides) for k in range(4))
+    faces = []
+    for a, b in (
+        (top, low),
+        (outer_low, outer_top),
+        (outer_top, top),
+        (low, outer_low),
+    ):
+        after_a, after_b = np.roll(a, -1), np.roll(b, -1)
+        faces += [
+            np.column_stack([a, b, after_a]),
+            np.column_stack([after_a, b, after_b]),
+        ]
+    around = [np.stack([r, np.roll(r, -1, axis=0)]) for r in rings]
+    pieces = [
+        np.vstack([r[:, k] for r in around]) for k in range(sides)
+    ]  # one sector a side
+    return mesh_of(pieces, np.vstack(faces)[:, ::-1], vertices)
+
+
+def box_mesh(x: float, y: float, z: float) -> Mesh:
+    import trimesh
+
+    body = trimesh.creation.box((x, y, z))
+    vertices = np.asarray(body.vertices)
+    return mesh_of([vertices], np.asarray(body.faces), vertices)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    st.floats(0.002, 0.02),
+    st.integers(12, 40),
+    st.floats(-0.0015, 0.0015),
+    st.floats(0.0, 0.0015),
+    st.floats(0.0, 2.0 * math.pi),
+)
+def test_a_round_peg_is_in_a_bore_of_a_mesh_as_deep_as_radii_and_axes_say(
+    radius: float, sides: int, play: float, off: float, turn: float
+) -> None:
+    block = thing(bored(radius, sides, radius + 0.02, 0.01))
+    peg = Cylinder(max(radius - play, 3e-4), 0.03)
+    pose = translation(off * math.cos(turn), off * math.sin(turn), 0.0)
+    expected = peg.radius + off - radius
+    found = depth(thing(peg, pose), block)
+    assert depth(block, thing(peg, pose)) == pytest.approx(found, abs=2e-6)
+    if max(expected, found) > ROUNDING + 2e-6:
+        assert found == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_bore_has_an_end_and_a_hexagon_is_none() -> None:
+    """A peg in a blind hole goes into its ground; one in a hexagon meets the flats."""
+    peg = Cylinder(0.00495, 0.02)
+    whole = Element(bored(0.005, 32, 0.02, 0.01), UPRIGHT)
+    floor = Element(Box((0.04, 0.04, 0.01)), translation(0.0, 0.0, -0.01))
+    blind = shape_of("blind", [whole, floor])
+    for sunk in (-1e-5, 4e-5, 1e-4):  # less than the polygon is inside of its circle
+        found = depth(thing(peg, translation(0, 0, 0.005 - sunk)), thing(blind))
+        assert found == pytest.approx(sunk if sunk > 0 else 0.0, abs=1.1e-5)
+    nut = Element(bored(0.005, 6, 0.02, 0.01), UPRIGHT)
+    assert bore_around(peg, UPRIGHT, nut) is None
+    assert bore_around(peg, UPRIGHT, whole) is not None
+    flats = 0.005 * math.cos(math.pi / 6)
+    assert depth(thing(peg), thing(nut.form)) == pytest.approx(
+        peg.radius - flats, abs=2e-6
+    )
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-0.03, 0.03), st.integers(0, 2), st.booleans())
+def test_boxes_and_meshes_of_boxes_are_alike(
+    shift: float, axis: int, both: bool
+) -> None:
+    size = np.array([0.03, 0.04, 0.05])
+    at = translation(*(shift * np.eye(3)[axis]))
+    other: Form = box_mesh(*size) if both else Box((0.03, 0.04, 0.05))
+    found = depth(thing(box_mesh(*size)), thing(other, at))
+    deep = size[axis] - abs(shift)
+    if deep <= ROUNDING:
+        assert found <= ROUNDING + 1e-6
+    elif deep < 0.45 * size.min():
+        assert found == pytest.approx(deep, abs=2e-6)
+    else:
+        assert found >= 0.4 * size.min()
+
+
+def test_what_goes_through_a_surface_is_as_deep_as_it_goes() -> None:
+    block = thing(box_mesh(0.04, 0.04, 0.04))
+    pin = Cylinder(0.0005, 0.02)
+    ahead = thing(pin, translation(0, 0, 0.025))
+    assert depth(ahead, block) == pytest.approx(0.005, abs=1e-5)
+    assert depth(thing(pin), block) > 0.02  # wholly inside: no surface is in it
+    ball = Capsule(0.005, 0.0)
+    assert depth(thing(ball, translation(0.024, 0, 0)), block) == pytest.approx(
+        0.001, abs=2e-6
+    )
+
+
+def test_a_hollow_that_a_piece_fills_is_still_hollow() -> None:
+    """A channel that one convex piece stands for: what lies in it is in nothing."""
+    import trimesh
+
+    parts = [
+        trimesh.creation.box((0.04, 0.04, 0.01)),
+        trimesh.creation.box(
+            (0.01, 0.04, 0.02), transform=translation(0.015, 0, 0.015)
+        ),
+        trimesh.creation.box(
+            (0.01, 0.04, 0.02), transform=translation(-0.015, 0, 0.015)
+        ),
+    ]
+    body = trimesh.util.concatenate(parts)
+    vertices = np.asarray(body.vertices)
+    channel = thing(mesh_of([vertices], np.asarray(body.faces), vertices))
+    key = Box((0.0198, 0.02, 0.02))
+    for x, deep in ((0.0, 0.0), (1e-4, 0.0), (2e-4, 1e-4), (0.0015, 0.0014)):
+        found = depth(thing(key, translation(x, 0, 0.0151)), channel)
+        assert max(found, 0.0) == pytest.approx(deep, abs=2e-6)
+
+
+corners = st.lists(st.tuples(*[st.floats(-0.02, 0.02)] * 3), min_size=3, max_size=3)
+forms = st.one_of(
+    st.builds(Cylinder, st.floats(0.003, 0.012), st.floats(0.004, 0.02)),
+    st.builds(Capsule, st.floats(0.003, 0.012), st.floats(0.0, 0.02)),
+    st.builds(Box, st.tuples(*[st.floats(0.006, 0.03)] * 3)),
+)
+
+
+@settings(deadline=None, max_examples=30)
+@given(forms, st.lists(corners, min_size=1, max_size=3))
+def test_the_deepest_point_is_that_of_points_spread_over_the_triangles(
+    form: Form, surface: list[list[tuple[float, float, float]]]
+) -> None:
+    triangles = np.array(surface)
+    solid = _solid(form)
+    k, j = np.meshgrid(np.arange(41), np.arange(41), indexing="ij")
+    inside = k + j <= 40
+    shares = np.column_stack([k[inside], j[inside], 40 - k[inside] - j[inside]]) / 40.0
+    spread = np.einsum("sk,tkx->tsx", shares, triangles).reshape(-1, 3)
+    expected = float(_plain_depth(form, spread).max())
+    edges = triangles - np.roll(triangles, 1, axis=1)
+    step = float(np.linalg.norm(edges, axis=2).max()) / 40.0
+    found = deepest_point(solid, triangles)
+    if found == -math.inf:
+        assert expected <= 1e-9
+    else:
+        assert expected - 2e-6 <= found <= max(expected, 0.0) + step + 2e-6
+
+
+def _solid(form: Form) -> ConvexSolid:
+    if isinstance(form, Cylinder | Capsule):
+        return round_solid(form)
+    assert isinstance(form, Box)
+    half = 0.5 * np.array(form.size)
+    planes = np.vstack([np.eye(3), -np.eye(3)])
+    zero = np.zeros(3)
+    return ConvexSolid(planes, np.tile(half, 2), float(half.min()), zero, -half, half)
+
+
+def _plain_depth(form: Form, points: Array) -> Array:
+    """Depth of points, one form after another, as a school book has it."""
+    if isinstance(form, Box):
+        return np.asarray((0.5 * np.array(form.size) - np.abs(points)).min(axis=1))
+    assert isinstance(form, Cylinder | Capsule)
+    half = 0.5 * form.length
+    if isinstance(form, Cylinder):
+        around = form.radius - np.hypot(points[:, 0], points[:, 1])
+        return np.asarray(np.minimum(around, half - np.abs(points[:, 2])))
+    beyond = points[:, 2] - np.clip(points[:, 2], -half, half)
+    return np.asarray(
+        form.radius - np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + beyond**2)
+    )
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.tuples(*[st.floats(-0.03, 0.03)] * 3))
+def test_a_surface_goes_around_what_is_inside(point: tuple[float, ...]) -> None:
+    body = box_mesh(0.03, 0.04, 0.05)
+    triangles = body.vertices[body.faces]
+    beyond = np.abs(point) - np.array([0.015, 0.02, 0.025])
+    if np.abs(beyond).min() > 1e-6:
+        inside = bool(np.all(beyond < 0.0))
+        assert winding(np.array(point), triangles) == pytest.approx(
+            float(inside), abs=1e-6
+        )
+
+
+def test_a_turned_peg_is_measured_in_its_own_frame() -> None:
+    block = bored(0.005, 48, 0.02, 0.01)
+    turned = from_rpy((0.2, -0.1, 0.3), (0.4, 0.5, 0.6))
+    peg = thing(Cylinder(0.0051, 0.03), turned)
+    assert depth(peg, thing(block, turned)) == pytest.approx(1e-4, abs=2e-6)
+
+
+def test_what_may_be_is_what_was_said_and_rounding() -> None:
+    pair = frozenset({"pin", "plate"})
+    overlaps = Overlaps({pair: 2e-5})
+    pin, plate = Cylinder(0.005, 0.03), thing(bored(0.004975, 32, 0.02, 0.01))
+    for name, deep in (
+        ("pin", {}),
+        ("other", {"plate": pytest.approx(2.5e-5, abs=2e-6)}),
+    ):
+        assert overlaps.too_deep(name, thing(pin), {"plate": plate}) == deep
+    words = Overlaps().words("pin", "plate", 3e-5)
+    assert "0.03 mm" in words
+    assert "fits: [{parts: [pin, plate], press_m: 3e-05}]" in words
