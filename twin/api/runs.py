@@ -63,6 +63,11 @@ class Check:
         return self.report.messages(self.report.warnings)
 
     @property
+    def fits(self) -> tuple[Mapping[str, Any], ...]:
+        """How parts fit where they are put: play, what is beside them, and the chances of robots."""
+        return tuple(fit.content() for fit in self.report.fits)
+
+    @property
     def findings(self) -> pa.Table:
         """Errors and warnings: level, line, column, key and message."""
         import pyarrow as pa
@@ -93,6 +98,7 @@ class Check:
         verdict = "nothing found" if not self.report.findings else ""
         rows = [("error", words) for words in self.errors]
         rows += [("warning", words) for words in self.warnings]
+        rows += [("fit", fit.words) for fit in self.report.fits]
         return card(f"Check of {self.scenario.name}: {verdict}", rows)
 
 
@@ -144,7 +150,7 @@ def _plan_checked(checked: Check, progress: Report) -> PlanResult:
     """Plan a scenario whose check found no errors."""
     loaded = checked.scenario
     made = plan_scenario(loaded.sections, loaded.folder, progress)
-    return replace(made, scenario=loaded, warnings=checked.warnings)
+    return replace(made, scenario=loaded, warnings=checked.warnings, fits=checked.fits)
 
 
 def scenario_of(source: AnyPlan) -> LoadedScenario:
@@ -230,7 +236,7 @@ def run(
             begun(checked, folder)
         made = ready or _plan_checked(checked, progress)
         return try_plan(
-            replace(made, warnings=checked.warnings),
+            replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,
             recording=recording,
             audit=engine or audit,

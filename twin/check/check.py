@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.check.finding import Finding, Findings, Subject
+from twin.check.fits import KnownFit, known_fits
 from twin.check.holds import check_holds, check_pads
 from twin.check.lying import (
     check_balance,
@@ -89,11 +90,13 @@ class CheckReport:
         subject: the scenario and its cell.
         document: the file, for places.
         findings: in the order of the file, each once.
+        fits: how parts fit where they are put; none where something is wrong.
     """
 
     subject: Subject
     document: YamlDocument
     findings: tuple[Finding, ...]
+    fits: tuple[KnownFit, ...] = ()
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -136,7 +139,8 @@ class CheckReport:
                     "message": item.message,
                 }
             )
-        return {"ok": not self.errors, "findings": entries}
+        fits = [fit.content() for fit in self.fits]
+        return {"ok": not self.errors, "findings": entries, "fits": fits}
 
 
 def check_scenario(
@@ -174,7 +178,8 @@ def check_scenario(
         return mark.line, mark.column
 
     ordered = tuple(sorted(dict.fromkeys(found), key=place))
-    return CheckReport(subject, document, ordered)
+    fits = () if any(item.error for item in found) else known_fits(subject)
+    return CheckReport(subject, document, ordered, fits)
 
 
 def _few(findings: Findings) -> list[Finding]:

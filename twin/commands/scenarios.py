@@ -104,6 +104,8 @@ def _show_check(found: Check, view: View) -> int:
             shown = report.errors if view.quiet else report.findings
             print_error(report.excerpts(shown).report())
         if not view.quiet:
+            for fit in report.fits:
+                typer.echo(f"step {fit.fit.step}: {fit.words}")
             typer.echo(f"{view.given['scenario']}: {verdict(report)}")
             if picture is not None:
                 typer.echo(f"picture: {picture}")

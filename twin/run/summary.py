@@ -40,6 +40,7 @@ class Preparation:
         plan: which plan it is: a plan of twin.run.policies.
         turns_sha256: hash of the plan in turns, where it is another one.
         warnings: what is doubtful about the cell and what was asked for.
+        fits: how parts fit where they are put, step by step.
         load_bound_s: makespan that no choice of who does what can beat, where it is known [s].
         step_order: numbers that the steps had before they were put into another order.
         makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
@@ -54,6 +55,7 @@ class Preparation:
     plan: str = IN_TURNS
     turns_sha256: str | None = None
     warnings: Sequence[str] = ()
+    fits: Sequence[Mapping[str, Any]] = ()
     load_bound_s: float | None = None
     step_order: Sequence[int] = ()
     makespan_asynchronous_s: float | None = None
@@ -91,6 +93,7 @@ def summarise(
         return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
 
     further = {
+        "fits": list(about.fits),
         "machines": _machines(tpg, run),
         "slowed": slowed_motions(tpg),
         "line": line_summary(tpg, run, due_s, start_up),
@@ -202,6 +205,8 @@ def print_summary(
             f"from {entry['t_start']:.3f} s to {entry['t_end']:.3f} s {entry['detail']}",
             soft_wrap=True,
         )
+    for fit in summary.get("fits", ()):
+        console.print(f"step {fit['step']}: {fit['words']}", soft_wrap=True)
     for warning in summary.get("warnings", ()):
         console.print("[yellow]warning[/yellow]:", Text(warning), soft_wrap=True)
     if summary.get("failure"):

@@ -251,6 +251,16 @@ def _check_skills(scenario: Scenario) -> Found:
     ]
     for path, name in named:
         yield from unless_known(("execution", *path), "skill", name, valid)
+    section = scenario.assembly
+    own = section.parts if isinstance(section, PartsSection) else ()
+    things = [part.name for part in own]
+    robots = [robot.name for robot in scenario.cell.robots]
+    for skill, failure in execution.failures.items():
+        for name in failure.parts:
+            at: KeyPath = ("execution", "failures", skill, "parts", name, "[key]")
+            robot, _, part = name.rpartition("/")
+            yield from unless_known(at, "part", part, things)
+            yield from unless_known(at, "robot", robot or None, robots)
 
 
 def _check_processes(scenario: Scenario) -> Found:

@@ -41,6 +41,7 @@ class PlanResult:
         step_order: numbers that the steps had before they were put into another order; empty
             where they were not.
         warnings: what the check of the cell found doubtful.
+        fits: how parts fit where they are put, step by step, as the check found it.
         made_of: the motions before robots may move at once; None for a plan that was read.
         folder: of the run that it was read from; None where it was planned.
     """
@@ -53,6 +54,7 @@ class PlanResult:
     load_bound_s: float | None = None
     step_order: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
+    fits: tuple[Mapping[str, Any], ...] = ()
     made_of: PlannedMotions | None = None
     folder: Path | None = None
 

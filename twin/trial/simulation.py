@@ -27,6 +27,8 @@ from twin.audit.audit import Auditor
 from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
 from twin.audit.violation import Violation
 from twin.audit.worlds.engines import Engine, engine_and_version, engine_named
+from twin.check.finding import Subject
+from twin.check.fits import PLACE, place_misses
 from twin.durations.measured import packaged_timings
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
@@ -62,13 +64,15 @@ def scenario_execution(
     """
     execution = scenario.execution
     robots = tuple(robot.name for robot in scenario.cell.robots)
+    disturbances = execution.disturbances(robots, base)
+    misses = place_misses(Subject(scenario, base))
     return ExecutionModel(
         durations=skill_durations(scenario, base, antithetic=antithetic),
         policy=policy or execution.policy,
         messages=Messages.of_seconds(
             execution.queue_depth, execution.report_s, execution.release_s
         ),
-        disturbances=execution.disturbances(robots, base),
+        disturbances=disturbances.with_misses(PLACE, misses),
     )
 
 
@@ -195,6 +199,7 @@ def prepare(
             *doubts_about_stalls(plan.scenario.sections, plan.tpg),
             *overloads(plan.tpg),
         ),
+        fits=plan.fits,
         plan=plan.name,
         turns_sha256=None if plan.turns is None else plan_sha256(plan.turns),
         load_bound_s=plan.load_bound_s,

@@ -55,6 +55,7 @@ class RobotTaskNodes:
         chain: the robot's nodes.
         tasks: its tasks in order, shape (tasks,).
         kinds: kind of each task.
+        objects: what each task is about, None for nothing.
         first: first node of each task and the number of nodes, shape (tasks + 1,).
         of_node: place in ``tasks`` of every node's task, shape (nodes,).
         moves: whether a node is a plain motion, shape (nodes,).
@@ -66,6 +67,7 @@ class RobotTaskNodes:
         opens = np.flatnonzero(np.diff(chain.task, prepend=-1) != 0)
         self.tasks: Indices = chain.task[opens]
         self.kinds = [tpg.tasks[task].kind for task in self.tasks.tolist()]
+        self.objects = [tpg.tasks[task].object for task in self.tasks.tolist()]
         self.first: Indices = np.append(opens, len(chain)).astype(np.int64)
         self.of_node: Indices = np.repeat(
             np.arange(len(self.tasks)), np.diff(self.first)
@@ -169,7 +171,7 @@ class ChainDraws:
         failed = np.full(len(self.numbers), never, dtype=np.int64)
         for skill, failure in self.disturbances.failures.items():
             places = [k for k, kind in enumerate(self.own.kinds) if kind == skill]
-            if places and failure.probability > 0:
+            if places and (failure.probability > 0 or failure.parts):
                 which = np.array(places, dtype=np.int64)
                 found += self._attempts(which, motion, failure, failed)
         return found, np.where(failed == never, -1, failed)
@@ -226,16 +228,20 @@ class ChainDraws:
     ) -> list[Standstills]:
         """Return failed attempts at some tasks; lower ``failed`` to those that fail for good."""
         skills = [self.own.skill_nodes(k) for k in which.tolist()]
-        nodes = np.array([own[0] for own in skills], dtype=np.int64)
+        nodes = np.array([skill[0] for skill in skills], dtype=np.int64)
         fails = np.ones((len(which), len(self.numbers)), dtype=bool)
+        own = self.own
+        chance = np.array(
+            [failure.of(own.chain.robot, own.objects[k]) for k in which.tolist()]
+        )
         found = []
         for attempt in range(failure.retries + 1):
-            fails &= self.draw(which, "failure", attempt) < failure.probability
+            fails &= self.draw(which, "failure", attempt) < chance[:, None]
             row, column = np.nonzero(fails)
             if len(row) == 0:
                 break
             if failure.retry is None:
-                skill_ns = np.stack([motion[own].sum(axis=0) for own in skills])
+                skill_ns = np.stack([motion[skill].sum(axis=0) for skill in skills])
                 cost = skill_ns[row, column]
             else:
                 u = self.draw(which, "retry", attempt)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -162,19 +163,35 @@ class Breakdowns(MachineBreakdowns):
         return self.clock == clock and (self.robots is None or name in self.robots)
 
 
+Probability = Annotated[float, Field(ge=0, le=1)]
+"""Of something that happens or not."""
+
+
 class SkillFailure(Section):
     """Attempts at a skill that fail.
 
     Attributes:
         probability: that an attempt fails.
+        parts: that an attempt fails with a part for a reason of its own, such as a peg that misses its
+            hole, by its name, or by ROBOT/PART.
         retries: further attempts after the first; when all fail, the task has failed.
         retry: distribution of the time until the next attempt begins; by default as long as
             the skill takes in that run.
     """
 
-    probability: Annotated[float, Field(ge=0, le=1)]
+    probability: Probability
+    parts: dict[str, Probability] = Field(default_factory=dict)
     retries: Annotated[int, Field(ge=0, le=1000)] = 2
     retry: AnyDuration | None = None
+
+    def of(self, robot: str, part: str | None) -> float:
+        """Return the probability that an attempt of a robot with a part fails, whatever the reason."""
+        if part is None or not self.parts:
+            return self.probability
+        base = part.rpartition(".")[0] if part.rpartition(".")[2].isdigit() else part
+        names = (f"{robot}/{part}", f"{robot}/{base}", part, base)
+        own = next((self.parts[name] for name in names if name in self.parts), 0.0)
+        return self.probability + (1.0 - self.probability) * own
 
 
 class EmergencyStop(Section):
@@ -234,6 +251,20 @@ class Disturbances(Section):
         """True if a robot or machine breaks down at times of the run's clock."""
         own = (self.breakdowns, *(item.breakdowns for item in self.machines.values()))
         return any(item is not None and item.clock == "run" for item in own)
+
+    def with_misses(self, skill: str, misses: Mapping[str, float]) -> Disturbances:
+        """Return the same and that attempts at a skill fail with some parts, where nothing else is said of these.
+
+        Args:
+            skill: the skill.
+            misses: probabilities by ROBOT/PART.
+        """
+        if not misses:
+            return self
+        own = self.failures.get(skill, SkillFailure(probability=0.0))
+        said = {k: p for k, p in misses.items() if k.partition("/")[2] not in own.parts}
+        both = own.changed(parts={**said, **own.parts})
+        return self.changed(failures={**self.failures, skill: both})
 
     def of_machine(self, name: str) -> Disturbances:
         """Return what disturbs a machine: what is said of it, and failed attempts at its process."""

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -186,6 +189,51 @@ def test_attempts_fail_as_often_as_they_should_and_then_for_good() -> None:
     assert picks
     assert abs(first / n - 0.3) < 4 * np.sqrt(0.3 * 0.7 / n)
     assert abs(both / n - 0.09) < 4 * np.sqrt(0.09 * 0.91 / n)
+
+
+def test_a_part_fails_more_often_than_others_with_the_robots_it_is_said_of() -> None:
+    own = SkillFailure(
+        probability=0.1,
+        retries=0,
+        parts={"peg": 0.5, "robot_0/peg": 0.2, "nut.x": 0.3},
+    )
+    assert own.of("robot_1", "peg") == pytest.approx(1.0 - 0.9 * 0.5)
+    assert own.of("robot_0", "peg.12") == pytest.approx(1.0 - 0.9 * 0.8)
+    assert own.of("robot_0", "nut.x") == pytest.approx(1.0 - 0.9 * 0.7)
+    for other in ("nut", "pegs", None):
+        assert own.of("robot_0", other) == 0.1
+    picks = [task.index for task in TPG.tasks if task.kind == "pick"]
+    chosen, *others = picks
+    tasks = [
+        replace(task, object="peg" if task.index == chosen else "nut")
+        for task in TPG.tasks
+    ]
+    tpg, robot = replace(TPG, tasks=tuple(tasks)), TPG.tasks[chosen].robot
+    failing = Disturbances().with_misses("pick", {f"{robot}/peg": 0.4})
+    failed = Counter(
+        int(tpg.chains[k].task[entry.node])
+        for replication in range(300)
+        for k, stands in enumerate(
+            sample_node_times(
+                tpg, VARIED, failing, seed=1, replication=replication
+            ).standstills
+        )
+        for entry in {e.node: e for e in stands}.values()
+    )
+    assert others
+    assert set(failed) == {chosen}
+    assert abs(failed[chosen] / 300 - 0.4) < 4 * np.sqrt(0.4 * 0.6 / 300)
+
+
+def test_what_is_said_of_a_part_goes_before_what_follows_from_repeatability() -> None:
+    said = SkillFailure(probability=0.0, retries=5, parts={"peg": 0.5})
+    both = Disturbances(failures={"place-down": said}).with_misses(
+        "place-down", {"arm/peg": 0.1, "arm/nut": 0.2}
+    )
+    own = both.failures["place-down"]
+    assert own.retries == 5
+    assert own.parts == {"arm/nut": 0.2, "peg": 0.5}
+    assert Disturbances().with_misses("place-down", {}) == Disturbances()
 
 
 def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:

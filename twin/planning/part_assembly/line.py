@@ -15,6 +15,7 @@ from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, quat_wxyz, readonly, translation
 from scheduling.repeat import numbered
 from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.scenario.sections.joints import FitSection, JoinedSection
 from twin.scenario.sections.line import (
     ConveyorSection,
     GridSection,
@@ -22,13 +23,7 @@ from twin.scenario.sections.line import (
     StackSection,
     TraySection,
 )
-from twin.scenario.sections.parts import (
-    FitSection,
-    JoinedSection,
-    PartSection,
-    PartsSection,
-    StepSection,
-)
+from twin.scenario.sections.parts import PartSection, PartsSection, StepSection
 from twin.scenario.sections.shapes import PoseSection, build_transform
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)

@@ -181,6 +181,8 @@ class RobotSection(Section):
         joints: joints of the model that are held, such as fingers, and at what values [rad or m];
             what mimics one follows.
         frames: tool frames, each a pose in the flange frame; they replace the model's.
+        repeatability_m: of its positioning, RP of ISO 9283, with which it puts parts where they
+            fit; how often they do is not looked at when not given.
     """
 
     name: Name
@@ -195,6 +197,7 @@ class RobotSection(Section):
     home_rad_or_m: Configuration | None = None
     parked: ParkedSection | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
+    repeatability_m: Annotated[float, Field(ge=0, le=0.1)] | None = None
 
     not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked"))
 

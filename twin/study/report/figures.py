@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
 from twin.check.finding import Subject
+from twin.check.fits import place_misses
 from twin.check.robots import check_skill_times, check_speeds
 from twin.durations.measured import Packaged
 from twin.durations.model import NANOSECONDS, DurationModel
@@ -229,6 +230,12 @@ def assumptions(result: StudyResult) -> Iterator[tuple[str, str]]:
         )
     yield "Times of motions", _motions(result)
     yield "Disturbances", "; ".join(_disturbances(scenario.execution)) or "none"
+    misses = "; ".join(
+        f"{name.replace('/', ' misses the place of ')} in {100 * p:.3g} % of attempts"
+        for name, p in place_misses(Subject(scenario, request.base)).items()
+    )
+    if misses:
+        yield "Repeatability of robots", misses
     messages = _messages(scenario.execution)
     if messages:
         yield "Messages", messages
@@ -340,6 +347,8 @@ def _disturbances(own: ExecutionSection) -> Iterator[str]:
             f"{100 * failure.probability:g} % of attempts at {skill} fail, {failure.retries}"
             " retries"
         )
+        for part, own_share in failure.parts.items():
+            yield f"{100 * own_share:.3g} % of attempts at {skill} with {part} fail"
     for stop in own.emergency_stops:
         who = stop.robot or "every robot"
         yield f"emergency stop of {who} at {stop.at_s:g} s for {stop.duration_s:g} s"

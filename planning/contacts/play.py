@@ -1,0 +1,182 @@
+"""Play of parts in their places across their ways in, and how likely a part meets its place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from planning.cell.shape import Cylinder, Element, Mesh, Shape
+from planning.contacts.bores import SNUG, bore_around
+from planning.contacts.interference import depth, depth_words, forms_depth
+from planning.contacts.touching import Lying, bounds
+from planning.transforms import Array, Transform, readonly, translation
+
+_LIFT = 1e-4
+"""Play is measured so far out of the place: what the part rests on does not hold it there [m]."""
+
+_DIRECTIONS = 32
+"""Directions around the way in, in which the play is measured."""
+
+_EXACT = 1e-6
+"""Play that no formula gives is found to within this [m]."""
+
+_FREE = 1e-6
+"""Deeper than this a part is in something [m]."""
+
+ISO_9283 = 2.0 * math.sqrt(2.0 / math.pi) + 3.0 * math.sqrt(3.0 - 8.0 / math.pi)
+"""Repeatability of positioning (ISO 9283) over the standard deviation of each coordinate: it is the
+mean distance from the mean position plus three of its standard deviations, of a Maxwell distribution."""
+
+
+@dataclass(frozen=True)
+class Play:
+    """Play of a part in its place across its way in.
+
+    Attributes:
+        free: how far it can go in each direction around the way until it meets something, shape (d,);
+            infinite beyond ``SNUG`` [m].
+        beside: names of what holds it.
+        pressed: how deep it is in what it is pressed into, 0 where it has play [m].
+    """
+
+    free: Array
+    beside: tuple[str, ...]
+    pressed: float = 0.0
+
+    @property
+    def least(self) -> float:
+        """The least play [m]."""
+        return float(self.free.min())
+
+    @property
+    def words(self) -> str:
+        """What it is, for people: ``0.21 mm on all sides``."""
+        if self.pressed > 0.0:
+            return f"pressed in by {depth_words(self.pressed)}"
+        if not np.isfinite(self.free).all():
+            both = self.free + np.roll(self.free, _DIRECTIONS // 2)
+            return f"{1e3 * both.min():.2f} mm from side to side"
+        even = self.free.max() < 1.5 * self.least + 2e-5
+        return f"{'' if even else 'at least '}{1e3 * self.least:.2f} mm on all sides"
+
+    def chance(self, repeatability: float) -> float | None:
+        """Return the probability that a part meets its place; None where it is pressed in, whatever guides it.
+
+        Positions are normally distributed around the nominal one, alike in every direction.
+
+        Args:
+            repeatability: of positioning, as ISO 9283 has it [m].
+        """
+        if self.pressed > 0.0:
+            return None
+        if repeatability == 0.0:
+            return 1.0
+        spread = repeatability / ISO_9283
+        return float(-np.expm1(-0.5 * (self.free / spread) ** 2).mean())
+
+
+def play(part: Lying, others: Mapping[str, Lying], insertion: Array) -> Play | None:
+    """Return the play of a part in its place, None where nothing guides it in.
+
+    It is guided where no quarter of all directions is free by more than ``SNUG``: not in a corner.
+
+    Args:
+        part: in its place.
+        others: what is there, by name.
+        insertion: direction of its way in, of length one.
+    """
+    item, pose = part
+    lifted = translation(*(-_LIFT * insertion)) @ pose
+    low, high = bounds((item, lifted))
+    free = np.full(_DIRECTIONS, np.inf)
+    pressed, beside = 0.0, []
+    for name, other in others.items():
+        other_low, other_high = bounds(other)
+        if np.any(low > other_high + SNUG) or np.any(other_low > high + SNUG):
+            continue
+        deep = depth((item, lifted), other)
+        if deep > _FREE:
+            pressed = max(pressed, deep)
+            own = np.zeros(_DIRECTIONS)
+        else:
+            own = _free(item.shape, lifted, other, insertion)
+        if np.isfinite(own).any():
+            beside.append(name)
+            free = np.minimum(free, own)
+    quarter = [np.roll(free, k) for k in range(_DIRECTIONS // 4)]
+    if np.isinf(np.min(quarter, axis=0)).any():
+        return None
+    return Play(readonly(free), tuple(sorted(beside)), pressed)
+
+
+def _free(shape: Shape, pose: Transform, other: Lying, insertion: Array) -> Array:
+    """Return how far a part can go across its way in until it meets one thing, shape (d,) [m]."""
+    out = np.full(_DIRECTIONS, np.inf)
+    thing, there = other
+    for own, met in product(shape.elements, thing.shape.elements):
+        a = Element(own.form, pose @ own.pose)
+        b = Element(met.form, there @ met.pose)
+        found = _free_in_bore(a, b, insertion, 1.0)
+        if found is None:
+            found = _free_in_bore(b, a, insertion, -1.0)
+        if found is None:
+            found = _free_by_steps(a, b, insertion)
+        out = np.minimum(out, found)
+    return np.where(out > SNUG, np.inf, out)
+
+
+def _free_in_bore(
+    peg: Element, mesh: Element, insertion: Array, sign: float
+) -> Array | None:
+    """Return how far a round peg can go in the bore of a mesh along its axis, None where it is in none."""
+    if not isinstance(peg.form, Cylinder) or not isinstance(mesh.form, Mesh):
+        return None
+    axis = peg.pose[:3, 2]
+    if abs(float(axis @ insertion)) < 1.0 - 1e-6:
+        return None
+    bore = bore_around(peg.form, peg.pose, mesh)
+    if bore is None:
+        return None
+    room = bore.radius - peg.form.radius
+    centre = peg.pose[:3, :2] @ bore.centre
+    ways = sign * _across(insertion)
+    along = ways @ centre
+    # Where a ray from the nominal place leaves the circle in which the axis of the peg may be.
+    rest = room * room - float(centre @ centre) + along * along
+    return np.asarray(np.maximum(along + np.sqrt(np.maximum(rest, 0.0)), 0.0))
+
+
+def _free_by_steps(one: Element, other: Element, insertion: Array) -> Array:
+    """Return how far a form can go until it meets another one, by halving, shape (d,) [m]."""
+
+    def deep(way: Array) -> float:
+        moved = Element(one.form, readonly(translation(*way) @ one.pose))
+        return forms_depth(moved, other)
+
+    out = np.full(_DIRECTIONS, np.inf)
+    for k, way in enumerate(_across(insertion)):
+        probe, low, high = SNUG, 0.0, SNUG
+        while high - low > _EXACT:
+            found = deep(probe * way)
+            if found <= _FREE:
+                low = probe
+            else:  # on the way back it is free no sooner
+                high = max(probe - found, low)
+            straight = low == 0.0 and probe == SNUG
+            probe = high - _EXACT if straight else 0.5 * (low + high)
+        out[k] = np.inf if low == SNUG else low
+    return out
+
+
+def _across(insertion: Array) -> Array:
+    """Return directions across a way, evenly around it, shape (d, 3)."""
+    least = np.eye(3)[np.argmin(np.abs(insertion))]
+    x = np.cross(insertion, least)
+    x /= np.linalg.norm(x)
+    y = np.cross(insertion, x)
+    angle = 2.0 * math.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
+    return np.asarray(np.outer(np.cos(angle), x) + np.outer(np.sin(angle), y))
