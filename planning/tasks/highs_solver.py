@@ -35,17 +35,26 @@ def assign_steps(problem: AssignmentProblem) -> TaskPlan:
         InfeasibleStepError: a step has no candidate (why each fell out is listed), or the steps
             compete for robots and objects (which do is listed).
     """
-    for step, words in enumerate(problem.steps, start=1):
-        if (lacking := problem.lacking(step)) is not None:
-            raise InfeasibleStepError(
-                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"
-            )
+    require_candidates(problem)
     windows = is_large(problem) and not problem.kept
     plan = solve_in_windows(problem, _solved) if windows else None
     plan = plan or _solved(problem)
     if plan is None:
         raise _competition(problem)
     return plan
+
+
+def require_candidates(problem: AssignmentProblem) -> None:
+    """Check that some robots can do each step.
+
+    Raises:
+        InfeasibleStepError: a step has no candidate; why each fell out is listed.
+    """
+    for step, words in enumerate(problem.steps, start=1):
+        if (lacking := problem.lacking(step)) is not None:
+            raise InfeasibleStepError(
+                f"step {step} ({words}): {lacking}\n{explain_rejections(problem, step)}"
+            )
 
 
 def _solved(problem: AssignmentProblem) -> TaskPlan | None:

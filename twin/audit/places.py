@@ -115,17 +115,24 @@ def place_violations(case: AuditCase) -> Iterator[Violation]:
 
 def helpers_left(replay: ReplayedRun, wanted: Wanted) -> tuple[str, ...]:
     """Return the objects that were put down where they only help, such as temporary bricks."""
-    if not wanted.helpers:
-        return ()
     there = replay.at()
-    filled = set(taken(replay.cell, there, wanted.places))
-    return tuple(
-        box.name
-        for box in replay.cell.objects
-        if box.name in there.keys() - filled
-        and there[box.name].holder is None
-        and distance_of(box, there[box.name].pose, box.start) > PLACED
-    )
+    filled = taken(replay.cell, there, wanted.places)
+    helping = {
+        name
+        for place, name in zip(wanted.places, filled, strict=True)
+        if place.temporary and name is not None
+    }
+
+    def helps(box: CellObject) -> bool:
+        if box.name in helping or not wanted.helpers:
+            return box.name in helping
+        return (
+            box.name in there.keys() - set(filled)
+            and there[box.name].holder is None
+            and distance_of(box, there[box.name].pose, box.start) > PLACED
+        )
+
+    return tuple(box.name for box in replay.cell.objects if helps(box))
 
 
 def taken(

@@ -30,6 +30,7 @@ class Place:
         kind: of the object.
         object: its name; None if any of its kind will do, turned by half a turn or not.
         held: whether another robot must hold what it is put on or under meanwhile.
+        temporary: whether it only helps there, and is no part of what is built.
         name: of the step that puts it there, where others refer to it.
         after: names of the steps that must be complete before that.
     """
@@ -39,6 +40,7 @@ class Place:
     kind: str
     object: str | None = None
     held: bool = False
+    temporary: bool = False
     name: str | None = None
     after: tuple[str, ...] = ()
 

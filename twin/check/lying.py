@@ -36,6 +36,7 @@ from twin.check.finding import (
     of_parts,
     position,
 )
+from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import MachineSection, PartsSection
 
 _TOUCH = 0.002
@@ -366,3 +367,42 @@ def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | N
     pose = build_transform(own.door.pose)
     found = nearest_to(lying, {"door": (Fixture("door", shape, pose), pose)})
     return None if found is None else max(0.0, found[1])
+
+
+def check_helpers(subject: Subject) -> Findings:
+    """Yield temporary bricks that nobody can take out again: an error where the rules ask for that."""
+    from planning.lego.sequencing.remedies import Design
+    from planning.lego.sequencing.removal import shut_in
+    from twin.planning.lego import (
+        build_lego,
+        sequencing_rules,
+        structure_and_helpers,
+        tool_carrier,
+    )
+
+    section = subject.scenario.assembly
+    if not isinstance(section, LegoSection):
+        return
+    structure, helpers = structure_and_helpers(section)
+    if section.structure is None:
+        names = {item.name: k for k, item in enumerate(build_lego(section).structure)}
+        for found in shut_in(
+            (*structure, *helpers), frozenset(h.name for h in helpers)
+        ):
+            yield Finding(
+                ("assembly", "steps", names[found.brick.name]),
+                f"it only helps, and cannot be taken out again: {found.words}",
+                error=section.rules.scaffold == "removable",
+            )
+    elif section.rules.scaffold is True:
+        rules = sequencing_rules(
+            section,
+            robots=len(subject.cell.robots),
+            carrier=tool_carrier(subject.cell),
+        )
+        plain = Design(structure, build_lego(section).scaffold, (), rules)
+        for found in plain.on_plinth().scaffolded().shut_in:
+            yield Finding(
+                ("assembly", "rules"),
+                f"a temporary brick that it takes cannot be taken out again: {found.words}",
+            )

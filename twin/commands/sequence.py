@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from planning.lego.bricks.assembly import LegoAssembly, Support
     from planning.lego.insertion.rules import SequencingRules
     from planning.lego.sequencing.sequencing import SequencedStep, SequencedStructure
+    from twin.scenario.sections.lego import LegoSection
     from twin.scenario.sections.scenario import Scenario
 
 
@@ -28,22 +29,27 @@ def find_order(
     *,
     output: Path | None = None,
     explain: int | None = None,
+    scaffold: str | None = None,
     as_json: bool = False,
 ) -> int:
     """Find the sequence of a LEGO assembly from its finished structure.
 
-    Where the scenario gives steps, only what they build counts, not their order. Whether robots
-    reach every brick is checked, but not what may be in their way.
+    Where the scenario gives steps, only what they build counts, not their order. Every step is one
+    that some robots of the cell can do, among all that stands there by then; ways between steps
+    are left to planning.
 
     Args:
         scenario: file, or the name of one that comes with the program.
         output: write the scenario with these steps to a file.
         explain: say what the structure bears at a step, and draw which joints give way
             first: explain-STEP.png in this folder.
+        scaffold: temporary bricks, whatever the rules say: none, any, or removable, only such as
+            can be taken out again once the model is lifted off the plate.
     """
-    from planning.lego.sequencing.blocking import check_reach
+    from planning.tasks.highs_solver import require_candidates
+    from twin.host.progress import StageWatch
     from twin.planning.build_workcell import build_workcell
-    from twin.planning.lego import find_sequence, sequencing_rules, tool_carrier
+    from twin.planning.lego import buildable_sequence
     from twin.scenario.manifest import load_scenario
     from twin.scenario.sections.lego import LegoSection
     from twin.scenario.shipped import scenario_path
@@ -53,30 +59,55 @@ def find_order(
     lego = loaded.assembly
     if not isinstance(lego, LegoSection):
         raise ScenarioError(f"{scenario}: only a LEGO assembly has a sequence to find")
+    if scaffold is not None:
+        lego = _with_scaffold(lego, scaffold)
     cell = build_workcell(loaded, scenario.parent)
     try:
-        assembly, found = find_sequence(
-            lego, robots=len(cell.robots), carrier=tool_carrier(cell)
-        )
-        check_reach(cell, assembly)
+        sequenced = buildable_sequence(lego, cell, StageWatch())
+        require_candidates(sequenced.candidates.problem)
     except InfeasibleStepError as error:
         raise InfeasibleStepError(f"{scenario}: {error}") from None
+    found = sequenced.found
     if explain is not None:
-        rules = sequencing_rules(
-            lego, robots=len(cell.robots), carrier=tool_carrier(cell)
-        )
-        _explain(assembly, explain, rules)
+        _explain(sequenced.candidates.world.assembly, explain, sequenced.rules)
         return COMPLETED
     if output is not None:
         _write(scenario, output, found)
     if as_json:
-        rows = [_row(k, item) for k, item in enumerate(found.sequence, start=1)]
+        behind = {
+            item.brick.name: [b.name for b in item.behind] for item in found.shut_in
+        }
+        rows = [
+            _row(k, item)
+            | ({"shut_in_behind": behind[item.name]} if item.name in behind else {})
+            for k, item in enumerate(found.sequence, start=1)
+        ]
         print_json(rows)
     else:
         _print_table(found)
+        for item in found.shut_in:
+            typer.echo(f"cannot be taken out again: {item.words}")
         if output is not None:
             typer.echo(f"written: {output}")
     return COMPLETED
+
+
+_SCAFFOLDS: Mapping[str, bool | Literal["removable"]] = {
+    "none": False,
+    "any": True,
+    "removable": "removable",
+}
+
+
+def _with_scaffold(lego: LegoSection, scaffold: str) -> LegoSection:
+    """Return a section with another rule for temporary bricks."""
+    if scaffold not in _SCAFFOLDS:
+        raise ScenarioError(
+            f"--scaffold {scaffold}: there is no such scaffold",
+            choices=tuple(_SCAFFOLDS),
+        )
+    rules = lego.rules.model_copy(update={"scaffold": _SCAFFOLDS[scaffold]})
+    return lego.model_copy(update={"rules": rules})
 
 
 def _explain(assembly: LegoAssembly, number: int, rules: SequencingRules) -> None:
@@ -226,6 +257,7 @@ sequence = command(
     f"{__name__}:find_order",
     output={"names": ("--output", "-o")},
     explain={"metavar": "STEP"},
+    scaffold={"metavar": "WHICH"},
 )
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
-from planning.errors import InfeasibleStepError, TwinError
+from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
@@ -39,10 +40,13 @@ from twin.scenario.sections.shapes import Colour, as_planned, read_structure
 
 if TYPE_CHECKING:
     from planning.lego.insertion.rules import SequencingRules
+    from planning.lego.sequencing.arms import ArmSequence
     from planning.lego.sequencing.sequencing import SequencedStructure
-    from planning.lego.skills.candidates import LegoCandidates
     from planning.motion.sequential import MotionSettings
     from planning.tasks.work import AssemblyWork
+
+_BESIDE_STOCK = 3
+"""So many studs beside the stock no temporary brick stands beyond what it carries."""
 
 SEQUENCE = "which brick when"
 """Name of a stage for progress displays."""
@@ -123,16 +127,21 @@ class LegoKind(AssemblyKind):
                 box_pose(assembly.plate, step),
                 step.brick.name,
                 held=step.support is not None,
+                temporary=step.temporary,
             )
             for k, step in enumerate(assembly.steps, start=1)
         ]
         raised, plinth = on_plinth(build_structure(self.section) or (), rules.plinth)
         for item in (*raised, *plinth):
-            pose = box_pose(assembly.plate, item)
-            places.append(
-                Place(f"{item.name} at {item.cell.words}", pose, item.brick.name)
+            pose, words = (
+                box_pose(assembly.plate, item),
+                f"{item.name} at {item.cell.words}",
             )
-        return Wanted(tuple(places), hold="studs", helpers=rules.scaffold)
+            helps = item in plinth
+            places.append(Place(words, pose, item.brick.name, temporary=helps))
+        # Where the file gives steps, it says of each brick where it goes, of those that help too.
+        more = bool(rules.scaffold) and self.section.structure is not None
+        return Wanted(tuple(places), hold="studs", helpers=more)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -153,7 +162,7 @@ class LegoKind(AssemblyKind):
             self.section, robots=robots, carrier=tool_carrier(cell)
         )
         if self.section.structure is not None:
-            work = self._sequenced(cell, rules, watch)
+            work = self._sequenced(cell, watch)
         else:
             assembly = build_lego(self.section)
             with watch.stage("assignment", ASSIGNMENT):
@@ -181,55 +190,45 @@ class LegoKind(AssemblyKind):
         coloured = replace(plan, cell=replace(plan.cell, objects=objects))
         return replace(motions, motion_plan=coloured) if colours else motions
 
-    def _sequenced(
-        self, cell: Workcell, rules: SequencingRules, watch: StageWatch
-    ) -> AssemblyWork:
-        """Find a sequence whose steps the arms can do.
-
-        The sequence knows of tools, not of arms: where these do not get to a support, the brick
-        is to go in without, which takes another order, or scaffolding where that is allowed.
-        """
-        from planning.lego.sequencing.blocking import check_reach
+    def _sequenced(self, cell: Workcell, watch: StageWatch) -> AssemblyWork:
+        """Find a sequence whose steps the arms can do."""
         from planning.lego.sequencing.stable_steps import movable_work
-        from planning.lego.skills.candidates import find_candidates
-        from twin.planning.goals import ASSIGNMENT
 
-        alone: frozenset[str] = frozenset()
-        first: AssemblyWork | None = None
-        while True:
-            try:
-                with watch.stage("sequence", SEQUENCE):
-                    assembly, found = find_sequence(
-                        self.section,
-                        robots=len(cell.robots),
-                        carrier=tool_carrier(cell),
-                        alone=alone,
-                        progress=watch.reporter(SEQUENCE),
-                    )
-            except TwinError:
-                if first is None:
-                    raise
-                return first  # whose assignment says which step no arm can support
-            with watch.stage("assignment", ASSIGNMENT):
-                check_reach(cell, assembly)
-                candidates = find_candidates(cell, assembly)
-            names = [item.name for item in found.sequence]
-            work = movable_work(candidates, replace(rules, alone=alone), names)
-            first = first or work
-            more = _out_of_help(found, candidates) - alone
-            if not more:
-                return work
-            alone |= more
+        sequenced = buildable_sequence(self.section, cell, watch)
+        names = [item.name for item in sequenced.found.sequence]
+        return movable_work(sequenced.candidates, sequenced.rules, names)
 
 
-def _out_of_help(
-    found: SequencedStructure, candidates: LegoCandidates
-) -> frozenset[str]:
-    """Return the bricks of steps with a support that no two robots can do together."""
-    return frozenset(
-        found.sequence[number - 1].name
-        for number in candidates.problem.impossible
-        if found.sequence[number - 1].step.supports
+def buildable_sequence(
+    section: LegoSection, cell: Workcell, watch: StageWatch
+) -> ArmSequence:
+    """Return a sequence of an assembly whose steps the arms of a cell can do.
+
+    Where none is found, it is the first one that the tool has room for. The stages are sequence
+    and assignment.
+
+    Raises:
+        TwinError: there is none even for the tool alone, or a place that no arm reaches.
+    """
+    from planning.lego.sequencing.arms import sequence_for_arms
+    from twin.planning.goals import ASSIGNMENT
+
+    robots, carrier = len(cell.robots), tool_carrier(cell)
+
+    def sequenced(rules: SequencingRules) -> tuple[LegoAssembly, SequencedStructure]:
+        with watch.stage("sequence", SEQUENCE):
+            return find_sequence(
+                section,
+                rules,
+                robots=robots,
+                progress=watch.reporter(SEQUENCE),
+            )
+
+    return sequence_for_arms(
+        cell,
+        sequenced,
+        sequencing_rules(section, robots=robots, carrier=carrier),
+        lambda: watch.stage("assignment", ASSIGNMENT),
     )
 
 
@@ -260,6 +259,20 @@ def build_structure(lego: LegoSection) -> tuple[PlacedBrick, ...] | None:
     return read_structure(lego.structure, brick_types(lego)).bricks
 
 
+def structure_and_helpers(
+    lego: LegoSection,
+) -> tuple[tuple[PlacedBrick, ...], tuple[PlacedBrick, ...]]:
+    """Return the bricks of the finished structure, and the temporary ones that steps name."""
+    structure, assembly = build_structure(lego), build_lego(lego)
+    if structure is not None:
+        return structure, ()
+    built = list(zip(assembly.structure, assembly.steps, strict=True))
+    return (
+        tuple(item for item, step in built if not step.temporary),
+        tuple(item for item, step in built if step.temporary),
+    )
+
+
 def tool_carrier(cell: Workcell) -> str:
     """Return the registered robot whose tool sequencing makes room for: that of all, or a GP4."""
     from planning.robots.registry import ROBOTS
@@ -281,10 +294,21 @@ def sequencing_rules(
     """
     from planning.lego.insertion.rules import SequencingRules
 
-    allowed, stock = lego.rules, build_lego(lego).stock
+    allowed, assembly = lego.rules, build_lego(lego)
+    stock, (wide, deep) = assembly.stock, assembly.plate.studs
+    kept = {
+        (x, y)
+        for item in stock
+        if assembly.plate_of(item) is assembly.plate
+        for span in [item.span.widened(_BESIDE_STOCK)]
+        for x, y in product(range(span.x0, span.x1), range(span.y0, span.y1))
+    }
+    ground = frozenset(product(range(wide), range(deep))) - kept
     return as_planned(
         SequencingRules,
         allowed,
+        scaffold=bool(allowed.scaffold),
+        removable=allowed.scaffold == "removable",
         support=allowed.support and robots > 1,
         place_up=allowed.place_up and robots > 1,
         hold_down=allowed.hold_down and robots > 1,
@@ -292,15 +316,15 @@ def sequencing_rules(
         margin=allowed.press_margin,
         robot=carrier,
         types=tuple(dict.fromkeys(s.brick for s in stock if not s.fixed)),
+        ground=ground,
     )
 
 
 def find_sequence(
     lego: LegoSection,
+    rules: SequencingRules,
     *,
     robots: int,
-    carrier: str = "gp4",
-    alone: frozenset[str] = frozenset(),
     progress: Progress = no_progress,
 ) -> tuple[LegoAssembly, SequencedStructure]:
     """Return an assembly with the steps that build its finished structure.
@@ -309,9 +333,8 @@ def find_sequence(
 
     Args:
         lego: the section.
+        rules: of the sequence, see ``sequencing_rules``.
         robots: how many there are.
-        carrier: the registered robot that carries the tool.
-        alone: names of bricks that must go in without the other arm.
         progress: told how many partial structures were looked at, and of how many at most.
 
     Raises:
@@ -320,13 +343,14 @@ def find_sequence(
     """
     from planning.lego.sequencing.sequencing import sequence_structure
 
-    assembly, structure = build_lego(lego), build_structure(lego)
-    rules = sequencing_rules(lego, robots=robots, carrier=carrier)
+    assembly = build_lego(lego)
+    structure, helpers = structure_and_helpers(lego)
     try:
         found = sequence_structure(
-            structure or assembly.structure,
+            structure,
             scaffold=assembly.scaffold,
-            rules=replace(rules, alone=alone),
+            helpers=helpers,
+            rules=rules,
             progress=progress,
         )
     except InfeasibleStepError as error:

@@ -295,9 +295,11 @@ class InsertionSite:
         return beside(self.names, self.item.name)
 
     def _blocker(self, press: Press) -> str | None:
-        """Return the first brick in the way of a press, or the plate."""
-        room = self.design.room
+        """Return the first brick in the way of a press, or the plate, or NO_ARM."""
+        room, arms = self.design.room, self.design.rules.arms
         found = room.in_the_way(self.item.name, press, self.names, up=self.up)
+        if arms is not None and not found:
+            return arms.blocker(self.item, press, self.names, up=self.up)
         return PLATE if PLATE in found else min(found, default=None)
 
     def _holds_anywhere(

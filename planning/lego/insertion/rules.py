@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 
-from planning.lego.bricks.assembly import BrickType
+from planning.lego.bricks.assembly import BrickType, PlacedBrick, Press
 
 TOOLS_APART = 0.095
 """Two upright tools whose axes are nearer than this meet at their force sensors [m]."""
@@ -41,6 +42,35 @@ class InsertionWay(Enum):
         return self is not InsertionWay.DOWN
 
 
+Grip = tuple[str, Press, bool]
+"""A brick's name, where it is gripped, and whether it goes in from below."""
+
+NO_ARM = "the reach of all arms"
+"""Stands for what is in the way of a grip that no arm of the cell can have, whatever stands there."""
+
+
+@dataclass(frozen=True)
+class ArmLimits:
+    """Grips that no arm of a cell can have, though the tool has room.
+
+    Attributes:
+        reaches: tells whether some arm, alone in its cell, reaches a brick with a grip.
+        beside: bricks beside all of which no arm was found to have a grip; several sets of them.
+    """
+
+    reaches: Callable[[PlacedBrick, Press, bool], bool]
+    beside: Mapping[Grip, tuple[frozenset[str], ...]] = field(default_factory=dict)
+
+    def blocker(
+        self, item: PlacedBrick, press: Press, names: frozenset[str], *, up: bool
+    ) -> str | None:
+        """Return what keeps all arms from a grip in a partial structure, None for nothing."""
+        for bricks in self.beside.get((item.name, press, up), ()):
+            if bricks <= names:
+                return min(bricks, default=NO_ARM)
+        return None if self.reaches(item, press, up) else NO_ARM
+
+
 @dataclass(frozen=True)
 class SequencingRules:
     """Rules of an assembly sequence: allowed insertions, and loads the structure must bear.
@@ -51,6 +81,7 @@ class SequencingRules:
             against it from above.
         hold_down: a second robot may hold the structure down from above, beside the press.
         scaffold: temporary bricks may carry what cannot go in otherwise.
+        removable: temporary bricks must be such that they can be taken out again.
         plinth: layers by which the structure is raised on temporary bricks.
         force: force at which the skill stops pressing, however many knobs engage [N]; the
             published skills stop at 15 N (APEX-MR App. C).
@@ -60,12 +91,15 @@ class SequencingRules:
         search_limit: how many partial structures to look at beyond one for each brick.
         robot: the registered robot whose tool it is.
         types: of bricks that scaffolding may be made of; the built-in ones where empty.
+        ground: studs of the plate that scaffolding may cover beside what it carries.
+        arms: what the arms of the cell cannot do; None where only the tool is looked at.
     """
 
     support: bool = True
     place_up: bool = True
     hold_down: bool = False
     scaffold: bool = False
+    removable: bool = False
     plinth: int = 0
     force: float = 15.0
     margin: float = 1.5
@@ -73,6 +107,8 @@ class SequencingRules:
     search_limit: int = 2000
     robot: str = "gp4"
     types: tuple[BrickType, ...] = ()
+    ground: frozenset[tuple[int, int]] = frozenset()
+    arms: ArmLimits | None = None
 
     @cached_property
     def allowed(self) -> tuple[InsertionWay, ...]:

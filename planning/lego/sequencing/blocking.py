@@ -25,7 +25,7 @@ from planning.errors import InfeasibleStepError, told
 from planning.lego.bricks.assembly import LegoAssembly
 from planning.lego.bricks.brick_world import BrickWorld
 from planning.lego.insertion.insertion import Insertions
-from planning.lego.insertion.rules import InsertionWay
+from planning.lego.insertion.rules import NO_ARM, InsertionWay
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.targets import APPROACH_HEIGHT, HIGH_APPROACH, support_targets
 from planning.lego.stability.partial_structures import Names
@@ -145,7 +145,7 @@ class Refusal:
         way = "from below" if up else "from above"
         site = self._insertions.at(names, name, up=up)
         if not site.roomy:
-            return f"{way} the tool has no room: {_thing(site.blocker())} is in its way"
+            return f"{way} {_no_room(site.blocker())}"
         ways = [each for each in self._rules.ways_of(name) if each.up == up]
         bearings = [b for b in map(site.prospect, ways) if b is not None]
         if not bearings:
@@ -176,7 +176,7 @@ class Refusal:
             return 0, f"{from_above}, and placing from below is not allowed"
         site = self._insertions.at(names, name, up=up)
         if not site.roomy_presses:
-            return 0, f"the tool has no room: {_thing(site.blocker())} is in its way"
+            return 0, _no_room(site.blocker())
         if up:
             return (
                 0,
@@ -192,8 +192,12 @@ class Refusal:
         return 0, f"{gives}, and no supporting tool below has room and helps"
 
 
-def _thing(name: str) -> str:
-    return name if name == "the plate" else f"brick {name!r}"
+def _no_room(blocker: str) -> str:
+    """Return why the tool does not get there."""
+    if blocker == NO_ARM:
+        return "no arm of the cell gets there with a grip that has room"
+    thing = blocker if blocker == "the plate" else f"brick {blocker!r}"
+    return f"the tool has no room: {thing} is in its way"
 
 
 _Attempt = tuple[PlacedRobot, SkillTargets]

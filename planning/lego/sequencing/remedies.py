@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import islice, product
 
 from planning.lego.bricks.assembly import (
     BRICKS,
@@ -17,13 +17,27 @@ from planning.lego.bricks.assembly import (
 from planning.lego.insertion.insertion import Insertions
 from planning.lego.insertion.rules import SequencingRules
 from planning.lego.sequencing.blocking import remaining, smallest_blocking_set
+from planning.lego.sequencing.removal import ShutIn, shut_in
 from planning.lego.stability.partial_structures import Names, PartialStructures
 
 
 def columns_below(
-    item: PlacedBrick, filled: Mapping[GridPlace, str], types: Collection[BrickType]
+    item: PlacedBrick,
+    filled: Mapping[GridPlace, str],
+    types: Collection[BrickType],
+    *,
+    beyond: Collection[tuple[int, int]] = (),
 ) -> Iterator[tuple[PlacedBrick, ...]]:
     """Yield columns that would carry a brick where there is nothing below it, the widest first.
+
+    Each is a choice of its own: they may share places.
+
+    Args:
+        item: the brick.
+        filled: the brick in each place of the grid.
+        types: that columns may be made of.
+        beyond: studs that columns may cover besides those of the brick; those that carry most of
+            it come first then.
 
     Yields:
         The bricks of a column from the top down, named after the brick and their layer.
@@ -41,12 +55,23 @@ def columns_below(
         return -w * d, abs(w - d), turned
 
     for (w, d), turned in sorted(heights, key=order):
-        for x, y in sorted(free):
+        corners = free
+        if beyond:
+            corners = {
+                (x - i, y - j) for x, y in free for i in range(w) for j in range(d)
+            }
+
+        def carried(at: tuple[int, int], w: int = w, d: int = d) -> int:
+            """Return how much of the brick is above a patch."""
+            return sum(
+                (at[0] + i, at[1] + j) in free for i in range(w) for j in range(d)
+            )
+
+        for x, y in sorted(corners, key=lambda at: (-carried(at), at)):
             patch = {(x + i, y + j) for i in range(w) for j in range(d)}
-            if patch <= free:
+            if all(stud in free or stud in beyond for stud in patch):
                 column = _column(x, y, top, turned, heights[(w, d), turned], filled)
                 if column:
-                    free -= patch
                     yield tuple(
                         replace(part, name=f"under {item.name}: {part.cell.words}")
                         for part in column
@@ -103,6 +128,10 @@ def on_plinth(
     return raised, plinth
 
 
+_MOST_COLUMNS = 40
+"""So many places for a column are tried at once."""
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """A structure with the temporary bricks that it needs, and what is known of its bricks.
@@ -135,6 +164,17 @@ class Design:
         """What stands and what it bears."""
         return self.insertions.structures
 
+    @cached_property
+    def shut_in(self) -> tuple[ShutIn, ...]:
+        """Temporary bricks that cannot be taken out again."""
+        names = frozenset(item.name for item in self.temporary)
+        return shut_in((*self.structure, *self.temporary), names)
+
+    def on_plinth(self) -> Design:
+        """Return it raised on the plinth that the rules ask for."""
+        raised, plinth = on_plinth(self.structure, self.rules.plinth)
+        return replace(self, structure=raised, temporary=plinth) if plinth else self
+
     def order(self) -> list[str]:
         """Return the bricks from the top down."""
         bricks = self.structures.bricks
@@ -142,12 +182,12 @@ class Design:
 
     def columns(self, names: Iterable[str]) -> list[PlacedBrick]:
         """Return the bricks of columns under some bricks."""
-        filled = dict(self.structures.filled)
-        out: list[PlacedBrick] = []
+        design, out = self, list[PlacedBrick]()
         for name in names:
-            column = self._column(name, filled)
-            filled |= {place: part.name for part in column for place in part.places}
-            out += column
+            column = design._column(name)
+            if column:
+                out += column
+                design = design._with(column)
         return out
 
     def column(self, names: Sequence[str]) -> list[PlacedBrick]:
@@ -155,27 +195,40 @@ class Design:
 
         Where none has, it is under the nearest one that carries one of them.
         """
-        filled = self.structures.filled
         tries = product((False, True), names)
-        columns = (self._column(name, filled, carriers=more) for more, name in tries)
+        columns = (self._column(name, carriers=more) for more, name in tries)
         return list(next(filter(None, columns), ()))
 
-    def _column(
-        self, name: str, filled: Mapping[GridPlace, str], *, carriers: bool = False
-    ) -> tuple[PlacedBrick, ...]:
+    def _column(self, name: str, *, carriers: bool = False) -> tuple[PlacedBrick, ...]:
         """Return a column under a brick, or under the nearest of its carriers with room for one."""
         bricks, every = self.structures.bricks, frozenset(self.structures.bricks)
         types = self.rules.types or tuple(BRICKS.values())
         seen, front = {name}, [name]
         while front:
             for carried in front:
-                column = next(columns_below(bricks[carried], filled, types), ())
+                filled = self.structures.filled
+                columns = columns_below(bricks[carried], filled, types)
+                column = self._best(columns)
                 if column or not carriers:
                     return column
             below = (n for up in front for n in self.structures.below(every, up))
             front = sorted({n for n in below if n is not None} - seen)
             seen.update(front)
         return ()
+
+    def _best(
+        self, columns: Iterable[tuple[PlacedBrick, ...]]
+    ) -> tuple[PlacedBrick, ...]:
+        """Return the first column that shuts no temporary brick in, or else the first.
+
+        Where temporary bricks must be removable there is none else.
+        """
+        first: tuple[PlacedBrick, ...] = ()
+        for column in columns:
+            if len(self._with(column).shut_in) <= len(self.shut_in):
+                return column
+            first = first or column
+        return () if self.rules.removable else first
 
     @cached_property
     def blocked(self) -> Names:
@@ -205,4 +258,52 @@ class Design:
             columns = columns or design.column(sorted(design.blocking_set()))
             if not columns:
                 return design
-            design = replace(design, temporary=(*design.temporary, *columns))
+            design = design._with(columns)
+
+    def scaffolded_elsewhere(self) -> Design | None:
+        """Return it with columns at the places that leave the fewest bricks blocked, None for none.
+
+        One column after another. Each place below the smallest blocking set, and below what carries
+        it, is tried: it takes longer than ``scaffolded``, whose columns may stand where the tool has
+        to be.
+        """
+        design = self
+        while design.blocked:
+            options = [
+                option
+                for column in design._all_columns()
+                if not (option := design._with(column)).shut_in
+                or not self.rules.removable
+            ]
+            best = min(
+                options,
+                key=lambda o: (len(o.blocked), len(o.shut_in), len(o.temporary)),
+                default=design,
+            )
+            if len(best.blocked) >= len(design.blocked):
+                return None
+            design = best
+        return design
+
+    def _with(self, column: Iterable[PlacedBrick]) -> Design:
+        return replace(self, temporary=(*self.temporary, *column))
+
+    def _all_columns(self) -> Iterator[tuple[PlacedBrick, ...]]:
+        """Yield a bounded number of columns below the smallest blocking set and what carries it."""
+        structures, every = self.structures, frozenset(self.structures.bricks)
+        types = self.rules.types or tuple(BRICKS.values())
+        front = sorted(self.blocking_set())
+        seen = set(front)
+        count = 0
+        while front and count < _MOST_COLUMNS:
+            for name in front:
+                item = structures.bricks[name]
+                columns = columns_below(
+                    item, structures.filled, types, beyond=self.rules.ground
+                )
+                for column in islice(columns, _MOST_COLUMNS - count):
+                    yield column
+                    count += 1
+            below = (n for up in front for n in structures.below(every, up))
+            front = sorted({n for n in below if n is not None} - seen)
+            seen.update(front)

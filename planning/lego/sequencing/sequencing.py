@@ -20,14 +20,16 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, product
+from textwrap import indent
 from typing import Generic, TypeVar
 
-from planning.errors import InfeasibleStepError, UndecidedError
+from planning.errors import InfeasibleStepError, UndecidedError, told
 from planning.lego.bricks.assembly import LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import MOST_SPOTS, Insertion, Insertions
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
 from planning.lego.sequencing.blocking import Refusal
-from planning.lego.sequencing.remedies import Design, on_plinth
+from planning.lego.sequencing.remedies import Design
+from planning.lego.sequencing.removal import ShutIn
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
 
@@ -222,11 +224,13 @@ class SequencedStructure:
         sequence: the steps in the order of assembly, with reasons.
         visited: partial structures looked at.
         programs: linear programs solved.
+        shut_in: temporary bricks that cannot be taken out again.
     """
 
     sequence: tuple[SequencedStep, ...]
     visited: int
     programs: int
+    shut_in: tuple[ShutIn, ...] = ()
 
     @property
     def steps(self) -> tuple[LegoStep, ...]:
@@ -238,6 +242,7 @@ def sequence_structure(
     structure: Sequence[PlacedBrick],
     *,
     scaffold: Iterable[PlacedBrick] = (),
+    helpers: Iterable[PlacedBrick] = (),
     rules: SequencingRules | None = None,
     progress: Progress = no_progress,
 ) -> SequencedStructure:
@@ -246,6 +251,7 @@ def sequence_structure(
     Args:
         structure: the bricks of the finished structure, on the plate or on the scaffold.
         scaffold: bricks that stand from the start and stay.
+        helpers: temporary bricks that are chosen already, on a plinth where there is one.
         rules: what is allowed.
         progress: told how many partial structures were looked at, and of how many at most.
 
@@ -260,11 +266,12 @@ def sequence_structure(
         ScenarioError: bricks overlap or two have the same name.
     """
     rules = rules or SequencingRules()
-    plain = Design(tuple(structure), tuple(scaffold), (), rules)
+    plain = Design(tuple(structure), tuple(scaffold), tuple(helpers), rules)
     _check_finished(plain)
-    raised, plinth = on_plinth(structure, rules.plinth)
-    start = replace(plain, structure=raised, temporary=plinth) if plinth else plain
+    start = plain if plain.temporary else plain.on_plinth()
     design = start.scaffolded() if rules.scaffold else start
+    if design.blocked and rules.scaffold:
+        design = start.scaffolded_elsewhere() or design
     core = design.blocking_set()
     if core:
         words = Refusal(design.insertions).blocked(core)
@@ -299,8 +306,17 @@ def sequence_structure(
             "structures, and no proof that there is none ('search_limit' of the rules allows "
             f"more). At the dead end that came nearest {words}"
         )
+    if rules.removable and design.shut_in:
+        raise InfeasibleStepError(
+            "temporary bricks cannot be taken out again, which the rules ask for (scaffold:"
+            " removable)\n"
+            + indent(told([item.words for item in design.shut_in]), "  ")
+        )
     return SequencedStructure(
-        tuple(_described(design, found)), found.visited, design.structures.programs
+        tuple(_described(design, found)),
+        found.visited,
+        design.structures.programs,
+        design.shut_in,
     )
 
 
@@ -358,16 +374,19 @@ def _remedies(design: Design) -> str:
         "place_up": replace(rules, place_up=True),
         "hold_down": replace(rules, hold_down=True),
         "scaffold": replace(rules, scaffold=True),
+        "removable": replace(rules, removable=False),
     }
     helps = []
     for name, changed in remedies.items():
         if changed == rules:
             continue
         helped, words = replace(design, rules=changed), f"'{name}'"
-        if name == "scaffold":
+        if name in {"scaffold", "removable"} and changed.scaffold:
             helped = helped.scaffolded()
             count = len(helped.temporary) - len(design.temporary)
             words = f"'scaffold' ({count} temporary bricks)"
+            if name == "removable":
+                words = f"'scaffold' with bricks that stay shut in ({count} of them)"
         if not helped.blocked:
             helps.append(words)
     if not helps:

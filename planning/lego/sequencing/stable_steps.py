@@ -33,6 +33,7 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import presses
 from planning.lego.insertion.insertion import Insertions, InsertionSite
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
+from planning.lego.sequencing.removal import ShutIn, shut_in
 from planning.lego.skills.candidates import LegoCandidates, exchange_steps
 from planning.lego.skills.expansion import lego_work
 from planning.lego.stability.contacts import ToolHold
@@ -60,7 +61,7 @@ def stable_steps(
     Raises:
         InfeasibleStepError: the structure does not stand after a step, or gives way under the
             press of a step with any of its grips and supports; names each such step, why, and
-            what would do.
+            what would do. Or a temporary brick is shut in, where the rules do not allow that.
     """
     rules = rules or SequencingRules()
     bricks = assembly.structure
@@ -81,9 +82,18 @@ def stable_steps(
             faults.append(f"{at}: {choice.why_not()}")
         else:
             steps.append(stable)
+    if rules.removable:
+        faults += [item.words for item in shut_in_steps(assembly)]
     if faults:
         raise InfeasibleStepError(told(faults, what=" steps"))
     return replace(assembly, steps=tuple(steps))
+
+
+def shut_in_steps(assembly: LegoAssembly) -> tuple[ShutIn, ...]:
+    """Return the temporary bricks of an assembly's steps that cannot be taken out again."""
+    built = zip(assembly.structure, assembly.steps, strict=True)
+    helpers = frozenset(item.name for item, step in built if step.temporary)
+    return shut_in(assembly.structure, helpers)
 
 
 @dataclass(frozen=True)

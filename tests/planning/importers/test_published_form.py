@@ -19,7 +19,7 @@ from planning.tasks.highs_solver import assign_steps
 from tests.planning.importers.published_form import write_published
 from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
-from twin.planning.lego import build_lego, find_sequence
+from twin.planning.lego import build_lego, find_sequence, sequencing_rules
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
@@ -38,7 +38,9 @@ def shipped(name: str) -> tuple[Workcell, LegoAssembly]:
     assert isinstance(section, LegoSection)
     assembly = build_lego(section)
     if section.structure is not None:
-        assembly = find_sequence(section, robots=2)[0]
+        assembly = find_sequence(
+            section, sequencing_rules(section, robots=2), robots=2
+        )[0]
     cell = build_workcell(scenario, path.parent)
     plan = assign_steps(find_candidates(cell, assembly).problem)
     steps = tuple(

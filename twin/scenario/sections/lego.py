@@ -200,7 +200,8 @@ class RulesSection(Section):
         place_up: a brick may be handed over and pressed on from below.
         hold_down: a second robot may hold the structure down from above, beside the press.
         scaffold: temporary bricks of the stock may carry what cannot go in otherwise; they stay
-            until the model is lifted off the plate.
+            until the model is lifted off the plate. ``removable``: only such as can be taken out
+            then.
         plinth: layers by which the structure is raised on temporary bricks.
         press_force_n: force at which pressing stops [N].
         press_margin: a brick is pressed on with the friction of the knobs that engage times this,
@@ -213,7 +214,7 @@ class RulesSection(Section):
     support: bool = True
     place_up: bool = True
     hold_down: bool = False
-    scaffold: bool = False
+    scaffold: bool | Literal["removable"] = False
     plinth: Annotated[int, Field(ge=0, le=30)] = 0
     press_force_n: Annotated[float, Field(gt=0, le=1000)] = SequencingRules.force
     press_margin: Annotated[float, Field(gt=0, le=1000)] = SequencingRules.margin

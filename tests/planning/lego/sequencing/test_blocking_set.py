@@ -108,9 +108,8 @@ def test_columns_reach_from_a_brick_to_what_is_below(kind, level, taken):
         own, "x"
     )
     types = [b for b in BRICKS.values() if b.height in (1, 3)]
-    seen = set(filled)
     for column in columns_below(item, filled, types):
-        top = level
+        seen, top = set(filled), level
         for part in column:
             places = part.places
             assert not places & seen
