@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import typer
 
-from planning.errors import InfeasibleStepError, RequestError, ScenarioError
+from planning.errors import (
+    InfeasibleStepError,
+    RequestError,
+    ScenarioError,
+    TwinError,
+)
 from twin.commands.command import command
 
 if TYPE_CHECKING:
@@ -118,23 +123,37 @@ def import_ldraw(file: Path, **options: Any) -> None:
 
 
 def _write(file: Path, model: BrickModel, output: Path, cell: Path | None) -> None:
-    """Write the scenario of a model, if its cell reaches all of it."""
-    from planning.importers.brick_models.cell import fitted, model_cell
+    """Write the scenario of a model, turned if need be, if its cell reaches all of it."""
+    from planning.importers.brick_models.cell import model_cell, orientations
     from twin.host.guard import write_text
     from twin.scenario.document.yaml_text import scenario_text
     from twin.scenario.manifest import scenario_of
 
-    model = fitted(model) if cell is None else model
+    name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
+    refusal: TwinError | None = None
+    for turned in [model] if cell is not None else orientations(model):
+        try:
+            content = (
+                model_cell(turned) if cell is None else _in_cell(turned, cell, output)
+            )
+            # Models of others were not drawn for two arms: temporary bricks may carry what hangs.
+            content["assembly"].setdefault("rules", {"scaffold": True})
+            content = {"version": 1, "name": name, "seed": 0, **content}
+            text = scenario_text(content, f"Imported from {file.name}.")
+            scenario, _ = scenario_of(output, text)
+            _check_reach(scenario, output.parent)
+        except (InfeasibleStepError, ScenarioError) as error:
+            if refusal is None and isinstance(error, ScenarioError):
+                raise
+            refusal = refusal or error
+            continue
+        model = turned
+        break
+    else:
+        assert refusal is not None
+        raise refusal
     for line in model.notes:
         typer.echo(f"note: {line}", err=True)
-    content = model_cell(model) if cell is None else _in_cell(model, cell, output)
-    name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
-    # Models of others were not drawn for two arms: temporary bricks may carry what hangs.
-    content["assembly"].setdefault("rules", {"scaffold": True})
-    content = {"version": 1, "name": name, "seed": 0, **content}
-    text = scenario_text(content, f"Imported from {file.name}.")
-    scenario, _ = scenario_of(output, text)
-    _check_reach(scenario, output.parent)
     write_text(output, text)
     wide, deep, levels = model.size
     total, kinds = len(model.bricks), len(model.kinds)

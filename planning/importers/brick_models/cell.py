@@ -2,27 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import Clearances, PlacedRobot, Workcell
 from planning.errors import ScenarioError
 from planning.importers.brick_models.model import BrickModel, ModelBrick
 from planning.lego.bricks.assembly import (
     BrickType,
     Cell,
     GridSpan,
+    LegoAssembly,
+    LegoStep,
     OnGrid,
     Plate,
+    StockBrick,
 )
-from planning.lego.bricks.brick_world import brick_colour
+from planning.lego.bricks.brick_world import (
+    BrickWorld,
+    brick_colour,
+    grasp_number,
+    plate_fixture,
+    stock_objects,
+)
 from planning.lego.bricks.grid import presses, top_pose
-from planning.lego.skills.targets import BrickGrip, lever_reaches_below, pick_targets
+from planning.lego.skills.brick_skills import BrickSkills
+from planning.lego.skills.targets import (
+    DEFAULT_TWIST,
+    BrickGrip,
+    lever_reaches_below,
+    pick_targets,
+)
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath, skill_postures
+from planning.steps.skill_scene import ResolvedSkill
 from planning.transforms import from_rpy, translation
 
 APART = 2
@@ -54,6 +72,7 @@ def stations(
     kinds: Sequence[BrickType],
     *,
     far: bool,
+    stays_free: Callable[[Station], bool] = lambda _: True,
 ) -> list[Station]:
     """Return a station for each type on a robot's side of the plate.
 
@@ -66,6 +85,7 @@ def stations(
         structure: where the structure will be; nothing comes near.
         kinds: the types.
         far: on the side of the plate's greatest x, turned by half a turn against the other side.
+        stays_free: tells whether what is built leaves room to pick there.
 
     Raises:
         ScenarioError: there is no room within reach for one of them.
@@ -76,7 +96,7 @@ def stations(
             room = station.span.widened(APART)
             if any(room.shares_studs(other.span) for other in out):
                 continue
-            if _reaches(robot, plate, station):
+            if _reaches(robot, plate, station) and stays_free(station):
                 out.append(station)
                 break
         else:
@@ -122,6 +142,43 @@ def _reaches(robot: PlacedRobot, plate: Plate, station: Station) -> bool:
 STUDS = 48
 """Studs of the plate along x and y."""
 
+_WIDER = (56, 64)
+"""Studs along x of the plates for models that would stand in the way of picks at their stations."""
+
+
+class _Finished:
+    """Picks at stations once a model stands.
+
+    Args:
+        robots: of the cell.
+        plate: of the model.
+        structure: the bricks of the model in their places.
+    """
+
+    def __init__(
+        self,
+        robots: tuple[PlacedRobot, ...],
+        plate: Plate,
+        structure: Sequence[LegoStep],
+    ) -> None:
+        self._robots, self._plate = robots, plate
+        self._steps = tuple(structure)
+        self._twist = dict(DEFAULT_TWIST)
+
+    def stays_free(self, robot: str, station: Station) -> bool:
+        """Tell whether a robot picks at a station with every grip beside the finished model."""
+        stock = (StockBrick("station", station.brick, station.cell, station=True),)
+        assembly = LegoAssembly(self._plate, stock, self._steps, self._twist)
+        objects, plate = stock_objects(assembly), plate_fixture(self._plate)
+        cell = Workcell(self._robots, (plate,), objects, Clearances())
+        skills = BrickSkills(BrickWorld(cell, assembly))
+        for press in presses(station.brick):
+            found = skills.pick(robot, "station", grasp_number(press))
+            if not isinstance(found, ResolvedSkill) or skills.latest(found) is not None:
+                return False
+        return True
+
+
 _MODEL = "gp4"
 _BASE_Z = 0.9246
 _PLATE = (0.44, 0.0, 1.1145)
@@ -148,37 +205,73 @@ def model_cell(model: BrickModel) -> dict[str, Any]:
             f"the model covers {wide} x {deep} studs; {_MOST_WIDE} x {STUDS} fit between the"
             " feeding stations of the plate"
         )
-    corner = (STUDS - wide) // 2, (STUDS - deep) // 2
-    plate = Plate(translation(*_PLATE), (STUDS, STUDS))
-    span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
-    arm = robot_model(_MODEL)
-    robots, stock = [], list[dict[str, Any]]()
+    arm, robots = robot_model(_MODEL), list[PlacedRobot]()
     for name, x, yaw in _ROBOTS:
-        xyz = [x, 0.0, _BASE_Z]
-        base = {"xyz_m": xyz, "rpy_deg": [0, 0, yaw]}
-        robots.append({"name": name, "model": _MODEL, "base": base})
-        pose = from_rpy(xyz, (0.0, 0.0, np.radians(yaw)))
-        robot = PlacedRobot(name, arm, pose, arm.home)
-        for station in stations(robot, plate, span, list(model.kinds), far=x > 0.0):
+        pose = from_rpy([x, 0.0, _BASE_Z], (0.0, 0.0, np.radians(yaw)))
+        robots.append(PlacedRobot(name, arm, pose, arm.home))
+    plain = _content(model, tuple(robots), STUDS, free=False)
+    for studs in (STUDS, *_WIDER):
+        with suppress(ScenarioError):
+            return _content(model, tuple(robots), studs, free=True)
+    # Where no plate leaves room for ever, the stations stand as near as can be.
+    return plain
+
+
+def _content(
+    model: BrickModel, robots: tuple[PlacedRobot, ...], studs: int, *, free: bool
+) -> dict[str, Any]:
+    """Return the content of a scenario with a plate so wide.
+
+    Raises:
+        ScenarioError: there is no room for the feeding stations; or, where picks are to stay free
+            beside the finished model, they would not.
+    """
+    wide, deep, _ = model.size
+    corner = (studs - wide) // 2, (STUDS - deep) // 2
+    plate = Plate(translation(*_PLATE), (studs, STUDS))
+    span = GridSpan(corner[0], corner[0] + wide, corner[1], corner[1] + deep, 0, 1)
+    placed = [
+        LegoStep(
+            i.brick, replace(i.cell, x=i.cell.x + corner[0], y=i.cell.y + corner[1])
+        )
+        for i in model.bricks
+    ]
+    finished, stock = _Finished(robots, plate, placed), list[dict[str, Any]]()
+    for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
+        stays_free = partial(finished.stays_free, name) if free else lambda _: True
+        kinds = list(model.kinds)
+        for station in stations(
+            robot, plate, span, kinds, far=x > 0.0, stays_free=stays_free
+        ):
             stock += _stock(name, station)
+    listed = [
+        {
+            "name": name,
+            "model": _MODEL,
+            "base": {"xyz_m": [x, 0.0, _BASE_Z], "rpy_deg": [0, 0, yaw]},
+        }
+        for name, x, yaw in _ROBOTS
+    ]
     return {
-        "cell": {"robots": robots, "fixtures": [_TABLE]},
+        "cell": {"robots": listed, "fixtures": [_TABLE]},
         "assembly": {
             "kind": "lego",
-            "plate": {"pose": {"xyz_m": list(_PLATE)}, "studs": [STUDS, STUDS]},
+            "plate": {"pose": {"xyz_m": list(_PLATE)}, "studs": [studs, STUDS]},
             "structure": structure_content(model, corner),
             "stock": stock,
         },
     }
 
 
-def fitted(model: BrickModel) -> BrickModel:
-    """Return a model as it fits between the stations, with a note where it had to be turned."""
-    turned = model.quarter_turned()
-    if _fits(model) or not _fits(turned):
-        return model
-    note = "the model is turned by a quarter turn, to fit between the feeding stations"
-    return replace(turned, notes=(*model.notes, note))
+def orientations(model: BrickModel) -> list[BrickModel]:
+    """Return a model as it is, and turned by a quarter turn with a note of why, as far as they fit.
+
+    Where neither fits between the stations, it is the model as it is.
+    """
+    why = "reach of the arms" if _fits(model) else "room between the feeding stations"
+    note = f"the model is turned by a quarter turn, for {why}"
+    turned = replace(model.quarter_turned(), notes=(*model.notes, note))
+    return [item for item in (model, turned) if _fits(item)] or [model]
 
 
 def _fits(model: BrickModel) -> bool:
