@@ -213,6 +213,7 @@ def test_a_full_disk_is_a_failed_run(
     done = full(limit, command(plan, out))
     assert done.exit_code in (1, 2), done.stderr
     assert isinstance(done.exception, SystemExit)
+    assert "Traceback" not in done.stderr
     assert "File too large" in done.stderr
     assert not (out / "summary.json").exists()
     if (out / "manifest.json").exists() and (out / "plan.npz").exists():
@@ -250,3 +251,4 @@ def test_a_study_on_a_full_disk_has_failed(whole: Path, tmp_path: Path) -> None:
     assert done.exit_code == 1, done.stderr
     assert "File too large" in done.stderr
     assert isinstance(done.exception, SystemExit)
+    assert "Traceback" not in done.stderr
