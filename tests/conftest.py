@@ -11,6 +11,7 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 
 if TYPE_CHECKING:
+    from tests.planned_once import PlannedOnce
     from tests.shipped_runs import ShippedRuns
 
 
@@ -81,3 +82,11 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> ShippedRuns:
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
     return ShippedRuns(folder / "shipped")
+
+
+@pytest.fixture(scope="session")
+def planned_once() -> PlannedOnce:
+    """Return what plans the motions of any scenario once."""
+    from tests.planned_once import PlannedOnce
+
+    return PlannedOnce()

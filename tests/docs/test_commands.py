@@ -6,28 +6,24 @@ writes the next may read. Blocks marked as a file are what the reader types into
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from tests.planned_once import PlannedOnce
 from twin.cli import app
-from twin.host.progress import StageWatch
-from twin.planning.kind import PlannedMotions
-from twin.planning.pipeline import plan_motions
-from twin.scenario.sections.scenario import Scenario, resolved
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md")]
 )
 _BLOCK = re.compile(
-    r"(<!-- (?P<mark>expensive|story) -->\n)?```console\n(?P<body>.*?)```", re.DOTALL
+    r"(<!-- (?P<mark>expensive|nightly|story) -->\n)?```console\n(?P<body>.*?)```",
+    re.DOTALL,
 )
 _PIECE = re.compile(
     r"<!-- file: (?P<name>\S+) -->\n```yaml\n(?P<body>.*?)```", re.DOTALL
@@ -70,7 +66,11 @@ def pieces(page: Path) -> dict[str, str]:
 
 TWIN = [c for c in COMMANDS if c.line.startswith("twin ")]
 CHEAP = [c for c in TWIN if c.mark is None]
-EXPENSIVE = [c for c in TWIN if c.mark == "expensive"]
+LONGER = [
+    pytest.param(c, marks=getattr(pytest.mark, c.mark))
+    for c in TWIN
+    if c.mark in ("expensive", "nightly")
+]
 STORIES = {
     page.stem: [c for c in TWIN if c.page == page and c.mark == "story"]
     for page in dict.fromkeys(c.page for c in TWIN if c.mark == "story")
@@ -80,28 +80,10 @@ LONG = ("tutorial-wall",)
 """Pages whose stories are for the night: they plan the wall for three teams."""
 
 
-_PLANNED: dict[str, tuple[PlannedMotions, dict[str, float]]] = {}
-"""Motions by all of a scenario that they follow from, and how long each stage took."""
-
-
 @pytest.fixture(autouse=True)
-def _plans_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def _plans_once(planned_once: PlannedOnce, monkeypatch: pytest.MonkeyPatch) -> None:
     """Plan the motions of a scenario once for all commands, however it is then executed."""
-
-    def planned(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:
-        content = resolved(scenario)
-        execution = content.pop("execution")
-        skills = [execution[key] for key in ("skills", "skill_overrides")]
-        key = json.dumps([content, skills, str(folder.resolve())])
-        if key not in _PLANNED:
-            found = plan_motions(scenario, folder, watch)
-            _PLANNED[key] = found, dict(watch.seconds)
-        motions, seconds = _PLANNED[key]
-        watch.seconds.update(seconds)
-        return motions
-
-    for name in ("twin.trial.planning", "twin.study.plans"):
-        monkeypatch.setattr(import_module(name), "plan_motions", planned)
+    planned_once.take_over(monkeypatch)
 
 
 def arguments(line: str, logs: Path | None) -> list[str]:
@@ -123,7 +105,7 @@ def test_the_pages_have_commands() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    [*CHEAP, *(pytest.param(c, marks=pytest.mark.expensive) for c in EXPENSIVE)],
+    [*CHEAP, *LONGER],
     ids=str,
 )
 def test_command_runs(

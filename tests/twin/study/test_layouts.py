@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import twin
 from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
 from scheduling.graph.plan_files import plan_sha256
+from tests.planned_once import PlannedOnce
 from twin.cli import app
 from twin.study.replications.statistics import Experiment, Precision, mean_interval
 from twin.study.report.report import shown_cell
@@ -23,16 +25,28 @@ PICK = "skills.pick.scale"
 COUNT = 60
 
 
+@pytest.fixture(autouse=True)
+def _plans_once(planned_once: PlannedOnce, monkeypatch: pytest.MonkeyPatch) -> None:
+    planned_once.take_over(monkeypatch)
+
+
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> twin.Study:
-    return twin.study(
-        "tray",
-        {X: [0.75, 1.4, 0.65], PICK: [1, 3]},
-        replications=COUNT,
-        policies=["sequential", "asynchronous"],
-        workers=0,
-        out=tmp_path_factory.mktemp("layouts") / "study",
-    )
+def study(
+    planned_once: PlannedOnce, tmp_path_factory: pytest.TempPathFactory
+) -> twin.Study:
+    with pytest.MonkeyPatch.context() as patch:
+        planned_once.take_over(patch)
+        # What the report has of each cell is looked at elsewhere, and takes long to draw.
+        report = import_module("twin.study.report.report")
+        patch.setattr(report, "_cell", lambda *_: iter(()))
+        return twin.study(
+            "tray",
+            {X: [0.75, 1.4, 0.65], PICK: [1, 3]},
+            replications=COUNT,
+            policies=["sequential", "asynchronous"],
+            workers=0,
+            out=tmp_path_factory.mktemp("layouts") / "study",
+        )
 
 
 def makespans(study: twin.Study, **wanted: object) -> Array:

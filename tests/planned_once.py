@@ -1,0 +1,41 @@
+"""Motions of scenarios, planned once for all tests of a process that ask for that."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from twin.host.progress import StageWatch
+from twin.planning.kind import PlannedMotions
+from twin.planning.pipeline import plan_motions
+from twin.scenario.sections.scenario import Scenario, resolved
+
+
+class PlannedOnce:
+    """Plans the motions of a scenario at the first call, however it is then executed."""
+
+    def __init__(self) -> None:
+        self._planned: dict[str, tuple[PlannedMotions, dict[str, float]]] = {}
+
+    def __call__(
+        self, scenario: Scenario, folder: Path, watch: StageWatch
+    ) -> PlannedMotions:
+        """Return the motions, with the time that each stage took in the watch."""
+        content = resolved(scenario)
+        execution = content.pop("execution")
+        skills = [execution[key] for key in ("skills", "skill_overrides")]
+        key = json.dumps([content, skills, str(folder.resolve())])
+        if key not in self._planned:
+            found = plan_motions(scenario, folder, watch)
+            self._planned[key] = found, dict(watch.seconds)
+        motions, seconds = self._planned[key]
+        watch.seconds.update(seconds)
+        return motions
+
+    def take_over(self, patch: pytest.MonkeyPatch) -> None:
+        """Let runs and studies ask here."""
+        for name in ("twin.trial.planning", "twin.study.plans"):
+            patch.setattr(import_module(name), "plan_motions", self)
