@@ -56,10 +56,12 @@ class ToolGrip:
         opening: least and largest distance of the fingers, along the y axis of the tool frame;
             None for suction [m].
         tool: name of the tool, for messages.
+        force: with which either finger presses on what it holds; None where nobody says [N].
     """
 
     opening: tuple[float, float] | None = None
     tool: str = "tool"
+    force: float | None = None
 
     @property
     def suction(self) -> bool:

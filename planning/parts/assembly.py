@@ -195,6 +195,11 @@ class PartAssembly:
         return self.own.get(part, self.usual)
 
     @property
+    def friction(self) -> float:
+        """Coefficient of friction of all that touches."""
+        return (self.balance or StandingRules()).friction
+
+    @property
     def frame(self) -> str:
         """Name of the tool frame with which all parts are gripped."""
         return self.usual.grips.frame

@@ -11,8 +11,14 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
+from planning.grips.friction import firm_grips
 from planning.grips.grip import Grip
-from planning.grips.tool_grips import beyond_part, overload, own_grips, why_no_grip
+from planning.grips.tool_grips import (
+    beyond_part,
+    overload,
+    own_grips,
+    why_no_grip,
+)
 from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Process, Work
 from planning.parts.balance import stand_of_all
 from planning.parts.part_skills import PartSkills, SkillTry, process_targets
@@ -42,6 +48,7 @@ from planning.tasks.assignment import (
     PrimaryCandidate,
     SupportCandidate,
 )
+from planning.transforms import Transform
 
 _MOST_HOLDS = 8
 """Ways to hold a part that are kept for each robot."""
@@ -174,7 +181,12 @@ class PartCollector(CandidateCollector):
             return
         skills = self._skills(tools)
         own = self._own_grips(
-            number, f"{name} grips {part}", robot, step.part, step.grips
+            number,
+            f"{name} grips {part}",
+            robot,
+            step.part,
+            step.grips,
+            (step.part.start, step.place),
         )
         for k, grip in own.items():
             words = grip.words
@@ -202,13 +214,18 @@ class PartCollector(CandidateCollector):
         robot: PlacedRobot,
         part: CellObject,
         grips: list[Grip],
+        poses: Sequence[Transform],
     ) -> dict[int, Grip]:
-        """Return the grips of a robot's tool by number; note why there are none."""
+        """Return the grips of a robot's tool by number; note why there are none.
+
+        Where friction holds the part at some of them, wherever it is, at these alone.
+        """
         own = dict(own_grips(robot, grips))
         if not own:
             rules = self._assembly.handling(part.name).grips
             self.reject(number, what, why_no_grip(robot, part.shape, rules))
-        return own
+        frame, friction = self._assembly.frame, self._assembly.friction
+        return firm_grips(robot, part, own, frame, poses, friction)
 
     def _add(
         self, item: Candidate, tries: tuple[SkillTry, ...], *paths: SkillPath
@@ -279,7 +296,8 @@ class PartCollector(CandidateCollector):
         held = step.held
         assert held is not None
         tools, words = mounted_tool(robot), f"{robot.name} holds {held.part.name}"
-        own = self._own_grips(number, words, robot, held.part, held.grips)
+        lies = (held.pose,)
+        own = self._own_grips(number, words, robot, held.part, held.grips, lies)
         skills = self._skills(tools)
         count = 0
         for k in (k for k in far_first(step) if k in own):

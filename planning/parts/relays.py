@@ -16,6 +16,7 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, Fixture, PlacedRobot, Workcell
 from planning.contacts.touching import near_to, standing
+from planning.grips.friction import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import overload, robot_grips
 from planning.kinematics.kinematics import inverse_kinematics
@@ -228,7 +229,11 @@ class _Passing:
             if heavy or not step.step.done_by(robot.name):
                 continue
             count = 0
-            for grip in robot_grips(robot, step.part.shape, at, at, self._ways.grips):
+            found = robot_grips(robot, step.part.shape, at, at, self._ways.grips)
+            frame, friction = self._assembly.frame, self._assembly.friction
+            own = dict(enumerate(found))
+            firm = firm_grips(robot, step.part, own, frame, (at,), friction)
+            for grip in firm.values():
                 if self._skills.misfit(robot, step.part, grip) is not None:
                     continue
                 end = _end(skill, robot, step, grip)

@@ -10,7 +10,7 @@ from typing import Any
 
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.fits import KnownFit, known_fits
-from twin.check.holds import check_holds, check_pads
+from twin.check.holds import check_friction, check_holds, check_pads
 from twin.check.lying import (
     check_balance,
     check_centres,
@@ -62,6 +62,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_openings,
     check_pads,
     check_holds,
+    check_friction,
     check_payloads,
     check_suction,
     check_efforts,

@@ -8,12 +8,20 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot
+from planning.grips.friction import load_on_pads
 from planning.grips.grip import GripRules
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import not_held, robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart
 from planning.transforms import Transform
-from twin.check.finding import Finding, Findings, OrderedParts, Subject, of_parts
+from twin.check.finding import (
+    Finding,
+    Findings,
+    OrderedParts,
+    Subject,
+    millimetres,
+    of_parts,
+)
 from twin.check.tools import finger_gap, has_fingers
 
 
@@ -69,6 +77,38 @@ def _missed(
             return ""
         first = first or words
     return first
+
+
+@of_parts
+def check_friction(subject: Subject, parts: OrderedParts) -> Findings:
+    """Yield parts that slip, or turn about the axis of the pads, by whatever grip a tool holds them.
+
+    Looked at where the tool says with which force it closes.
+    """
+    assembly = parts.listed
+    for name in dict.fromkeys(assembly.placed):
+        part, rules = subject.cell.object(name), assembly.handling(name).grips
+        for robot in {r.model: r for r in _placing(subject, assembly, name)}.values():
+            loads = []
+            for pose in (part.start, assembly.goals[name]):
+                of = assembly.frame, pose, assembly.friction
+                grips = robot_grips(robot, part.shape, pose, pose, rules)
+                found = (load_on_pads(robot, part, grip, *of) for grip in grips)
+                known = [load for load in found if load is not None]
+                if known:
+                    loads.append(min(known, key=lambda load: load.share))
+            worst = max(loads, key=lambda load: load.share, default=None)
+            if worst is None or worst.share <= 1.0 or robot.model.grip is None:
+                continue
+            grip = robot.model.grip
+            yield Finding(
+                subject.robot_at(robot.name, "tool", "model"),
+                f"the pads of {grip.tool} hold {name} ({part.mass:g} kg) at best {millimetres(worst.lever)} beside"
+                f" its centre of mass: {worst.force:.3g} N pull along them and {worst.torque:.3g} Nm turn it about"
+                f" their axis; friction bears {worst.most_force:.3g} N or {worst.most_torque:.3g} Nm (force_n"
+                f" {grip.force:g}, balance.friction {assembly.friction:g}): hold it nearer to its centre of mass,"
+                " or with more force or larger pads",
+            )
 
 
 @of_parts

@@ -106,6 +106,8 @@ def write_options(root: Element, options: UrdfOptions) -> None:
         if options.grip.opening is not None:
             least, most = options.grip.opening
             grip.set("opening_m", f"{least!r} {most!r}")
+        if options.grip.force is not None:
+            grip.set("force_n", repr(float(options.grip.force)))
     for name, pose in (options.frames or {}).items():
         write_pose(SubElement(notes, "frame", name=name), pose)
 
@@ -141,10 +143,12 @@ def written_options(root: Element) -> UrdfOptions | None:
 
 def _grip(element: Element) -> ToolGrip:
     text, tool = element.get("opening_m"), element.get("tool", "tool")
+    force = element.get("force_n")
+    presses = None if force is None else number(force, "force_n of a <grip>")
     if text is None:
-        return ToolGrip(None, tool)
+        return ToolGrip(None, tool, presses)
     least, most = vector(text, "opening_m of a <grip>", 2)
-    return ToolGrip((least, most), tool)
+    return ToolGrip((least, most), tool, presses)
 
 
 _INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

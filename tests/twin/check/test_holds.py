@@ -11,9 +11,10 @@ import pytest
 
 from planning.errors import TwinError
 from planning.grips import tool_grips
+from planning.transforms import inverse
 from tests.planning.robots.descriptions.vendors import robotiq, ur5e
 from tests.twin.scenarios.executed import built
-from tests.twin.written import Change, checked, written
+from tests.twin.written import Change, checked, refusal, written
 from twin.scenario.manifest import load_scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import given_plan
@@ -181,3 +182,60 @@ def test_a_vendors_gripper_reaches_as_far_as_its_fingers(
     held = [item.message for item in found if "grips" in item.message]
     assert bool(held) == (words is not None), held
     assert words is None or words in held[0]
+
+
+BEAM = "a, size_m: [0.03, 0.03, 0.03]", "a, size_m: [0.24, 0.03, 0.03]"
+
+
+@pytest.mark.parametrize(
+    ("force", "centre", "words"),
+    [
+        (None, 0.08, None),
+        (20, 0.0, None),
+        (20, 0.08, "hold a (0.2 kg) at best 80.0 mm beside its centre of mass: 1.96 N pull along them and 0.157 Nm"),
+        (60, 0.08, None),
+        (2, 0.0, "1.96 N pull along them"),
+    ],
+)  # fmt: skip
+def test_what_friction_does_not_bear_is_warned_of(
+    force: float | None, centre: float, words: str | None, tmp_path: Path
+) -> None:
+    """A beam is gripped in its middle, and is heavier at one end; pads touch 20 by 15 mm of it."""
+    said = "" if force is None else f"\n      force_n: {force}"
+    changes = [
+        BEAM,
+        ("mass_kg: 0.2", f"mass_kg: 0.2, centre_of_mass_m: [{centre}, 0, 0]"),
+        ("opening_m: 0.07", f"opening_m: 0.07{said}"),
+    ]
+    found = checked(written(tmp_path, CELL, *changes)).findings
+    assert not any(item.error for item in found)
+    slips = [item.message for item in found if "friction bears" in item.message]
+    assert bool(slips) == (words is not None), slips
+    assert words is None or words in slips[0]
+
+
+def test_force_is_of_fingers(tmp_path: Path) -> None:
+    words = "force_n is of fingers: give opening_m as well"
+    assert words in str(refusal(tmp_path, CELL, ("opening_m: 0.07", "force_n: 40")))
+    assert "suction" in str(
+        refusal(tmp_path, CELL, ("suction: true", "suction: true\n      force_n: 4"))
+    )
+
+
+@pytest.mark.expensive
+def test_parts_are_gripped_where_friction_bears_them(tmp_path: Path) -> None:
+    """The arm reaches the near end with the least motion, and takes the heavy end all the same."""
+    changes = [
+        BEAM,
+        ("positions: 1", "positions: 5"),
+        ("mass_kg: 0.2", "mass_kg: 0.2, centre_of_mass_m: [0.1, 0, 0]"),
+        ("opening_m: 0.07", "opening_m: 0.07\n      force_n: 20"),
+    ]
+    for force, firm in (("\n      force_n: 20", True), ("", False)):
+        changes[3] = "opening_m: 0.07", f"opening_m: 0.07{force}"
+        tpg = built(tmp_path, CELL, *changes).tpg
+        (pick,) = [task for task in tpg.tasks if task.kind == "pick"]
+        (held,) = [h for h in pick.handlings if h.holder == "arm"]
+        model = tpg.cell.robot("arm").model
+        grip = inverse(held.pose) @ model.frames["tool"]
+        assert (abs(grip[0, 3] - 0.1) < 0.01) == firm, grip[:3, 3]

@@ -70,6 +70,8 @@ class ToolSection(Section):
         opening_m: farthest that its fingers open, or least and farthest; 0 for a tool that holds
             nothing. Without it, and without suction, what assembly.grips says holds.
         suction: whether it holds by suction, at one face.
+        force_n: with which either finger presses on what it holds; without it nobody looks whether
+            friction holds that.
         mass_kg: of all of it; default: what its description adds up to.
         frames: further frames by name, each a pose in the frame of its root link.
         rack: pose of its root link where it lies while no robot has it on it; for tools that are
@@ -85,11 +87,18 @@ class ToolSection(Section):
     closing: Literal["x", "y"] = "y"
     opening_m: Several[Opening] | Opening | None = None
     suction: bool = False
+    force_n: Annotated[float, Field(gt=0, le=1e6)] | None = None
     mass_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     rack: RackSection | None = None
 
-    not_both = (("opening_m", "suction"),)
+    not_both = (("opening_m", "suction"), ("force_n", "suction"))
+
+    @model_validator(mode="after")
+    def _presses(self) -> ToolSection:
+        if self.force_n is not None and not self.opening_m:
+            raise ValueError("force_n is of fingers: give opening_m as well")
+        return self
 
     @model_validator(mode="after")
     def _something(self) -> ToolSection:
@@ -120,7 +129,9 @@ class ToolSection(Section):
     def grip(self, name: str) -> ToolGrip | None:
         """Return how the tool holds, under its name; None where nothing is said."""
         opening = self.opening
-        return ToolGrip(opening, name) if self.suction or opening is not None else None
+        if not self.suction and opening is None:
+            return None
+        return ToolGrip(opening, name, self.force_n)
 
 
 class LimitsSection(Section):

@@ -1,0 +1,234 @@
+"""Whether friction holds what two pads press on: its weight, and its torque about their axis.
+
+Each pad presses with the force with which the tool closes, evenly on where it touches the part.
+Friction there bears what pulls the part along the pads, and what turns it about the axis between
+them; of both at once, the sum of the squares of the shares is one where it begins to slip (the
+limit surface of a patch of contact, taken for an ellipsoid).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from planning.cell.robot_model import RobotModel
+from planning.cell.shape import Shape
+from planning.cell.workcell import CellObject, PlacedRobot
+from planning.files import KeptAnswers
+from planning.grips.grip import Grip
+from planning.grips.pads import Pads, finger_sides, pads_at
+from planning.kinematics.kinematics import frame_in_last_joint
+from planning.statics.contact_patch import contact_patch
+from planning.transforms import Array, Transform, inverse, translation
+
+GRAVITY = 9.81
+"""Of what is held [m/s^2]."""
+
+_TOUCHES = 2e-4
+"""Bodies of a pad and pieces of a part that are nearer to each other than this touch [m]."""
+
+_SQUARE = 0.7
+"""Pads press where faces are turned to the closing direction by no more than the angle of this cosine."""
+
+_CELLS = 12
+"""Patches are measured in so many cells along either edge of the box around them."""
+
+
+@dataclass(frozen=True)
+class PadLoad:
+    """What two pads have to bear, and what friction bears.
+
+    Attributes:
+        lever: how far the centre of mass is beside the axis of the pads, where gravity turns
+            the part about it [m].
+        force, torque: of the weight on them: along the pads [N], about their axis [N m].
+        most_force, most_torque: that friction bears, each alone.
+    """
+
+    lever: float
+    force: float
+    torque: float
+    most_force: float
+    most_torque: float
+
+    @property
+    def share(self) -> float:
+        """Share of what friction bears that the weight takes; above 1 the part slips or turns."""
+        pull = self.force / self.most_force
+        if self.torque <= 1e-9:
+            return pull
+        return math.hypot(pull, self.torque / max(self.most_torque, 1e-12))
+
+
+def pad_load(
+    model: RobotModel,
+    tip: Transform,
+    shape: Shape,
+    grip: Transform,
+    pads: Pads,
+    *,
+    mass: float,
+    up: Array,
+    closing_force: float,
+    friction: float,
+) -> PadLoad | None:
+    """Return what two pads that hold a part have to bear, None where they do not touch it.
+
+    Args:
+        model: of the robot, with its tool.
+        tip: pose of the tool frame in the last joint's frame.
+        shape: of the part.
+        grip: pose of the tool frame in the part's.
+        pads: how they come to it.
+        mass: of the part [kg].
+        up: direction against gravity in the part's frame, shape (3,).
+        closing_force: with which either pad presses on it [N].
+        friction: coefficient of it.
+    """
+    sides = finger_sides(model, tip)
+    if sides is None:
+        return None
+    at, axis = grip @ inverse(tip), grip[:3, 1]
+    middles, radii = [], []
+    for bodies, pad, sign in zip(sides, pads.sides, (-1.0, 1.0), strict=True):
+        if pad.way is None:
+            return None
+        closed = translation(*(pad.way * sign * axis).tolist()) @ at
+        points = [np.empty((0, 3))]
+        for body in bodies:
+            for piece in shape.pieces:
+                patch = contact_patch(body, closed, piece, np.eye(4))
+                square = abs(float(patch.normal @ axis)) >= _SQUARE
+                if square and abs(patch.gap) <= _TOUCHES:
+                    points.append(patch.points)
+        touched = np.vstack(points)
+        if not len(touched):
+            return None
+        # As seen along the axis of the pads: across and depth of the tool frame.
+        middle, radius = _middle_and_radius(touched @ grip[:3, [0, 2]])
+        middles.append(middle)
+        radii.append(radius)
+    weight = mass * GRAVITY
+    pull = weight * (up @ grip[:3, [0, 2]])
+    arm = shape.centre_of_mass @ grip[:3, [0, 2]] - 0.5 * (middles[0] + middles[1])
+    torque = abs(float(arm[0] * pull[1] - arm[1] * pull[0]))
+    force = float(np.linalg.norm(pull))
+    return PadLoad(
+        torque / force if force > 1e-9 else 0.0,
+        force,
+        torque,
+        2.0 * friction * closing_force,
+        friction * closing_force * (radii[0] + radii[1]),
+    )
+
+
+def _middle_and_radius(points: Array) -> tuple[Array, float]:
+    """Return the centre of the convex hull of points of a plane, and the mean distance of it from there.
+
+    Args:
+        points: shape (p, 2) [m].
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    steps = (np.arange(_CELLS) + 0.5) / _CELLS
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    cells = low + grid * (high - low)
+    try:
+        planes = ConvexHull(points).equations
+        inside = (planes[:, :2] @ cells.T + planes[:, 2:] <= 1e-12).all(axis=0)
+        cells = cells[inside] if inside.any() else points
+    except QhullError:  # a line, or a point
+        ends = points[
+            [
+                int(np.argmin(points @ (high - low))),
+                int(np.argmax(points @ (high - low))),
+            ]
+        ]
+        cells = ends[0] + steps[:, None] * (ends[1] - ends[0])
+    middle = cells.mean(axis=0)
+    return middle, float(np.linalg.norm(cells - middle, axis=1).mean())
+
+
+_LOADS: KeptAnswers[PadLoad | Literal[""]] = KeptAnswers(20_000)
+
+
+def load_on_pads(
+    robot: PlacedRobot,
+    part: CellObject,
+    grip: Grip,
+    frame: str,
+    pose: Transform,
+    friction: float,
+) -> PadLoad | None:
+    """Return what pads that hold a part somewhere have to bear.
+
+    Args:
+        robot: the robot.
+        part: the part.
+        grip: the grip.
+        frame: name of the tool frame.
+        pose: of the part in the world.
+        friction: coefficient of that of pads and part.
+
+    Returns:
+        None where nobody says how heavy it is or with which force the tool closes, or where its
+        pads do not touch it.
+    """
+    model, shape = robot.model, part.shape
+    force = None if model.grip is None else model.grip.force
+    if force is None or part.mass <= 0.0:
+        return None
+    tip = frame_in_last_joint(model, frame)
+    up = pose[2, :3]
+
+    def find() -> PadLoad | Literal[""]:
+        pads = pads_at(model, tip, shape, grip.pose)
+        if pads is None:
+            return ""
+        load = pad_load(
+            model,
+            tip,
+            shape,
+            grip.pose,
+            pads,
+            mass=part.mass,
+            up=up,
+            closing_force=force,
+            friction=friction,
+        )
+        return load or ""
+
+    at = tip.tobytes(), grip.pose.tobytes(), up.tobytes()
+    return _LOADS.get((model, shape, part.mass, friction, *at), find) or None
+
+
+def firm_grips(
+    robot: PlacedRobot,
+    part: CellObject,
+    grips: Mapping[int, Grip],
+    frame: str,
+    poses: Sequence[Transform],
+    friction: float,
+) -> dict[int, Grip]:
+    """Return those grips of a robot's tool at which friction holds a part; all if there are none.
+
+    Args:
+        robot: the robot.
+        part: the part.
+        grips: of its tool, by number.
+        frame: name of the tool frame.
+        poses: of the part in the world.
+        friction: coefficient of that of pads and part.
+    """
+
+    def firm(grip: Grip) -> bool:
+        loads = (
+            load_on_pads(robot, part, grip, frame, pose, friction) for pose in poses
+        )
+        return all(load is None or load.share <= 1.0 for load in loads)
+
+    return {k: grip for k, grip in grips.items() if firm(grip)} or dict(grips)
