@@ -86,17 +86,9 @@ def _wrong(
         detail = f"is {width * 1e3:.2f} mm wide between the fingers of {grip.tool},"
         detail += f" which open to {hand.opening * 1e3:.2f} mm"
         return width - hand.opening, detail
-    wanted = case.wanted
-    holds = grip is None or grip.opening != (0.0, 0.0)
-    if wanted.gripped_at is not None and holds:
-        at = hand.frames.get(wanted.gripped_at, np.eye(4))
-        grasp = _Grasp(case.world, hand.shapes, flange @ at, held, pose)
-        tool = robot if grip is None else grip.tool
-        if grip is not None and grip.suction:
-            return grasp.off_cup(tool)
-        suction = grip is None and name in wanted.by_suction
-        if not suction and (sides := grasp.sides()) is not None:
-            return grasp.off_pads(sides, tool)
+    told = as_shaped(case, hand, robot, flange, name, pose)
+    if told is not None:
+        return None if told == RIGHT else told
     gap, nearest = min(
         (case.world.distance(part, own, FAR), part.detail)
         for part in hand.shapes
@@ -108,6 +100,46 @@ def _wrong(
     detail = f"is held {gap * 1e3:.2f} mm away from {nearest}"
     detail += f", which closes by {closing * 1e3:.2f} mm" if closing else ""
     return gap, detail
+
+
+RIGHT = (0.0, "")
+"""Of a hold at which nothing is wrong."""
+
+
+def as_shaped(
+    case: AuditCase,
+    hand: Hand,
+    robot: str,
+    flange: Transform,
+    name: str,
+    pose: Transform,
+) -> tuple[float, str] | None:
+    """Return by how much pads or a cup do not hold an object, and in what words [m].
+
+    Args:
+        case: what was executed.
+        hand: of a robot, where it is.
+        robot: its name.
+        flange: pose of its flange in the world.
+        name: of the object.
+        pose: of that in the world.
+
+    Returns:
+        ``RIGHT`` where they hold it; None where the shapes of the tool do not tell.
+    """
+    wanted, grip = case.wanted, hand.grip
+    if wanted.gripped_at is None or (grip and grip.opening == (0.0, 0.0)):
+        return None
+    at = hand.frames.get(wanted.gripped_at, np.eye(4))
+    held = case.put(name, pose)
+    grasp = _Grasp(case.world, hand.shapes, flange @ at, held, pose)
+    tool = robot if grip is None else grip.tool
+    if grip is not None and grip.suction:
+        return grasp.off_cup(tool) or RIGHT
+    sides = grasp.sides()
+    if sides is None or (grip is None and name in wanted.by_suction):
+        return None
+    return grasp.off_pads(sides, tool) or RIGHT
 
 
 def _width(item: CellObject, hand: Hand, held: Transform) -> float:

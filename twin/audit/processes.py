@@ -197,4 +197,5 @@ def _held(case: AuditCase, part: str, done: _DoneProcess) -> Iterator[Violation]
         detail = "is not held meanwhile by another robot that stands still"
         if hand.gap < FAR:
             detail += f": the nearest is {hand.gap * 1e3:.2f} mm away"
+            detail += f", of which it {hand.loose}" if hand.loose else ""
         yield Violation(*span, part, done.robot, 0.0, detail, "support")

@@ -14,6 +14,7 @@ import numpy as np
 from planning.tasks.task import Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase
+from twin.audit.grips import RIGHT, as_shaped
 from twin.audit.motion.executed import Stay
 from twin.audit.places import taken
 from twin.audit.violation import Violation
@@ -60,6 +61,7 @@ def support_violations(case: AuditCase) -> Iterator[Violation]:
                     f"of those who stand still meanwhile, {hand.robot} is nearest to"
                 )
                 detail += f" an object, {gap * 1e3:.2f} mm away"
+                detail += f", which {hand.loose}" if hand.loose else ""
             detail = f"is put down without its support: {detail}"
             yield Violation(*span, stay.object, hand.robot, gap, detail, "support")
 
@@ -92,16 +94,23 @@ class NearestHand:
         robot: whose; ``"nobody"`` where nobody stands still.
         gap: how far it is from the nearest of them; ``FAR`` where there is none [m].
         closing: by how much its fingers close on that [m].
+        loose: what is wrong with how it holds that; empty where it does, or nothing tells.
     """
 
     robot: str = "nobody"
     gap: float = FAR
     closing: float = 0.0
+    loose: str = ""
+
+    @property
+    def before(self) -> tuple[bool, float]:
+        """Less for who holds it, then for who is nearer."""
+        return not self.is_near, self.gap - self.closing
 
     @property
     def is_near(self) -> bool:
         """Whether it holds the object."""
-        return self.gap <= SUPPORT + self.closing
+        return self.gap <= SUPPORT + self.closing and not self.loose
 
 
 def nearest_hand(
@@ -112,7 +121,8 @@ def nearest_hand(
 ) -> NearestHand:
     """Return whose tool is nearest to what rests, of those who stand still for some time.
 
-    Fingers that stand open close on the thinnest edge.
+    Fingers that stand open close on the thinnest edge. Pads and cups must hold an object as they do
+    one that they carry: who does comes before who is nearer.
 
     Args:
         case: what was executed.
@@ -126,6 +136,7 @@ def nearest_hand(
         if robot == besides or not rows.stands(*span):
             continue
         hand = case.hand(robot, span[0])
+        flange, loose = case.flange(robot, span[0]), dict[str, str]()
         for shape in case.world.objects:
             pose = resting.get(shape.entity)
             if pose is None:
@@ -133,8 +144,12 @@ def nearest_hand(
             case.world.place(shape, shape.at(pose))
             gap = min(case.world.distance(part, shape, FAR) for part in hand.shapes)
             closes = hand.closes_by(shape)
-            if gap - closes < found.gap - found.closing:
-                found = NearestHand(robot, gap, closes)
+            if gap <= SUPPORT + closes and shape.entity not in loose:
+                about = hand, robot, flange, shape.entity, pose
+                _, loose[shape.entity] = as_shaped(case, *about) or RIGHT
+            other = NearestHand(robot, gap, closes, loose.get(shape.entity, ""))
+            if other.before < found.before:
+                found = other
     return found
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, nnls
 
@@ -97,6 +97,7 @@ near = st.floats(-0.03, 0.03)
 HAND, TIP = hand()
 
 
+@settings(deadline=None)
 @given(
     st.booleans(),
     st.tuples(edge, edge, edge),

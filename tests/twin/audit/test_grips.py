@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import (
@@ -19,14 +22,16 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
-from planning.kinematics.kinematics import frame_pose
+from planning.grips.pads import pads_at
+from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, identity, inverse, translation
 from tests.twin.audit.audit_cell import HandWrittenRun
 from twin.audit.audit import audit_run
+from twin.audit.grips import _Grasp
 from twin.audit.wanted import Wanted
-from twin.audit.worlds.engines import ENGINES, Engine
+from twin.audit.worlds.engines import ENGINES, Engine, open_world
 
 TIPS = 0.15
 """Fingers end so far in front of the mount [m]."""
@@ -60,6 +65,7 @@ def cup(ring: bool = False) -> RobotModel:
     return robot_model("ur5e", None, Fitting(tool=tool))
 
 
+PEG = shape_of("part", [Element(Cylinder(0.008, 0.03), identity())])
 BLOCK = box_shape("part", (0.03, 0.03, 0.02))
 
 
@@ -181,3 +187,57 @@ def test_what_shapes_do_not_tell_is_measured_by_distance(tmp_path: Path) -> None
     assert len(found(tmp_path / "pads", mute, below)) == 1
     held = frozenset(["part"])
     assert found(tmp_path / "cup", mute, below, by_suction=held) == []
+
+
+near = st.floats(-0.02, 0.02)
+angle = st.floats(-np.pi, np.pi)
+
+
+@pytest.fixture(scope="module", params=ENGINES)
+def grasp(request: pytest.FixtureRequest) -> Iterator[Callable[[Transform], _Grasp]]:
+    """A hand and a round peg, as the audit measures them, with the peg anywhere in the hand."""
+    if request.param == "pybullet":
+        pytest.importorskip("pybullet")
+    model = hand()
+    robot = PlacedRobot("arm", model, np.eye(4), model.home)
+    part = CellObject("part", "part", PEG, np.eye(4))
+    world = open_world(Workcell((robot,), (), (part,)), request.param)
+    world.configure(0, model.home)
+    frame = frame_pose(robot, model.home, "tool")
+    tool = world.tool_shapes(0)
+    yield lambda at: _Grasp(world, tool, frame, world.objects, frame @ at)
+    world.close()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.tuples(near, near, near), st.tuples(angle, angle, angle))
+@example((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+@example((0.0, 0.02, 0.0), (1.0, 0.0, 0.0))
+def test_planning_and_audit_measure_the_same(
+    grasp: Callable[[Transform], _Grasp],
+    at: tuple[float, float, float],
+    turned: tuple[float, float, float],
+) -> None:
+    """They share neither bodies nor ways to measure; pieces of planning are polygons around round forms."""
+    pose = from_rpy(at, turned)
+    model = hand()
+    tip = frame_in_last_joint(model, "tool")
+    pads = pads_at(model, tip, PEG, inverse(pose))
+    audited = grasp(pose)
+    sides = audited.sides()
+    assert pads is not None
+    assert sides is not None
+    for pad, shapes, sign in zip(pads.sides, sides, (-1.0, 1.0), strict=True):
+        way, nearest = audited._closed(shapes, sign)
+        miss = audited._miss(*nearest, sign)
+        if pad.way is None:
+            gap = float(np.linalg.norm(pad.miss))
+            assert way is None or gap < 0.0009
+            assert np.linalg.norm(miss) == pytest.approx(gap, abs=3e-4)
+            if gap > 0.003:
+                assert miss == pytest.approx(pad.miss, abs=4e-3)
+        elif way is None:
+            assert np.linalg.norm(miss) < 0.0009
+        elif np.linalg.norm(miss) < 1e-4 and pad.way > -0.02:
+            # Where a rim is met, a little aside is a long way on.
+            assert way == pytest.approx(pad.way, abs=3e-3)
