@@ -29,7 +29,10 @@ from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, identity, inverse, translation
 from tests.twin.audit.audit_cell import HandWrittenRun
 from twin.audit.audit import audit_run
+from twin.audit.case import AuditCase
 from twin.audit.grips import _Grasp
+from twin.audit.motion.executed import read_recording
+from twin.audit.supports import nearest_hand
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import ENGINES, Engine, open_world
 
@@ -241,3 +244,28 @@ def test_planning_and_audit_measure_the_same(
         elif np.linalg.norm(miss) < 1e-4 and pad.way > -0.02:
             # Where a rim is met, a little aside is a long way on.
             assert way == pytest.approx(pad.way, abs=3e-3)
+
+
+@pytest.mark.parametrize(("x", "loose"), [(0.0, ""), (0.026, "1.00 mm beside it")])
+def test_who_holds_something_in_place_holds_it_by_its_pads(
+    x: float, loose: str, tmp_path: Path
+) -> None:
+    """A block that lies between the fingers of who stands still, and one that lies beside them."""
+    model = hand()
+    robot = PlacedRobot("arm", model, np.eye(4), model.home)
+    lies = frame_pose(robot, model.home, "tool") @ translation(x, 0.0, 0.0)
+    part = CellObject("part", "part", BLOCK, lies)
+    run = HandWrittenRun(Workcell((robot,), (), (part,)))
+    run.stand("arm", 2.0)
+    run.write(tmp_path)
+    recording = read_recording(tmp_path, run.cell)
+    world = open_world(run.cell)
+    for wanted in (Wanted(opening_m=0.5, gripped_at="tool"), Wanted(opening_m=0.5)):
+        case = AuditCase(world, run.tpg(), recording, wanted)
+        found = nearest_hand(case, (0.0, 2.0), "nobody", case.at())
+        told = wanted.gripped_at is not None
+        assert found.robot == "arm"
+        assert found.is_near == (not loose or not told)
+        assert (loose if told else "") in found.loose
+        assert bool(found.loose) == bool(loose and told)
+    world.close()
