@@ -55,14 +55,15 @@ execution:
 TCP = "tcp: {xyz_m: [0, 0, 0.12]}"
 CUP = "tool: hand", "tool: cup"
 
-PLANTED: dict[str, tuple[list[Change], str]] = {
-    "short of it": ([(TCP, "tcp: {xyz_m: [0, 0, 0.145]}")], "10.0 mm short of (depth)"),
-    "far short of it": ([(TCP, "tcp: {xyz_m: [0, 0, 0.178]}")], "43.0 mm short of (depth)"),
-    "beside it": ([(TCP, "tcp: {xyz_m: [0.035, 0, 0.12]}")], "10.0 mm beside (across)"),
-    "a little beside it": ([(TCP, "tcp: {xyz_m: [0.026, 0, 0.12]}")], "1.0 mm beside (across)"),
-    "off the middle": ([(TCP, "tcp: {xyz_m: [0, 0.003, 0.12]}")], "3.0 mm off the middle"),
-    "above the face": ([CUP, ("[0, 0, 0.1]}", "[0, 0, 0.103]}")], "cup ends 3.0 mm away from a"),
+PLANTED: dict[str, tuple[list[Change], str, str]] = {
+    "short of it": ([(TCP, "tcp: {xyz_m: [0, 0, 0.145]}")], "10.0 mm short of (depth)", "10.00 mm short of it (depth)"),
+    "far short of it": ([(TCP, "tcp: {xyz_m: [0, 0, 0.178]}")], "43.0 mm short of (depth)", "43.00 mm short of it (depth)"),
+    "beside it": ([(TCP, "tcp: {xyz_m: [0.035, 0, 0.12]}")], "10.0 mm beside (across)", "10.00 mm beside it (across)"),
+    "a little beside it": ([(TCP, "tcp: {xyz_m: [0.026, 0, 0.12]}")], "1.0 mm beside (across)", "1.00 mm beside it (across)"),
+    "off the middle": ([(TCP, "tcp: {xyz_m: [0, 0.003, 0.12]}")], "3.0 mm off the middle", "3.00 mm off the middle"),
+    "above the face": ([CUP, ("[0, 0, 0.1]}", "[0, 0, 0.103]}")], "cup ends 3.0 mm away from a", "3.00 mm away from the cup"),
 }  # fmt: skip
+"""What is written, and what check and planning say of it, and the audit."""
 
 SANE: dict[str, list[Change]] = {
     "as it is": [],
@@ -76,7 +77,7 @@ SANE: dict[str, list[Change]] = {
 @pytest.mark.parametrize("case", PLANTED)
 def test_what_no_pads_would_touch_is_refused(case: str, tmp_path: Path) -> None:
     """By the check and by planning, in the same words."""
-    changes, words = PLANTED[case]
+    changes, words, _ = PLANTED[case]
     file = written(tmp_path, CELL, *changes)
     report = checked(file)
     (finding,) = [
@@ -110,7 +111,7 @@ def test_the_audit_sees_what_planning_would_not_have_seen(
 ) -> None:
     """A planner that asks for no pads has its run, and the audit finds the grip in it."""
     monkeypatch.setattr(tool_grips, "why_not_held", lambda *_, **__: None)
-    changes, words = PLANTED[case]
+    changes, _, words = PLANTED[case]
     scenario = load_scenario(written(tmp_path, CELL, *changes))
     planned = plan_scenario(scenario, tmp_path)
     plan = given_plan(LoadedScenario(scenario, tmp_path), planned.tpg)
@@ -119,10 +120,7 @@ def test_the_audit_sees_what_planning_would_not_have_seen(
     trial = try_plan(plan, run, recording=False)
     grips = [v for v in trial.summary["audit"]["violations"] if v["kind"] == "grip"]
     assert grips
-    amount, _, direction = words.rpartition(" (")
-    number = next(word for word in amount.split() if word[0].isdigit())
-    assert all(f"{float(number):.2f} mm" in v["detail"] for v in grips)
-    assert all(direction in v["detail"] for v in grips) or "cup" in words
+    assert all(words in v["detail"] for v in grips), grips
     assert not trial.passed
 
 
