@@ -146,7 +146,7 @@ _WIDER = (56, 64)
 """Studs along x of the plates for models that would stand in the way of picks at their stations."""
 
 
-class _Finished:
+class Finished:
     """Picks at stations once a model stands.
 
     Args:
@@ -236,7 +236,7 @@ def _content(
         )
         for i in model.bricks
     ]
-    finished, stock = _Finished(robots, plate, placed), list[dict[str, Any]]()
+    finished, stock = Finished(robots, plate, placed), list[dict[str, Any]]()
     for robot, (name, x, _) in zip(robots, _ROBOTS, strict=True):
         stays_free = partial(finished.stays_free, name) if free else lambda _: True
         kinds = list(model.kinds)

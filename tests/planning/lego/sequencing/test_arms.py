@@ -9,10 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
-from planning.errors import InfeasibleStepError
-from planning.importers.brick_models.cell import model_cell
+from planning.errors import InfeasibleStepError, ScenarioError
+from planning.importers.brick_models.cell import (
+    Finished,
+    Station,
+    model_cell,
+    stations,
+)
 from planning.importers.brick_models.model import read_brick_list
-from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    Cell,
+    GridSpan,
+    LegoStep,
+    PlacedBrick,
+)
 from planning.lego.bricks.grid import presses, top_pose
 from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach
@@ -147,3 +158,42 @@ def test_only_grips_that_some_arm_reaches_are_offered() -> None:
     rules = SequencingRules(arms=ArmLimits(reaches))
     found = sequence_structure(_side_by_side(), rules=rules)
     assert [item.step.presses for item in found.sequence] == [(allowed,)] * 2
+
+
+def test_a_station_beside_a_high_wall_is_not_free_for_ever(
+    gate: tuple[Workcell, LegoSection],
+) -> None:
+    cell, section = gate
+    plate = build_lego(section).plate
+    station = Station(BRICKS["2x4"], Cell(2, 22, 1), None)
+    free = []
+    for high in (1, 11):
+        wall = [
+            LegoStep(BRICKS["2x4"], Cell(8, y, z))
+            for z in range(1, high + 1)
+            for y in range(10, 38, 4)
+        ]
+        free.append(Finished(cell.robots, plate, wall).stays_free("left", station))
+    assert free == [True, False]
+
+
+def test_stations_stand_where_picks_stay_free(
+    gate: tuple[Workcell, LegoSection],
+) -> None:
+    cell, section = gate
+    room = GridSpan(20, 28, 20, 28, 0, 1)
+    asked = cell.robots[0], build_lego(section).plate, room, [BRICKS["2x4"]]
+    (found,) = stations(*asked, far=False, stays_free=lambda s: s.cell.y > 30)
+    assert found.cell.y > 30
+    with pytest.raises(ScenarioError, match="no room for a feeding station"):
+        stations(*asked, far=False, stays_free=lambda _: False)
+
+
+@pytest.mark.nightly
+def test_a_house_of_396_bricks_can_be_built(tmp_path: Path) -> None:
+    cell, section = _cell_of(tmp_path, hollow_house(32, 44, 11))
+    # On the usual plate the walls would keep the arms from their stations.
+    assert section.plate.studs[0] > 48
+    found = buildable_sequence(section, cell, StageWatch())
+    assert found.done
+    assert len(found.found.sequence) == 396
