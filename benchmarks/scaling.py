@@ -1,14 +1,15 @@
 """Growth of planning and of what comes after it with the number of bricks.
 
-    python -m benchmarks.scaling [--label after] [BRICKS ...]
+    python -m benchmarks.scaling [--label after] [--shortcuts] [BRICKS ...]
 
 Builds a field of towers, twenty bricks a tower, of as many bricks as asked for (by default 25, 50,
 100, 200, 400 and 800) with two robots and four feeding stations, layer by layer over all towers.
 Each size is planned, executed, audited and written in a process of its own, after a small one has
 been there so that all kernels are compiled and loaded. Measured are processor seconds, all threads
-together, of every stage; shortcuts, which have a budget of their own, are left out. Exponents are
-fitted to the sizes from 100 on: a stage with exponent p takes 2^p times as long for twice the
-bricks. Writes benchmarks/results/scaling.md and .json, in which other labels stay.
+together, of every stage. Shortcuts are left out, or, with ``--shortcuts``, taken with the budget that
+is the default of so many bricks, and nothing is executed: then 96, 192, 384 and 768 bricks are planned.
+Exponents are fitted to the sizes from 100 on: a stage with exponent p takes 2^p times as long for
+twice the bricks. Writes benchmarks/results/scaling.md and .json, in which other labels stay.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +42,13 @@ from planning.motion.sequential import plan_sequential
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import StepExpansions
 from scheduling.build_tpg import build_tpg
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.ordering.beam_search import reorder_tasks
+from scheduling.shortcuts.shortcutting import shorten_tpg
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego, sequencing_rules
-from twin.planning.pipeline import motion_settings
+from twin.planning.pipeline import default_shortcuts, motion_settings
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 from twin.trial import trial
@@ -53,10 +58,14 @@ from twin.trial.run_result import RunResult
 
 RESULTS = Path(__file__).parent / "results"
 SIZES = (25, 50, 100, 200, 400, 800)
+SHORTCUT_SIZES = (96, 192, 384, 768)
 FITTED_FROM = 100
 """Exponents are fitted to structures of so many bricks and more."""
 
-PLANNING = ("stability", "reach", "candidates", "assignment", "motion", "graph")
+PLANNING = (
+    *("stability", "reach", "candidates", "assignment", "motion", "graph"),
+    *("order", "shortcuts"),
+)
 AFTERWARDS = ("execution", "files", "audit")
 STAGES = ("reading", *PLANNING, *AFTERWARDS)
 
@@ -104,18 +113,20 @@ class Measurement:
         bricks: how many.
         cpu_s: processor seconds of each stage.
         memory_mib: largest resident memory of the process.
+        memory_before_mib: the same before shortcuts, None where none are taken.
         cost: of the assignment, joint distance [rad].
         makespan_s: of the plan executed.
-        violations: found by the audit.
+        violations: found by the audit, None where nothing is executed.
         load: of the machine in the last minute, before and after.
     """
 
     bricks: int
     cpu_s: dict[str, float]
     memory_mib: int
+    memory_before_mib: int | None
     cost: float
     makespan_s: float
-    violations: int
+    violations: int | None
     load: tuple[float, float]
 
 
@@ -179,26 +190,26 @@ def _robot(name: str, x: float, yaw: float) -> dict[str, Any]:
     return {"name": name, "model": "gp4", "base": base}
 
 
-def measure(bricks: int) -> Measurement:
-    """Plan, execute, write and audit a structure in this process, after a small one."""
+def measure(bricks: int, *, shortcuts: bool) -> Measurement:
+    """Plan a structure in this process, after a small one, and shorten it or execute and audit it."""
     before = os.getloadavg()[0]
-    _go_through(4, Clock())
+    _go_through(4, Clock(), shortcuts=shortcuts)
     # Answers that inverse kinematics remembers would spare what is measured.
     kinematics._SOLVED = KeptAnswers(20_000)
     clock = Clock()
-    cost, done = _go_through(bricks, clock)
-    return Measurement(
-        bricks,
-        clock.seconds,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-        cost,
-        float(done.run.makespan_s),
-        len(done.summary["audit"]["violations"]),
-        (before, os.getloadavg()[0]),
+    found = _go_through(bricks, clock, shortcuts=shortcuts)
+    return replace(
+        found,
+        memory_mib=_peak_mib(),
+        load=(before, os.getloadavg()[0]),
     )
 
 
-def _go_through(bricks: int, clock: Clock) -> tuple[float, RunResult]:
+def _peak_mib() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+
+
+def _go_through(bricks: int, clock: Clock, *, shortcuts: bool) -> Measurement:
     with tempfile.TemporaryDirectory() as name:
         file = Path(name) / "towers.yaml"
         file.write_text(yaml.safe_dump(tower_field(bricks)))
@@ -222,20 +233,41 @@ def _go_through(bricks: int, clock: Clock) -> tuple[float, RunResult]:
             motions = plan_sequential(cell, ways.callables(), work.link, settings)
         with clock.stage("graph"):
             tpg = build_tpg(motions)
-        originals = trial.execute, trial.audit_execution
-        trial.execute = clock.timed("execution", trial.execute)
-        trial.audit_execution = clock.timed("audit", trial.audit_execution)
-        folder = Path(name) / "run"
-        folder.mkdir()
-        try:
-            with clock.stage("files"):
-                done = trial.try_plan(
-                    given_plan(LoadedScenario(scenario, file.parent), tpg), folder
+        cost, memory, violations = sum(c.cost for c in choices.choices), None, None
+        if shortcuts:
+            memory = _peak_mib()
+            with clock.stage("order"):
+                tpg = reorder_tasks(tpg)
+            budget = default_shortcuts(scenario)
+            with clock.stage("shortcuts"):
+                tpg = shorten_tpg(
+                    tpg, settings.speeds, step=settings.step, candidates=budget
                 )
-        finally:
-            trial.execute, trial.audit_execution = originals
+            makespan = float(earliest_times(tpg).makespan)
+        else:
+            loaded = LoadedScenario(scenario, file.parent)
+            done = _executed(loaded, tpg, clock, Path(name))
+            makespan = float(done.run.makespan_s)
+            violations = len(done.summary["audit"]["violations"])
+    seconds, load = clock.seconds, (0.0, 0.0)
+    return Measurement(bricks, seconds, 0, memory, cost, makespan, violations, load)
+
+
+def _executed(
+    scenario: LoadedScenario, tpg: TemporalPlanGraph, clock: Clock, folder: Path
+) -> RunResult:
+    """Execute, write and audit a plan."""
+    originals = trial.execute, trial.audit_execution
+    trial.execute = clock.timed("execution", trial.execute)
+    trial.audit_execution = clock.timed("audit", trial.audit_execution)
+    (folder / "run").mkdir()
+    try:
+        with clock.stage("files"):
+            done = trial.try_plan(given_plan(scenario, tpg), folder / "run")
+    finally:
+        trial.execute, trial.audit_execution = originals
     clock.seconds["files"] -= clock.seconds["execution"] + clock.seconds["audit"]
-    return sum(choice.cost for choice in choices.choices), done
+    return done
 
 
 def exponent(sizes: Sequence[int], seconds: Sequence[float]) -> float:
@@ -243,9 +275,10 @@ def exponent(sizes: Sequence[int], seconds: Sequence[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(np.maximum(seconds, 1e-3)), 1)[0])
 
 
-def _in_process_of_its_own(bricks: int) -> dict[str, Any]:
+def _in_process_of_its_own(bricks: int, *, shortcuts: bool) -> dict[str, Any]:
+    more = ["--shortcuts"] if shortcuts else []
     run = subprocess.run(
-        [sys.executable, "-m", "benchmarks.scaling", "--one", str(bricks)],
+        [sys.executable, "-m", "benchmarks.scaling", "--one", str(bricks), *more],
         check=True,
         stdout=subprocess.PIPE,
         text=True,
@@ -261,7 +294,7 @@ def report(sets: Mapping[str, Mapping[str, Any]]) -> str:
         "",
         "Processor seconds, all threads together, of a field of towers; made by "
         "`python -m benchmarks.scaling`. Exponents are fitted to the sizes from "
-        f"{FITTED_FROM} on. Shortcuts are left out.",
+        f"{FITTED_FROM} on. Where there is no row of shortcuts, they are left out.",
     ]
     for label, found in sets.items():
         rows = found["structures"]
@@ -278,18 +311,22 @@ def report(sets: Mapping[str, Mapping[str, Any]]) -> str:
         ]
         whole = {"planning": PLANNING, "after planning": AFTERWARDS}
         for name, stages in {**{s: (s,) for s in STAGES}, **whole}.items():
-            values = [sum(row["cpu_s"][s] for s in stages) for row in rows]
+            measured = [s for s in stages if all(s in row["cpu_s"] for row in rows)]
+            if not measured:
+                continue
+            values = [sum(row["cpu_s"][s] for s in measured) for row in rows]
             cells = " | ".join(f"{value:.2f}" for value in values)
             bold = "**" if name in whole else ""
             power = _power([row["bricks"] for row in rows], values)
             lines.append(f"| {bold}{name}{bold} | {cells} | {power} |")
         for key, name, form in (
+            ("memory_before_mib", "memory before shortcuts [MiB]", "{:.0f}"),
             ("memory_mib", "memory [MiB]", "{:.0f}"),
             ("cost", "cost [rad]", "{:.1f}"),
             ("makespan_s", "makespan [s]", "{:.0f}"),
             ("violations", "violations", "{:.0f}"),
         ):
-            if not all(key in row for row in rows):
+            if any(row.get(key) is None for row in rows):
                 continue
             cells = " | ".join(form.format(row[key]) for row in rows)
             lines.append(f"| {name} | {cells} | |")
@@ -308,15 +345,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bricks", nargs="*", type=int, metavar="BRICKS")
     parser.add_argument("--label", default="after", help="of the set of results")
+    parser.add_argument("--shortcuts", action="store_true", help="take shortcuts too")
     parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        sys.stdout.write(json.dumps(asdict(measure(options.one))) + "\n")
+        one = measure(options.one, shortcuts=options.shortcuts)
+        sys.stdout.write(json.dumps(asdict(one)) + "\n")
         return 0
     rows: list[dict[str, Any]] = []
     found = {"date": date_line(), "machine": machine_line(), "structures": rows}
-    for bricks in options.bricks or SIZES:
-        rows.append(_in_process_of_its_own(bricks))
+    for bricks in options.bricks or (SHORTCUT_SIZES if options.shortcuts else SIZES):
+        rows.append(_in_process_of_its_own(bricks, shortcuts=options.shortcuts))
         spent = {k: round(v, 2) for k, v in rows[-1]["cpu_s"].items()}
         sys.stderr.write(f"{bricks}: {spent}, {rows[-1]['memory_mib']} MiB\n")
         if not options.bricks:
