@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from planning.transforms import translation
+from planning.transforms import Transform, translation
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.shipped_runs import ShippedRuns
 
 
-def with_part_moved(tpg: TemporalPlanGraph, k: int) -> TemporalPlanGraph:
-    """Move what changes hands in the k-th handling by 2 cm, in the task as in the node."""
+def with_part_moved(tpg: TemporalPlanGraph, k: int, by: Transform) -> TemporalPlanGraph:
+    """Move what changes hands in the k-th handling, in the task as in the node."""
     h = tpg.handlings[k]
-    pose = h.pose @ translation(0.0, 0.02, 0.0)
+    pose = h.pose @ by
     index = int(tpg.chains[h.robot].task[h.node])
     handlings, tasks = list(tpg.handlings), list(tpg.tasks)
     handlings[k] = replace(h, pose=pose)
@@ -47,6 +47,7 @@ def test_parts_that_are_moved_as_they_change_hands_are_found(
     for wanted in kinds:
         own = [k for k, found in enumerate(kind) if found == wanted]
         for k in sorted({own[0], own[-1]}):
-            (problem,) = verify_plan(with_part_moved(tpg, k), limit=1).problems
+            moved = with_part_moved(tpg, k, translation(0.0, 0.02, 0.0))
+            (problem,) = verify_plan(moved, limit=1).problems
             assert problem.kind == "jump"
             assert "20.00 mm away from where" in problem.message
