@@ -225,9 +225,8 @@ def moved(kind: str, by: Callable[[float], Transform]) -> Edit:
         kinds = [
             tpg.tasks[int(tpg.chains[h.robot].task[h.node])].kind for h in tpg.handlings
         ]
-        return with_part_moved(
-            tpg, max(np.flatnonzero(np.array(kinds) == kind)), by(size)
-        )
+        last = int(np.flatnonzero(np.array(kinds) == kind)[-1])
+        return with_part_moved(tpg, last, by(size))
 
     return edit
 
