@@ -5,7 +5,7 @@ Nodes of a temporal plan graph, from the timed paths of a motion plan (APEX-MR I
 
 from __future__ import annotations
 
-from itertools import count, permutations
+from itertools import count, pairwise, permutations
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from planning.errors import PlanInvariantError
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.parallel import side_by_side
 from planning.progress import Progress, no_progress
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import TRANSIT, Task, still_borders
 from planning.transforms import Array, Indices, readonly
 from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -146,15 +146,24 @@ def _poses(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
 
 
 def _skill(task: Task, path: Array, time: Array) -> tuple[NodeChain, _Where]:
+    """Return a node for each motion of a skill, and for each stretch in which a tool closes or opens.
+
+    What changes hands between two of them does so at the end of the first.
+    """
     waypoints = np.arange(min(1, len(path) - 1), len(path))
-    span = time[-1] - time[0]
-    if len(path) > 1 and span > 0.0:
-        fraction = (time[1:] - time[0]) / span
-    else:
-        fraction = np.arange(1, len(waypoints) + 1) / len(waypoints)
-    fraction[-1] = 1.0
-    first, where = np.array([0, len(waypoints)]), {k: (0, k) for k in range(len(path))}
-    return _nodes(task, path, waypoints, fraction, first, time[:1], time[-1:]), where
+    first = np.array(still_borders(task, len(waypoints)), dtype=np.int64)
+    fraction = np.arange(1, len(waypoints) + 1, dtype=np.float64)
+    where: _Where = {0: (0, 0)}
+    for node, (low, high) in enumerate(pairwise(first.tolist())):
+        own, span = slice(low, high), time[waypoints[high - 1]] - time[low]
+        if len(path) > 1 and span > 0.0:
+            fraction[own] = (time[low + 1 : high + 1] - time[low]) / span
+        else:
+            fraction[own] = np.arange(1, high - low + 1) / (high - low)
+        fraction[high - 1] = 1.0
+        where |= {low + k: (node, k) for k in range(1, high - low + 1)}
+    start, end = time[first[:-1]], time[waypoints[first[1:] - 1]]
+    return _nodes(task, path, waypoints, fraction, first, start, end), where
 
 
 def _nodes(

@@ -9,7 +9,7 @@ How the nodes of one stretch are passed within limits, and the way that its robo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.drive import Drive, joined_drives
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.pace import Pace, Slowing, paces
@@ -265,6 +266,7 @@ def node_path(chain: NodeChain, node: int) -> Array:
 def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
     """Return a chain with the times that its robot's limits ask for."""
     chain = tpg.chains[k]
+    acts = actuation_nodes(tpg)[k]
     begins = np.flatnonzero(np.diff(stretch_numbers(tpg, k), prepend=-1))
     fraction, duration = chain.fraction.copy(), chain.duration.copy()
     drives = []
@@ -281,10 +283,25 @@ def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
             own = slice(chain.first[begin], chain.first[stop])
             fraction[own] = motion.passed[1:] / motion.seconds
     drive = joined_drives(drives)
+    for nodes in _without_actuation_times(chain, acts):
+        # What the skill takes in all is shared as its motions need it.
+        least = drive.cruise[nodes]
+        whole = max(chain.duration[nodes].sum(), least.sum())
+        duration[nodes] = least * (whole / max(least.sum(), _STILL))
     moving = drive.ramp > 0.0
     duration[moving] = nominal_durations(drive)[moving]
     duration[~moving & ~chain.skill] = 0.0
     return replace(chain, duration=duration, fraction=fraction, drive=drive)
+
+
+def _without_actuation_times(
+    chain: NodeChain, acts: Collection[int]
+) -> Iterator[Indices]:
+    """Yield the nodes of each skill in which tools close or open, and take no time of their own."""
+    for task in np.unique(chain.task[list(acts)]).tolist():
+        nodes = np.flatnonzero(chain.task == task)
+        if not chain.duration[nodes[np.isin(nodes, list(acts))]].any():
+            yield nodes
 
 
 def stretch_numbers(tpg: TemporalPlanGraph, k: int) -> Indices:

@@ -114,7 +114,11 @@ def busy_seconds(
                 total += speed.duration(np.zeros_like(apart), apart)
             seconds = settings.seconds_of(here, _of_known(here, task))
             path = task.path if start is None else np.vstack([start, task.path])
-            total += speed.times_along(path)[-1] if seconds is None else seconds
+            if seconds is None:
+                seconds = speed.times_along(path)[-1] + sum(
+                    settings.still_seconds(task)
+                )
+            total += seconds
             ended, at = task.path[-1], None
         found[robot] = total
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +26,7 @@ from planning.motion.transit import TransitPlanner, take_near_turns
 from planning.progress import Progress, no_progress
 from planning.tasks.task import (
     TRANSIT,
+    ActuationKey,
     AllowedContact,
     ExceptionKey,
     StepTasks,
@@ -33,6 +35,7 @@ from planning.tasks.task import (
     apply_handlings,
     cell_with_steps,
     move_robot,
+    still_borders,
     strongest_exception,
 )
 from planning.transforms import Array
@@ -54,6 +57,8 @@ class MotionSettings:
             reference path at the speed of its robot.
         skill_exceptions: nominal durations that hold instead for a robot, a type of objects or
             both [s].
+        actuation_seconds: nominal times in which tools close and open, by act, robot and tool [s]; those
+            of a skill with a nominal duration are within it.
         attempts: seeds tried for a transit before another grasp is.
         seed: of the whole plan.
     """
@@ -65,12 +70,19 @@ class MotionSettings:
     attempts: int = 5
     seed: int = 0
     skill_exceptions: Mapping[ExceptionKey, float] = field(default_factory=dict)
+    actuation_seconds: Mapping[ActuationKey, float] = field(default_factory=dict)
 
     def seconds_of(self, cell: Workcell, task: Task) -> float | None:
         """Return the nominal duration of a skill [s], None to follow its reference path."""
         kind = None if task.object is None else cell.object(task.object).kind
         found = strongest_exception(self.skill_exceptions, task.kind, task.robot, kind)
         return self.skill_seconds.get(task.kind) if found is None else found
+
+    def still_seconds(self, task: Task) -> tuple[float, ...]:
+        """Return the nominal times of the actuations of a skill without a nominal duration [s]."""
+        return tuple(
+            self.actuation_seconds.get(item.key, 0.0) for item in task.actuations
+        )
 
 
 @dataclass(frozen=True)
@@ -187,7 +199,8 @@ def _way_of(
     pairs = [phase.pairs for phase in phases]
     scene = known.scenes.scene(cell, now.state, pairs, task.handlings)
     seconds = None if task.kind == TRANSIT else settings.seconds_of(cell, task)
-    moving = task.robot, task.kind, task.path.tobytes(), seconds
+    stands = settings.still_seconds(task)
+    moving = task.robot, task.kind, task.path.tobytes(), seconds, stands
     return known.way(moving, scene, seed, work_out)
 
 
@@ -296,9 +309,19 @@ def _skill_way(
 ) -> Way:
     waypoints = _check_skill(cell, task, phases)
     seconds = settings.seconds_of(cell, task)
-    if seconds is None:
-        return waypoints, settings.speeds[task.robot].times_along(waypoints)
-    return waypoints, _spread_over(waypoints, seconds)
+    if seconds is not None:
+        return waypoints, _spread_over(waypoints, seconds)
+    speed = settings.speeds[task.robot]
+    acts = zip(task.actuations, settings.still_seconds(task), strict=True)
+    stands = {item.waypoint: lasts for item, lasts in acts}
+    times = np.zeros(len(waypoints))
+    for begin, end in pairwise(still_borders(task, len(waypoints) - 1)):
+        if end in stands:
+            passed = np.array([0.0, stands[end]])
+        else:
+            passed = speed.times_along(waypoints[begin : end + 1])
+        times[begin : end + 1] = times[begin] + passed
+    return waypoints, times
 
 
 def _check_skill(cell: Workcell, task: Task, phases: Sequence[_Phase]) -> Array:

@@ -87,7 +87,7 @@ class _Expansion:
         self._known = candidates.steps[step - 1]
         self._cell = with_tools(candidates.cell, self._choice.tools)
         self._paths = candidates.paths.planned(plan, step)
-        self._build = StepWriter(self._cell, step, first)
+        self._build = StepWriter(self._cell, step, first, actuated=True)
 
     def tasks(self) -> StepTasks:
         """Return the tasks of the step; tools are changed before anything else."""
@@ -237,11 +237,12 @@ class _Expansion:
         """Write the way back of who kept hold of what it placed in an earlier step, after a task."""
         choice, paths = self._plan[step], self._candidates.paths
         back = paths.release(paths.planned(self._plan, step)[-1])
-        index = self._build.skill(back, f"let go of {choice.object}", choice.object)
-        self._build.home(choice.robot)
-        self._build.depend(done, index)
         cell = with_tools(self._candidates.cell, choice.tools)
-        self._build.allow(handled(cell.robot(choice.robot), choice.object), index)
+        build, label = replace(self._build, cell=cell), f"let go of {choice.object}"
+        index = build.skill(back, label, choice.object, lets_go=True)
+        build.home(choice.robot)
+        build.depend(done, index)
+        build.allow(handled(cell.robot(choice.robot), choice.object), index)
 
 
 def _waiting_tasks(

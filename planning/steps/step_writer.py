@@ -18,10 +18,14 @@ from planning.steps.handovers import Handover
 from planning.steps.skill import NOTHING, Pairs, SkillPath, handled
 from planning.tasks.task import (
     ARRIVE,
+    CLOSE,
+    HOLD,
+    OPEN,
     PRESENT,
     STILL,
     STRAIGHT,
     TRANSIT,
+    Actuation,
     AllowedContact,
     Handling,
     StepTasks,
@@ -39,11 +43,13 @@ class StepWriter:
         cell: robots with the tools on them that they have in the step.
         step: assembly step, counted from 1.
         first: index of the first task.
+        actuated: whether it takes its time to close and to open a tool; else that is a part of skills.
     """
 
     cell: Workcell
     step: int
     first: int
+    actuated: bool = False
     _tasks: list[Task] = field(default_factory=list)
     _dependencies: list[tuple[int, int]] = field(default_factory=list)
     _allowed: dict[tuple[bool, str, str], set[int]] = field(
@@ -82,8 +88,13 @@ class StepWriter:
         holder: str | None = None,
         pose: Transform | None = None,
         refill: CellObject | None = None,
+        *,
+        lets_go: bool = False,
     ) -> int:
         """Append a skill and return its index.
+
+        Where tools are actuated, the configuration in which one closes or opens comes once more for
+        each time that it does, and what changes hands then does so when that is over.
 
         Args:
             path: in joint space.
@@ -92,17 +103,48 @@ class StepWriter:
             holder: who holds it once it has changed hands, None when it is put down.
             pose: of the object then; None for skills in which nothing changes hands.
             refill: object that comes up where it first is, at the end of the skill.
+            lets_go: whether its robot lets go of something before it moves.
         """
+        at, acts = self._acts(path, holder, lets_go=lets_go)
+        # The path counts from its start, which the task's own leaves out.
+        still = np.repeat(path.waypoints[at : at + 1], len(acts), axis=0)
+        way = np.vstack([path.path[:at], still, path.path[at:]])
+        change_at = None if path.change_at is None else path.change_at + len(acts)
         handlings: tuple[Handling, ...] = ()
-        if pose is not None and item is not None and path.change_at is not None:
-            change = Handling(item, path.change_at, holder, readonly(pose))
+        if pose is not None and item is not None and change_at is not None:
+            change = Handling(item, change_at, holder, readonly(pose))
             handlings = (change,)
         if refill is not None:
-            # The path counts from its start, which the task's own leaves out.
-            coming = Handling(refill.name, len(path.path), None, refill.start)
+            coming = Handling(refill.name, len(way), None, refill.start)
             handlings = (*handlings, coming)
             self._objects.append(refill)
-        return self._append(path.robot, path.skill, label, path.path, handlings, item)
+        actuations = tuple(
+            Actuation(at + k, act, robot, self.cell.robot(robot).tool)
+            for k, (act, robot) in enumerate(acts, start=1)
+        )
+        robot, kind = path.robot, path.skill
+        return self._append(
+            robot, kind, label, way, handlings, item, actuations=actuations
+        )
+
+    def _acts(
+        self, path: SkillPath, holder: str | None, *, lets_go: bool
+    ) -> tuple[int, tuple[tuple[str, str], ...]]:
+        """Return the waypoint of a skill at which tools close or open, and which do what in turn."""
+        own, last = path.robot, len(path.path)
+        at = last if path.change_at is None else path.change_at
+        if not self.actuated:
+            return at, ()
+        if lets_go:
+            return 0, ((OPEN, own),)
+        if path.skill in ("pick", HOLD):
+            return at, ((CLOSE, own),)
+        if path.skill == "handover":
+            assert holder is not None
+            return at, ((CLOSE, holder), (OPEN, own))
+        # Who stays where it put something down keeps hold of it.
+        opens = path.skill == "place-down" and at < last
+        return at, ((OPEN, own),) if opens else ()
 
     def unmoved(
         self,
@@ -187,10 +229,11 @@ class StepWriter:
         item: str | None = None,
         *,
         goal: bool = False,
+        actuations: tuple[Actuation, ...] = (),
     ) -> int:
         index, way = self.first + len(self._tasks), readonly(path)
         about = index, robot, kind, self.step, label, way, handlings, item, goal
-        self._tasks.append(Task(*about))
+        self._tasks.append(Task(*about, actuations))
         return index
 
 
@@ -332,7 +375,7 @@ def write_release(
     way = path.waypoints[-2::-1]
     if support.straight:
         straight = SkillPath(STRAIGHT, path.robot, path.path[-1:], way)
-        back = [build.skill(straight, support.leaving, support.item)]
+        back = [build.skill(straight, support.leaving, support.item, lets_go=True)]
     else:
         back = [build.transit(path.robot, q, support.leaving) for q in way]
     build.home(path.robot)

@@ -25,6 +25,35 @@ HOLD = "hold"
 LEAVE_TOOL, TAKE_TOOL = "leave-tool", "take-tool"
 """Skills of letting go of a tool in its rack, and of locking one on the flange."""
 
+CLOSE, OPEN = "close", "open"
+"""What a tool does to take something and to let go of it: fingers close and open, suction goes on and off."""
+
+ActuationKey = tuple[str, str, str | None]
+"""What is done, by whose tool, and the name of that."""
+
+
+@dataclass(frozen=True)
+class Actuation:
+    """A stretch of a skill in which its robot stands and a tool closes or opens.
+
+    Attributes:
+        waypoint: index into the task's path (0 = the configuration the task starts from) at which it
+            is over; the waypoint before it is the same configuration.
+        act: ``"close"`` or ``"open"``.
+        robot: whose tool it is; the receiver's, where that takes what the robot of the task gives it.
+        tool: its name in the cell, None where it has none.
+    """
+
+    waypoint: int
+    act: str
+    robot: str
+    tool: str | None = None
+
+    @property
+    def key(self) -> ActuationKey:
+        """What says how long it takes."""
+        return self.act, self.robot, self.tool
+
 
 @dataclass(frozen=True)
 class Handling:
@@ -61,6 +90,7 @@ class Task:
         handlings: what changes hands in it, in order; ``waypoint`` counts within [start, *path].
         object: object it is about, None for a plain move.
         goal: whether its end is what the robot is to reach, so that no shortcut may pass by it.
+        actuations: when tools close and open in it, in order.
     """
 
     index: int
@@ -72,6 +102,21 @@ class Task:
     handlings: tuple[Handling, ...] = ()
     object: str | None = None
     goal: bool = False
+    actuations: tuple[Actuation, ...] = ()
+
+
+def still_borders(task: Task, last: int) -> list[int]:
+    """Return the waypoints of a skill at which its motion ends or begins, the first and last included.
+
+    Between two of them the robot moves, or it stands and a tool closes or opens.
+
+    Args:
+        task: the skill.
+        last: waypoint at which it ends, counted from its start.
+    """
+    borders = {0, last}
+    borders.update(*((a.waypoint - 1, a.waypoint) for a in task.actuations))
+    return sorted(borders)
 
 
 @dataclass(frozen=True)

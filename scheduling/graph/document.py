@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -16,7 +16,13 @@ from pydantic import (
 
 from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError, listed
-from planning.tasks.task import GONE, AllowedContact, Handling, Task
+from planning.tasks.task import (
+    GONE,
+    Actuation,
+    AllowedContact,
+    Handling,
+    Task,
+)
 from scheduling.graph.columns import (
     POSES,
     Arrays,
@@ -52,6 +58,13 @@ class _Handling(Entry):
     holder: str | None
 
 
+class _Actuation(Entry):
+    waypoint: Index
+    act: Literal["close", "open"]
+    robot: str
+    tool: str | None
+
+
 class _Task(Entry):
     index: Index
     robot: str
@@ -61,6 +74,7 @@ class _Task(Entry):
     object: str | None
     goal: bool
     handlings: tuple[_Handling, ...]
+    actuations: tuple[_Actuation, ...] = ()
 
 
 class _NodeHandling(_Handling):
@@ -113,6 +127,8 @@ class PlanDocument(Entry):
             if task.object is not None:
                 _check_name(f"tasks.{k}.object", task.object, objects)
             handlings += [(f"tasks.{k}.handlings", h) for h in task.handlings]
+            for act in task.actuations:
+                _check_name(f"tasks.{k}.actuations", act.robot, robots & chains)
         for place, handling in handlings:
             _check_name(f"{place}.object", handling.object, objects)
             if handling.holder not in (None, GONE):
@@ -218,6 +234,7 @@ def _read_tasks(
             handlings=tuple(
                 made(Handling, h, pose=next(poses)) for h in entry.handlings
             ),
+            actuations=tuple(made(Actuation, a) for a in entry.actuations),
         )
         for entry, path in zip(entries, paths, strict=False)
     )

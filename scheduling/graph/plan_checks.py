@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from planning.errors import OutputError
-from planning.tasks.task import Handling
+from planning.tasks.task import Handling, Task
 from scheduling.graph.columns import require
 from scheduling.graph.drive import BY_EFFORT, Drive, RoundedCorners
 from scheduling.graph.temporal_plan_graph import (
@@ -129,12 +129,26 @@ def _check_edges(tpg: TemporalPlanGraph) -> None:
 def _check_handlings(tpg: TemporalPlanGraph) -> None:
     for k, task in enumerate(tpg.tasks):
         _check_waypoints(f"tasks.{k}", task.handlings, len(task.path))
+        _check_actuations(f"tasks.{k}.actuations", task)
     for k, h in enumerate(tpg.handlings):
         place = f"handlings.{k}"
         if h.robot >= len(tpg.chains) or h.node >= len(tpg.chains[h.robot]):
             raise OutputError(f"{place}: there is no node {h.node} of chain {h.robot}")
         first = tpg.chains[h.robot].first
         _check_waypoints(place, (h,), int(first[h.node + 1] - first[h.node]))
+
+
+def _check_actuations(place: str, task: Task) -> None:
+    """Check that actuations are in order, and that the robot of the task stands in each."""
+    before = 0
+    for act in task.actuations:
+        if not before < act.waypoint <= len(task.path):
+            raise OutputError(f"{place}: waypoint {act.waypoint} is out of order")
+        before = act.waypoint
+        # Where the path begins is not said by the task.
+        way = task.path[max(0, act.waypoint - 2) : act.waypoint]
+        if np.any(way[0] != way[-1]):
+            raise OutputError(f"{place}: the robot moves up to waypoint {before}")
 
 
 def _check_waypoints(

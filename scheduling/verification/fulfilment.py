@@ -95,7 +95,7 @@ def _of_task(
     if about is not None and all(h.object != about for h in handled):
         yield f"{about!r} does not change hands in it"
     for said, h in zip_longest(task.handlings, handled):
-        wrong = _otherwise(tpg, task, said, h)
+        wrong = _otherwise(tpg, task, said, h, nodes[1])
         if wrong:
             yield wrong
 
@@ -105,6 +105,7 @@ def _otherwise(
     task: Task,
     said: Handling | None,
     done: NodeHandling | None,
+    begins: int,
 ) -> str:
     """Return how something changes hands in another way than its task says, empty if as it says."""
     if said is None or done is None:
@@ -116,8 +117,10 @@ def _otherwise(
         return f"that {_words(one)} {how}"
     if (said.object, said.holder) != (done.object, done.holder):
         return f"{_words(done)}, where its task says that {_words(said)}"
-    if task.kind != TRANSIT and said.waypoint != done.waypoint:
-        at = f"at waypoint {done.waypoint}, where its task says {said.waypoint}"
+    first = tpg.chains[done.robot].first
+    waypoint = int(first[done.node] - first[begins]) + done.waypoint
+    if task.kind != TRANSIT and said.waypoint != waypoint:
+        at = f"at waypoint {waypoint}, where its task says {said.waypoint}"
         return f"{_words(done)} {at}"
     apart = distance_of(tpg.cell.object(done.object), done.pose, said.pose)
     if apart > JUMP:

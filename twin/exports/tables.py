@@ -21,7 +21,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.run.activities import CAUSES, STANDING, Activity, robot_activities
+from twin.run.activities import CAUSES, TOLD, Activity, robot_activities
 from twin.trial.run_result import RunResult
 
 _PARTS = {"xyz": ("x", "y", "z"), "quat_wxyz": ("qw", "qx", "qy", "qz")}
@@ -118,7 +118,7 @@ def _slice(tpg: TemporalPlanGraph, tid: int, item: Activity) -> dict[str, Any]:
     name = item.state
     if item.task >= 0:
         task = tpg.tasks[item.task]
-        name = f"{item.state}: {task.label}" if item.state in STANDING else task.label
+        name = f"{item.state}: {task.label}" if item.state in TOLD else task.label
         args = {
             "task": item.task,
             "kind": task.kind,

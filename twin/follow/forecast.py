@@ -23,7 +23,7 @@ from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
-from twin.uncertainty.skill_durations import least_ns
+from twin.uncertainty.skill_durations import drawn_nodes, least_ns
 
 SAMPLES = 200
 """Futures that are drawn; fewer where a plan is so large that they would not fit."""
@@ -88,7 +88,6 @@ class Forecaster:
         self._tpg = tpg
         self._graph = policy_graph(tpg, model.policy)
         self._messages = model.messages.under(model.policy)
-        self._durations = model.durations
         self._disturbances = model.disturbances
         self._least = least_ns(tpg)
         nodes = len(self._graph.order)
@@ -100,8 +99,7 @@ class Forecaster:
         ]
         self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
         self._stall = np.stack([_joined(f.stood) for f in self._futures], axis=1)
-        kinds = {item.name: item.kind for item in tpg.cell.objects}
-        self._kind_of = [kinds.get(t.object) if t.object else None for t in tpg.tasks]
+        self._drawn = drawn_nodes(model.durations.bind(tpg))
 
     def forecast(self, run: FollowedRun, now_ns: int | None = None) -> Forecast:
         """Forecast the end of a run from a time.
@@ -183,18 +181,10 @@ class Forecaster:
     def _skill_total(self, k: int, node: int, worked: int) -> Nanoseconds | None:
         """Draw the duration of a skill node that has taken some time already [ns]."""
         chain = self._tpg.chains[k]
-        task = self._tpg.tasks[int(chain.task[node])]
-        model = self._durations.model_of(
-            task.kind, chain.robot, self._kind_of[task.index]
-        )
-        if model is None:
+        what, model, share = self._drawn.get((k, node), ("", None, 0.0))
+        if model is None or share <= 0:
             return None
-        own = (chain.task == task.index) & chain.skill
-        total = float(chain.duration[own].sum())
-        share = float(chain.duration[node]) / total if total > 0 else 0.0
-        if share <= 0:
-            return None
-        u = self._uniforms(chain.robot, task.index, task.kind, "duration")
+        u = self._uniforms(chain.robot, int(chain.task[node]), what, "duration")
         seconds = conditional_quantiles(model, worked / NANOSECONDS / share, u)
         least = int(self._least[k][node])
         return np.asarray(np.maximum(to_nanoseconds(seconds * share), least))

@@ -178,6 +178,10 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
             (item.skill, item.robot, item.object): item.duration.mean
             for item in exceptions
         },
+        actuation_seconds={
+            key: model.located(folder).mean
+            for key, model in scenario.actuations.items()
+        },
     )
 
 

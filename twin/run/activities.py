@@ -11,7 +11,17 @@ from itertools import cycle, groupby
 
 import numpy as np
 
-from planning.tasks.task import ARRIVE, HOLD, LEAVE, PRESENT, STRAIGHT, TRANSIT
+from planning.tasks.task import (
+    ARRIVE,
+    CLOSE,
+    HOLD,
+    LEAVE,
+    OPEN,
+    PRESENT,
+    STRAIGHT,
+    TRANSIT,
+)
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -38,6 +48,8 @@ LANE_COLOURS: dict[str, str] = {
     "support-bottom": "#2f6fb2",
     "support-top": "#69aade",
     HOLD: "#4b8fc8",
+    CLOSE: "#c27c0e",
+    OPEN: "#c9b458",
     ARRIVE: "#c9b88f",
     PRESENT: "#a5885a",
     LEAVE: "#8f6f9c",
@@ -81,6 +93,9 @@ STANDING = frozenset({WAITING, HOLDING, STALLED, STOPPED, RETRYING, FAILED})
 """States in which a robot stands. Holding is what it is there for: it supports something, or keeps hold
 of what it placed, until others are done."""
 
+TOLD = STANDING | {CLOSE, OPEN}
+"""States that are told beside the task that they are a part of."""
+
 _SUPPORTS = ("support-bottom", "support-top", HOLD)
 _PLACES = ("place-down", "place-up")
 
@@ -90,7 +105,7 @@ class Activity:
     """A stretch of time of one robot in one state.
 
     Attributes:
-        state: kind of the task, or one of STANDING.
+        state: kind of the task, ``"close"`` or ``"open"`` while a tool does that in it, or one of STANDING.
         start_ns, end_ns: when [ns].
         task: the task under way, waited for, or at the end of which it holds something; -1 for a
             robot that will never go on.
@@ -241,6 +256,7 @@ class _RobotLog:
     def __init__(self, tpg: TemporalPlanGraph, chain: int) -> None:
         self._tasks = tpg.tasks
         self._chain = tpg.chains[chain]
+        self._acts = actuation_nodes(tpg)[chain]
         self._now = RobotProgress(self._chain.robot, len(self._chain))
         self._clock = 0
         self._out: list[Activity] = []
@@ -273,7 +289,10 @@ class _RobotLog:
             return self._now.standing_in_node
         if self._now.under_way < 0:
             return HOLDING if self._holds() else WAITING
-        return self._tasks[int(self._chain.task[self._now.under_way])].kind
+        node = self._now.under_way
+        if node in self._acts:
+            return self._acts[node].act
+        return self._tasks[int(self._chain.task[node])].kind
 
     def _holds(self) -> bool:
         """Tell whether the robot stands at the end of a task in which it came to hold something."""

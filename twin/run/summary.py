@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import (
     dependency_edges,
@@ -92,8 +93,9 @@ def summarise(
     def seconds(of: Callable[[int], int]) -> dict[str, float]:
         return {tpg.chains[k].robot: of(k) / NANOSECONDS for k in robots}
 
-    further = {
+    further: dict[str, Any] = {
         "fits": list(about.fits),
+        "actuations": _actuations(tpg, run),
         "machines": _machines(tpg, run),
         "slowed": slowed_motions(tpg),
         "line": line_summary(tpg, run, due_s, start_up),
@@ -122,6 +124,23 @@ def summarise(
         "load_bound_s": about.load_bound_s,
         "step_order": list(about.step_order) or None,
     }
+
+
+def _actuations(tpg: TemporalPlanGraph, run: ExecutionRecord) -> dict[str, Any]:
+    """Return how often tools closed and opened, and how long that took, by what they did.
+
+    What took no time is counted in the time of its whole skill.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for k, nodes in enumerate(actuation_nodes(tpg)):
+        for node, item in nodes.items():
+            if run.end_ns[k][node] < 0:
+                continue
+            lasts = int(run.duration_ns[k][node])
+            own = found.setdefault(item.act, {"times": 0, "within_skills": 0, "s": 0.0})
+            own["times" if lasts else "within_skills"] += 1
+            own["s"] += lasts / NANOSECONDS
+    return found
 
 
 def _machines(
@@ -234,6 +253,16 @@ def summary_rows(
         down = f", down for {own['down_s']:.2f} s" if own["down_s"] else ""
         share = f"{100 * own['utilisation']:.1f} % of the time{down}"
         rows.append((f"{name} with a part", f"{own['busy_s']:.2f} s", share))
+    for act, own in summary.get("actuations", {}).items():
+        within = f"{own['within_skills']} more in the times of whole skills"
+        rows.append(
+            (
+                f"tools {act}",
+                f"{own['s']:.2f} s",
+                f"{own['times']} times"
+                + (f", {within}" if own["within_skills"] else ""),
+            )
+        )
     rows += _slowed_rows(summary.get("slowed", {}))
     if summary.get("raised_skills"):
         rows.append(

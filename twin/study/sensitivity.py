@@ -76,8 +76,8 @@ class SobolIndex:
 def inputs_of(load: Workload) -> Mapping[str, Scaled]:
     """Return the inputs of a plan that vary or that might be different, by names in words.
 
-    They are the durations of each skill in it, the durations of each robot's other motions, and
-    the rate of stalls where there is one.
+    They are the durations of each skill in it, what tools take to close and to open, the durations of
+    each robot's other motions, and the rate of stalls where there is one.
     """
     kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
     found: dict[str, Scaled] = {
@@ -85,6 +85,10 @@ def inputs_of(load: Workload) -> Mapping[str, Scaled]:
         for skill in load.execution.durations.models
         if skill in kinds
     }
+    durations = load.execution.durations
+    acts = {key[0] for key in durations.actuations}
+    acts &= set(durations.bind(load.tpg).skills)
+    found |= {f"time to {act}": partial(_with_act, act=act) for act in sorted(acts)}
     machines = machine_chains(load.tpg)
     for k, chain in enumerate(load.tpg.chains):
         if k in machines:
@@ -182,6 +186,16 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
         for item in own.overrides
     )
     durations = replace(own, models=models, overrides=overrides)
+    return replace(load, execution=replace(load.execution, durations=durations))
+
+
+def _with_act(load: Workload, factor: float, *, act: str) -> Workload:
+    own = load.execution.durations
+    actuations = {
+        key: model.scaled(factor) if key[0] == act else model
+        for key, model in own.actuations.items()
+    }
+    durations = replace(own, actuations=actuations)
     return replace(load, execution=replace(load.execution, durations=durations))
 
 

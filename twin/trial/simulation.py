@@ -151,6 +151,7 @@ def skill_durations(
         execution.skill_models(folder),
         (*tools, *execution.skill_exceptions(folder), *machines),
         antithetic,
+        {key: model.located(folder) for key, model in scenario.actuations.items()},
     )
 
 

@@ -5,15 +5,22 @@ How quick the nodes of a plan can be at all: no joint moves faster than its limi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.cell.robot_model import RobotModel
-from planning.tasks.task import ExceptionKey, strongest_exception
+from planning.tasks.task import (
+    Actuation,
+    ActuationKey,
+    ExceptionKey,
+    strongest_exception,
+)
 from planning.transforms import Array, Indices
+from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import SkillOverride
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
@@ -68,17 +75,24 @@ class SkillDurations:
     policy and however its nodes were cut. A draw that is shorter than the reference path takes
     at the joints' speed limits is raised to that.
 
+    Where a tool closes or opens in a skill, there are two ways to say how long that takes. A model of
+    the skill is of the whole of it, and its motions share what is drawn. Without one, its motions take
+    their nominal times, and how long the tool takes is drawn, while the robot stands.
+
     Attributes:
         models: duration model of each skill; a skill without one keeps its nominal duration.
         overrides: exceptions; robot and object beat robot alone, that beats object alone, and
             every exception beats ``models``.
         antithetic: draw in pairs: where replication 2k uses the uniform u, replication 2k + 1
             uses 1 - u. Replications of even number are the same as without it.
+        actuations: duration models of tools that close and open, by act, robot and tool; what has
+            none takes its nominal time.
     """
 
     models: Mapping[str, DurationModel]
     overrides: tuple[SkillOverride, ...] = ()
     antithetic: bool = False
+    actuations: Mapping[ActuationKey, DurationModel] = field(default_factory=dict)
 
     def model_of(
         self, skill: str, robot: str, object_kind: str | None
@@ -96,44 +110,88 @@ class SkillDurations:
 
     def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
         """Return the draws of one TPG; keep it where the same TPG is asked again and again."""
-        kind_of = {item.name: item.kind for item in tpg.cell.objects}
-        place: dict[int, tuple[int, Indices, Array]] = {}
-        for k, chain in enumerate(tpg.chains):
-            nodes = np.flatnonzero(chain.skill)
-            tasks, first = np.unique(chain.task[nodes], return_index=True)
-            # Of no nodes at all np.split makes one empty part.
-            parts = np.split(nodes, first)[1:]
-            for task, own in zip(tasks.tolist(), parts, strict=True):
-                place[task] = (k, own, chain.duration[own])
+        drawn = sorted(self._drawn(tpg), key=lambda item: item.task)
         least = least_ns(tpg)
-        varying: list[int] = []
         groups: dict[DurationModel, list[int]] = {}
-        for index in sorted(place):
-            task = tpg.tasks[index]
-            kind = kind_of.get(task.object) if task.object is not None else None
-            model = self.model_of(task.kind, task.robot, kind)
-            if model is not None:
-                groups.setdefault(model, []).append(len(varying))
-                varying.append(index)
+        for row, item in enumerate(drawn):
+            groups.setdefault(item.model, []).append(row)
         return SkillDraws(
             nominal=nominal_ns(tpg),
-            tasks=np.array(varying, dtype=np.int64),
-            robots=[tpg.tasks[index].robot for index in varying],
-            skills=[tpg.tasks[index].kind for index in varying],
+            tasks=np.array([item.task for item in drawn], dtype=np.int64),
+            robots=[tpg.tasks[item.task].robot for item in drawn],
+            skills=[item.what for item in drawn],
             groups=tuple(
                 (model, np.array(rows, dtype=np.int64))
                 for model, rows in groups.items()
             ),
-            nodes=tuple(place[index] for index in varying),
+            nodes=tuple((item.chain, item.nodes, item.weights) for item in drawn),
             least=np.array(
                 [
-                    _least_total(least[k][own], w)
-                    for k, own, w in (place[index] for index in varying)
+                    _least_total(least[item.chain][item.nodes], item.weights)
+                    for item in drawn
                 ],
                 dtype=np.int64,
             ),
             antithetic=self.antithetic,
         )
+
+    def _drawn(self, tpg: TemporalPlanGraph) -> Iterator[_Drawn]:
+        """Yield what is drawn for the skills of a graph, one after another."""
+        kind_of = {item.name: item.kind for item in tpg.cell.objects}
+        for k, (chain, acts) in enumerate(
+            zip(tpg.chains, actuation_nodes(tpg), strict=True)
+        ):
+            skills = np.flatnonzero(chain.skill)
+            tasks, first = np.unique(chain.task[skills], return_index=True)
+            # Of no nodes at all np.split makes one empty part.
+            parts = np.split(skills, first)[1:]
+            for index, own in zip(tasks.tolist(), parts, strict=True):
+                task = tpg.tasks[index]
+                kind = kind_of.get(task.object) if task.object is not None else None
+                model = self.model_of(task.kind, task.robot, kind)
+                if model is not None:
+                    weights = _motion_weights(chain, own, acts)
+                    yield _Drawn(index, task.kind, model, k, own, weights)
+                    continue
+                for node in own[np.isin(own, list(acts))].tolist():
+                    act = acts[node]
+                    if (model := self.actuations.get(act.key)) is not None:
+                        still = np.array([node], dtype=np.int64)
+                        yield _Drawn(index, act.act, model, k, still, np.ones(1))
+
+
+class _Drawn(NamedTuple):
+    """A duration that is drawn for a task.
+
+    Attributes:
+        task: its index.
+        what: the skill, or what a tool does in it.
+        model: of the duration.
+        chain, nodes: that take it together.
+        weights: in proportion to which they share it, shape (nodes,).
+    """
+
+    task: int
+    what: str
+    model: DurationModel
+    chain: int
+    nodes: Indices
+    weights: Array
+
+
+def _motion_weights(
+    chain: NodeChain, nodes: Indices, acts: Mapping[int, Actuation]
+) -> Array:
+    """Return how the nodes of a skill share its time: as their motions do, where tools are actuated.
+
+    Within limits these share it as their least times, so that what is enough for the whole is enough
+    for each.
+    """
+    still = np.isin(nodes, list(acts))
+    if not still.any():
+        return chain.duration[nodes]
+    times = chain.duration if chain.drive is None else chain.drive.least
+    return np.where(still, 0.0, times[nodes])
 
 
 @dataclass(frozen=True)
@@ -142,9 +200,9 @@ class SkillDraws:
 
     Attributes:
         nominal: planned duration of every node, per chain [ns].
-        tasks: indices of the tasks that vary, rising, shape (s,).
+        tasks: indices of the tasks that vary, in which a skill or a tool does, never falling, shape (s,).
         robots: robot of each of them.
-        skills: skill of each of them.
+        skills: skill of each of them, or what a tool does.
         groups: each model, and the positions in ``tasks`` that draw from it.
         nodes: chain, skill nodes and their nominal durations [s] of each of the tasks.
         least: the duration of each of the tasks that its joints' speed limits allow; what is
@@ -204,6 +262,19 @@ class SkillDraws:
         for total, (chain, nodes, weights) in zip(totals, self.nodes, strict=True):
             out[chain][nodes] = share_duration(total, weights)
         return out
+
+
+def drawn_nodes(
+    draws: SkillDraws,
+) -> dict[tuple[int, int], tuple[str, DurationModel, float]]:
+    """Return what each node's duration is drawn for, by chain and node: name, model, and its share."""
+    models = {row: model for model, rows in draws.groups for row in rows.tolist()}
+    found = {}
+    for row, (chain, nodes, weights) in enumerate(draws.nodes):
+        shares = np.diff(cumulative_shares(weights), prepend=0.0)
+        for node, share in zip(nodes.tolist(), shares.tolist(), strict=True):
+            found[chain, node] = draws.skills[row], models[row], share
+    return found
 
 
 def _least_total(least: Nanoseconds, weights: Array) -> int:

@@ -104,6 +104,8 @@ def _balance(section: PartsSection) -> StandingRules | None:
 def _grip_rules(section: GripSection | PartGripSection, rules: GripRules) -> GripRules:
     """Return rules with what a section says in place of what they say."""
     values = plain_values(section)
+    for key in ("close_s", "open_s"):
+        values.pop(key, None)  # when, not where: execution asks for them
     if section.directions is not None:
         values["directions"] = tuple(map(_unit, section.directions))
     return replace(rules, **values)

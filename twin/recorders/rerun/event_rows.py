@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import rerun as rr
 
-from planning.tasks.task import TRANSIT, Task
+from planning.tasks.task import CLOSE, OPEN, TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.recorders.rerun import layout as layout
@@ -20,13 +20,18 @@ from twin.run.activities import (
     HOLDING,
     IDLE,
     RETRYING,
-    STANDING,
+    TOLD,
     WAITING,
     part_names,
 )
 from twin.run.events import Event
 
-_VERBS = {RETRYING: "tries again", HOLDING: "stays"}
+_VERBS = {
+    RETRYING: "tries again",
+    HOLDING: "stays",
+    CLOSE: "tool closes",
+    OPEN: "tool opens",
+}
 
 
 class PlanWords:
@@ -62,7 +67,7 @@ class PlanWords:
         words = self.task(task)
         if not words or state == IDLE:
             return state
-        return f"{_VERBS.get(state, state)}: {words}" if state in STANDING else words
+        return f"{_VERBS.get(state, state)}: {words}" if state in TOLD else words
 
     def wait(self, chain: int, node: int, complete: Callable[[int, int], bool]) -> str:
         """Return whom a node waits for, and for what of theirs; empty when it is nobody.
@@ -89,7 +94,7 @@ class PlanWords:
         yield WAITING, WAITING
         for task in dict.fromkeys(self._tpg.chains[chain].task.tolist()):
             yield self._tasks[task], self._tpg.tasks[task].kind
-            for state in sorted(STANDING):
+            for state in sorted(TOLD):
                 yield self.state(state, task), state
         waited = {
             self._owner(*source)

@@ -355,6 +355,8 @@ def _node_at(schema: dict[str, Any], path: KeyPath) -> dict[str, Any]:
     """Return the part of the schema for ``path``, in which tags of unions may stand."""
     node = _follow(schema, schema)
     for entry in path:
+        if str(entry).startswith("tagged-union["):
+            continue  # what pydantic calls a distribution where there may be a number instead
         if entry in node.get("properties", {}):
             node = _follow(schema, node["properties"][entry])
         elif entry in _tags(node):

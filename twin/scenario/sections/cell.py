@@ -12,6 +12,7 @@ from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration
+from twin.durations.model import DurationModel
 from twin.scenario.document.section import Name, Section, Several, Two
 from twin.scenario.sections.shapes import (
     Colour,
@@ -26,6 +27,20 @@ from twin.scenario.sections.shapes import (
 Opening = Annotated[float, Field(ge=0, le=10)]
 JointName = Annotated[str, Field(min_length=1, max_length=256)]
 HeldJoints = dict[JointName, Coordinate]
+ActuationTime = AnyDuration | Annotated[float, Field(ge=0, le=1e6)]
+
+FINGERS_S, SUCTION_S = 0.4, 0.2
+"""What fingers take to close or to open, and suction to come on or to go off, where nobody says: an
+assumption, and no measurement [s]."""
+
+
+def actuation_model(given: ActuationTime | None, *, suction: bool) -> DurationModel:
+    """Return how long a tool takes to close or to open, given what is said of it."""
+    if isinstance(given, DurationModel):
+        return given
+    usual = SUCTION_S if suction else FINGERS_S
+    return Fixed(value_s=usual if given is None else given)
+
 
 _Limit = Annotated[float, Field(gt=0, le=1e6)]
 _ToolSpeed = Annotated[float, Field(ge=0.001, le=1000)]
@@ -72,6 +87,9 @@ class ToolSection(Section):
         suction: whether it holds by suction, at one face.
         force_n: with which either finger presses on what it holds; without it nobody looks whether
             friction holds that.
+        close_s: time that it takes to close on a part, or suction to hold it: a number or a
+            distribution; default: what assembly.grips says.
+        open_s: time that it takes to let go, likewise.
         mass_kg: of all of it; default: what its description adds up to.
         frames: further frames by name, each a pose in the frame of its root link.
         rack: pose of its root link where it lies while no robot has it on it; for tools that are
@@ -88,6 +106,8 @@ class ToolSection(Section):
     opening_m: Several[Opening] | Opening | None = None
     suction: bool = False
     force_n: Annotated[float, Field(gt=0, le=1e6)] | None = None
+    close_s: ActuationTime | None = None
+    open_s: ActuationTime | None = None
     mass_kg: Annotated[float, Field(gt=0, le=1e6)] | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     rack: RackSection | None = None

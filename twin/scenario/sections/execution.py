@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from planning.errors import ScenarioError
 from twin.durations.lifetimes import Distribution, SkillOverride
-from twin.durations.measured import Packaged
-from twin.durations.model import DurationModel, PackagedSkill, Skill
+from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.uncertainty.disturbances import Disturbances
@@ -44,8 +43,9 @@ class ExecutionSection(Disturbances):
         latency_s: time that a message takes between a robot and the dispatcher [s].
         report_latency_s: the same from robot to dispatcher only [s].
         release_latency_s: the same from dispatcher to robot only [s].
-        skills: duration models by skill; where not given, a process takes what it says itself
-            and other skills the packaged synthetic timings.
+        skills: duration models by skill, of all that it takes; where not given, a process takes
+            what it says itself, a skill of an assembly of parts its motions and what the tool takes
+            to close or to open, and skills elsewhere the packaged synthetic timings.
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
     """
 
@@ -56,20 +56,8 @@ class ExecutionSection(Disturbances):
     latency_s: Latency = 0.0
     report_latency_s: Latency | None = None
     release_latency_s: Latency | None = None
-    skills: dict[Skill, SkillSection] = Field(
-        default_factory=dict, validate_default=True
-    )
+    skills: dict[Skill, SkillSection] = Field(default_factory=dict)
     skill_overrides: tuple[SkillOverride, ...] = ()
-
-    @field_validator("skills")
-    @classmethod
-    def _all_skills(cls, given: dict[Skill, SkillSection]) -> dict[Skill, SkillSection]:
-        """Spell out what is drawn from where the file says nothing."""
-        names: tuple[PackagedSkill, ...] = get_args(PackagedSkill)
-        packaged: dict[Skill, SkillSection] = {
-            name: Packaged(skill=name) for name in names
-        }
-        return {**packaged, **given}
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
         """Return the duration model of every skill, without exceptions.

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, with_tuples
+from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.joints import FitSection, JoinedParts
 from twin.scenario.sections.line import ProductsSection, SourceSection
 from twin.scenario.sections.shapes import (
@@ -175,6 +176,9 @@ class GripSection(Section):
         finger_depth_m: room that an open finger takes beside a part that is no box.
         suction: whether parts are held by suction, with the tool frame at a face.
         cup_m: radius of the spot that must be flat then.
+        close_s: time that a tool takes to close on a part, or suction to hold it: a number or a
+            distribution; for tools that do not say it; default: 0.4, and 0.2 for suction.
+        open_s: time that a tool takes to let go, likewise.
     """
 
     frame: Name = "tool"
@@ -190,6 +194,8 @@ class GripSection(Section):
     finger_depth_m: Distance = 0.01
     suction: bool = False
     cup_m: Distance = 0.01
+    close_s: ActuationTime | None = None
+    open_s: ActuationTime | None = None
 
 
 class ProcessSection(Section):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     Field,
@@ -18,12 +18,15 @@ from pydantic import (
 )
 
 from planning.errors import ScenarioError
-from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
-from twin.durations.lifetimes import SkillOverride
+from planning.tasks.task import CLOSE, LEAVE_TOOL, OPEN, TAKE_TOOL, ActuationKey
+from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.durations.measured import Packaged
+from twin.durations.model import DurationModel, PackagedSkill
 from twin.scenario.document.section import Name, Section, Several
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
 from twin.scenario.sections.cell import RobotSection as RobotSection
+from twin.scenario.sections.cell import actuation_model
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
 from twin.scenario.sections.execution import ReferenceDuration
@@ -157,12 +160,19 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _with_processes(self) -> Scenario:
-        """Add the durations that processes have of themselves to those of the skills."""
-        own = {
+        """Spell out what skills take where ``execution.skills`` says nothing.
+
+        Processes say it themselves. In assemblies of parts skills take their motions and what tools
+        take to close and to open, elsewhere the packaged times.
+        """
+        own: dict[str, AnyDuration] = {
             name: process.duration
             for name, process in self.processes.items()
             if process.duration is not None
         }
+        if not isinstance(self.assembly, PartsSection):
+            names: tuple[PackagedSkill, ...] = get_args(PackagedSkill)
+            own |= {name: Packaged(skill=name) for name in names}
         if own.keys() <= self.execution.skills.keys():
             return self
         skills = {**own, **self.execution.skills}
@@ -191,6 +201,24 @@ class Scenario(Section):
             if skill not in self.execution.skills
             for name, rack in racks.items()
         )
+
+    @property
+    def actuations(self) -> Mapping[ActuationKey, DurationModel]:
+        """How long tools take to close and to open, by act, robot and tool, in assemblies of parts."""
+        found: dict[ActuationKey, DurationModel] = {}
+        if not isinstance(self.assembly, PartsSection):
+            return found
+        rules = self.assembly.grips
+        for robot in (outfit for one in self.cell.robots for outfit in one.outfits):
+            tool = self.cell.tools.get(robot.tool or "")
+            told = tool is not None and (tool.suction or tool.opening_m is not None)
+            suction = tool.suction if tool is not None and told else rules.suction
+            for act, key in ((CLOSE, "close_s"), (OPEN, "open_s")):
+                said = None if tool is None else getattr(tool, key)
+                given = getattr(rules, key) if said is None else said
+                model = actuation_model(given, suction=suction)
+                found[act, robot.name, robot.tool] = model
+        return found
 
     @model_validator(mode="after")
     def _slots_to_execute(self) -> Scenario:

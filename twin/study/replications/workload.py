@@ -172,7 +172,8 @@ def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanosecon
 def timing_graph(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     """Return a plan without robots' models, shapes, poses and paths.
 
-    What the paths say of time stays: how quick each node can be at all.
+    What the paths say of time stays: how quick each node can be at all, and how many waypoints it has,
+    which tells in which nodes tools close and open.
     """
     models = {robot.name: robot.model for robot in tpg.cell.robots}
     return replace(
@@ -205,7 +206,6 @@ def _bare_chain(chain: NodeChain, model: RobotModel | None) -> NodeChain:
         start=np.zeros(0),
         waypoints=np.zeros((0, 0)),
         fraction=np.zeros(0),
-        first=np.zeros(len(chain) + 1, dtype=np.int64),
     )
 
 

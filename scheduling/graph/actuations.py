@@ -1,0 +1,30 @@
+"""The nodes of a graph in which robots stand while tools close and open."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.tasks.task import Actuation
+from scheduling.graph.task_edges import task_nodes
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+
+
+def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
+    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own.
+
+    It is the node whose one waypoint is that at which the task says that it is over.
+    """
+    found: list[dict[int, Actuation]] = []
+    for chain, tasks in zip(tpg.chains, task_nodes(tpg.chains), strict=True):
+        own: dict[int, Actuation] = {}
+        for nodes in tasks:
+            acts = {a.waypoint: a for a in tpg.tasks[nodes.task].actuations}
+            if acts:
+                first = chain.first[nodes.first : nodes.stop + 1]
+                passed = (first[1:] - first[0]).tolist()
+                alone = np.diff(first) == 1
+                for k in np.flatnonzero(alone).tolist():
+                    if passed[k] in acts:
+                        own[nodes.first + k] = acts[passed[k]]
+        found.append(own)
+    return found
