@@ -16,20 +16,24 @@ from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
+from tests.twin.recorders.recorded_toys import recorded_run, rows
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import assert_same_ends
 from tests.twin.written import checked, written
 from twin.engine.engine import Simulator
 from twin.fit.logged_skills import logged_skills
+from twin.recorders.rerun.fingers import finger_moves
+from twin.recorders.rerun.layout import entity_path, robot_part
 from twin.run.activities import robot_activities
+from twin.run.trajectory import object_placements
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario
 from twin.study.replications.workload import timing_graph
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
-from twin.trial.simulation import scenario_execution
+from twin.trial.simulation import scenario_execution, skill_durations
 
 PARTS = """\
   kind: assembly
@@ -206,6 +210,31 @@ def test_plan_files_keep_what_tools_do(planned: PlanResult, tmp_path: Path) -> N
     assert [t.actuations for t in load_plan(tmp_path).tasks] == [
         t.actuations for t in planned.tpg.tasks
     ]
+
+
+def test_fingers_close_on_the_rod_in_the_recording(
+    scenario: Scenario, planned: PlanResult, tmp_path: Path
+) -> None:
+    tpg, path = planned.tpg, tmp_path / "run.rrd"
+    run, _ = recorded_run(path, tpg, skill_durations(scenario))
+    placements = object_placements(tpg, run)
+    for k, robot in enumerate(tpg.cell.robots):
+        moves = sorted(finger_moves(tpg, run, placements, robot))
+        nodes = [(node, act) for chain, node, act in stands(tpg) if chain == k]
+        starts = [int(run.start_ns[k][node]) for node, _ in nodes]
+        ends = [int(run.end_ns[k][node]) for node, _ in nodes]
+        assert [move[0] for move in moves] == starts
+        assert [move[1] for move in moves] == ends
+        # Rods are 24 mm across, and fingers are held 40 mm apart.
+        assert [move[3] for move in moves] == pytest.approx([0.012] * len(moves))
+        entity = entity_path(robot_part(robot.name), "joints", "panda_finger_joint1")
+        shown = {
+            t: float(cell[0][1])
+            for t, cell in rows(path, entity, "Transform3D:translation")
+        }
+        for (_, act), start, end in zip(nodes, starts, ends, strict=True):
+            wide = (0.02, 0.012) if act == CLOSE else (0.012, 0.02)
+            assert (shown[start], shown[end]) == pytest.approx(wide, abs=1e-6)
 
 
 def test_disturbed_runs_are_clean(

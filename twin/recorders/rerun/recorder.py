@@ -28,6 +28,7 @@ from twin.recorders.rerun.bodies import (
     move_robot,
 )
 from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
+from twin.recorders.rerun.fingers import finger_moves, move_fingers
 from twin.recorders.rerun.layout import entity_path, time_column
 from twin.run.activities import (
     IDLE,
@@ -79,12 +80,14 @@ def write_recording(
         words = PlanWords(with_barriers(tpg) if run.policy == "synchronous" else tpg)
         colours = team_colours([robot.name for robot in tpg.cell.robots])
         draw_fixtures(rec, tpg.cell)
+        placements = object_placements(tpg, run)
         for robot, motion in zip(
             tpg.cell.robots, robot_trajectories(tpg, run), strict=True
         ):
             tree = draw_robot(rec, robot, colours[robot.name])
             move_robot(rec, tree, robot, motion)
-        placements = object_placements(tpg, run)
+            moves = list(finger_moves(tpg, run, placements, robot))
+            move_fingers(rec, tree, robot, moves)
         log_objects(rec, tpg.cell, placements)
         names = RobotNames(rec, list(colours))
         for placement in placements:

@@ -294,6 +294,16 @@ def _skills(result: StudyResult) -> Iterator[str]:
         for item in result.request.scenario.tool_durations
         if item.skill in kinds
     ]
+    timed = result.request.scenario.actuations
+    acts = {
+        f"{a.act} {timed[a.key].located(base).mean:.2f} s"
+        for load in result.loads
+        for task in load.tpg.tasks
+        for a in task.actuations
+        if task.kind not in located and a.key in timed
+    }
+    if acts:
+        yield f"in parts: motions, and tools {', '.join(sorted(acts))} in the mean"
     if tools:
         yield f"as the racks of tools say: {', '.join(tools)} in the mean"
     if execution.skill_overrides:

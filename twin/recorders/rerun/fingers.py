@@ -1,0 +1,134 @@
+"""Fingers in the Rerun recording: they close on what they take, and open to let go of it.
+
+Only those of robots that come with fingers as joints of their description move so; a tool that a cell
+puts on a flange is drawn as it is held. A finger closes by half of what it is held open, less half of the
+part between them: the farthest that the part reaches along the direction in which they close.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import rerun as rr
+from rerun.urdf import UrdfTree
+
+from planning.cell.workcell import CellObject, PlacedRobot
+from planning.kinematics.kinematics import frame_in_flange, frame_pose
+from planning.robots.registry import ROBOTS
+from planning.tasks.task import CLOSE, Task
+from planning.transforms import Array, Transform, inverse
+from scheduling.graph.actuations import actuation_nodes
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations.model import NANOSECONDS
+from twin.recorders.rerun.layout import entity_path, robot_part, time_column
+from twin.run.events import ExecutionRecord
+from twin.run.trajectory import Placement
+
+_FRAME_NS = NANOSECONDS // 20
+"""Least time between two frames [ns]."""
+
+
+def held_open(robot: PlacedRobot) -> dict[str, float]:
+    """Return the joints of a robot's own fingers, and how far each is held open [m]."""
+    entry = ROBOTS.get(robot.model.name)
+    return dict(entry.frozen) if entry and robot.tool is None else {}
+
+
+def half_width(
+    robot: PlacedRobot, item: CellObject, in_flange: Transform, frame: str = "tool"
+) -> float:
+    """Return how far a part reaches from the middle between the fingers of a robot [m].
+
+    Args:
+        robot: whose fingers close along the y axis of the frame.
+        item: the part.
+        in_flange: pose of it in the frame of the robot's flange.
+        frame: between the fingers.
+    """
+    seen = inverse(frame_in_flange(robot.model, frame)) @ in_flange
+    corners = np.vstack([piece.vertices for piece in item.shape.pieces])
+    return float(np.abs(corners @ seen[1, :3] + seen[1, 3]).max())
+
+
+def finger_moves(
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    placements: Sequence[Placement],
+    robot: PlacedRobot,
+) -> Iterator[tuple[int, int, str, float]]:
+    """Yield when a robot's fingers move: from, to [ns], what they do, and half of what is between them [m]."""
+    rows: dict[str, list[Placement]] = {}
+    for placement in placements:
+        rows.setdefault(placement.object, []).append(placement)
+    for k, nodes in enumerate(actuation_nodes(tpg)):
+        chain = tpg.chains[k]
+        for node, act in nodes.items():
+            task, end = tpg.tasks[int(chain.task[node])], int(run.end_ns[k][node])
+            if act.robot != robot.name or task.object is None or end < 0:
+                continue
+            q = chain.waypoints[chain.first[node]]
+            own = rows.get(task.object, [])
+            own = own[: bisect_right([p.t_ns for p in own], end)]
+            pose = _in_flange(robot, q, task, own)
+            if pose is not None:
+                begin = end - int(run.duration_ns[k][node])
+                half = half_width(robot, tpg.cell.object(task.object), pose)
+                yield begin, end, act.act, half
+
+
+def _in_flange(
+    robot: PlacedRobot, q: Array, task: Task, before: Sequence[Placement]
+) -> Transform | None:
+    """Return where a part is in the frame of the flange of who closes on it or lets go of it.
+
+    Args:
+        robot: who does.
+        q: where it stands, if it is its own task, shape (n,).
+        task: in which it does.
+        before: where the part was up to the end of that, by time.
+    """
+    for handling in task.handlings:
+        if handling.object == task.object and handling.holder == robot.name:
+            return handling.pose
+    # What another robot has been given was in this one's hand before.
+    for at in before[:-3:-1]:
+        if at.holder == robot.name:
+            return at.pose
+        if at.holder is None:
+            return inverse(frame_pose(robot, q)) @ at.pose
+    return None
+
+
+def move_fingers(
+    rec: rr.RecordingStream,
+    tree: UrdfTree,
+    robot: PlacedRobot,
+    moves: Sequence[tuple[int, int, str, float]],
+) -> None:
+    """Move the fingers of a robot that has been drawn, if it has any of its own.
+
+    Args:
+        rec: the recording.
+        tree: of the robot.
+        robot: whose fingers they are.
+        moves: as ``finger_moves`` yields them.
+    """
+    fingers = held_open(robot) if moves else {}
+    joints = {joint.name: joint for joint in tree.joints()}
+    for name, opened in fingers.items():
+        t_ns: list[int] = []
+        values: list[float] = []
+        for begin, end, act, half in sorted(moves):
+            closed = min(half, opened)
+            first, last = (opened, closed) if act == CLOSE else (closed, opened)
+            count = max(1, (end - begin) // _FRAME_NS)
+            for j in range(count + 1):
+                t_ns.append(begin + (end - begin) * j // count)
+                values.append(first + (last - first) * j / count)
+        rec.send_columns(
+            entity_path(robot_part(robot.name), "joints", name),
+            indexes=[time_column(t_ns)],
+            columns=joints[name].compute_transform_columns(values, clamp=False),
+        )
