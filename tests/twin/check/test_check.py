@@ -74,7 +74,7 @@ fixtures in each other          | "    - {name: rack"                          |
 tool frame beside the tool      | base: {xyz_m: [-0.6, 0, 0]}                  | "base: {xyz_m: [-0.6, 0, 0]}\n      frames: {tool: {xyz_m: [0.15, 0, 0.1], rpy_deg: [0, 0, -45]}}" | warning | away from the tool                           | frames: {tool
 tool frame across the tool      | base: {xyz_m: [-0.6, 0, 0]}                  | "base: {xyz_m: [-0.6, 0, 0]}\n      frames: {tool: {xyz_m: [0, 0, 0.03], rpy_deg: [45, 90, 0]}}" | warning | does not point out of the tool               | frames: {tool
 no such tool frame              | "  steps: [a, b]"                            | "  grips: {frame: hand}\n  steps: [a, b]"    | error   | has no frame 'hand'                          | model: panda
-LEGO's timings                  | "    pick: {kind: fixed, value_s: 2}\n"      | ""                                           | warning | packaged times of a LEGO tool with force control (pick | place-down: {kind
+LEGO's timings                  | "pick: {kind: fixed, value_s: 2}"              | "pick: {kind: packaged, skill: pick}"         | warning | packaged times of a LEGO tool with force control (pick | ""
 speeds beyond the limits        | {speed_model: joint}                         | {speed_model: l1, speed_rad_s: 5.0}          | warning | speed_rad_s 5 is 2.30 times what a joint can do | ""
 """)
 
@@ -129,7 +129,8 @@ def test_exceptions_of_every_robot_stand_in_for_packaged_times(
 ) -> None:
     """As ``twin fit --by robot --apply`` writes them."""
     listed = [_EXCEPTION.format("pick", name) for name in robots]
-    text = CELL.replace("    pick: {kind: fixed, value_s: 2}\n", "")
+    packaged = "pick: {kind: packaged, skill: pick}"
+    text = CELL.replace("pick: {kind: fixed, value_s: 2}", packaged)
     text += "  skill_overrides: [" + ", ".join(listed) + "]\n"
     said = [item.message for item in checked(written(tmp_path, text)).findings]
     assert len(said) == len(words)
