@@ -1,8 +1,7 @@
 """Fingers in the Rerun recording: they close on what they take, and open to let go of it.
 
 Only those of robots that come with fingers as joints of their description move so; a tool that a cell
-puts on a flange is drawn as it is held. A finger closes by half of what it is held open, less half of the
-part between them: the farthest that the part reaches along the direction in which they close.
+puts on a flange is drawn as it is held. They close until they touch the part, see ``planning.grips.pads``.
 """
 
 from __future__ import annotations
@@ -10,12 +9,16 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 import rerun as rr
 from rerun.urdf import UrdfTree
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.kinematics.kinematics import frame_in_flange, frame_pose
+from planning.grips.pads import pads_at
+from planning.kinematics.kinematics import (
+    frame_in_flange,
+    frame_in_last_joint,
+    frame_pose,
+)
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import CLOSE, Task
 from planning.transforms import Array, Transform, inverse
@@ -36,10 +39,10 @@ def held_open(robot: PlacedRobot) -> dict[str, float]:
     return dict(entry.frozen) if entry and robot.tool is None else {}
 
 
-def half_width(
+def way_to_touch(
     robot: PlacedRobot, item: CellObject, in_flange: Transform, frame: str = "tool"
 ) -> float:
-    """Return how far a part reaches from the middle between the fingers of a robot [m].
+    """Return how far each finger of a robot closes on a part; 0 where they would not touch it [m].
 
     Args:
         robot: whose fingers close along the y axis of the frame.
@@ -47,9 +50,14 @@ def half_width(
         in_flange: pose of it in the frame of the robot's flange.
         frame: between the fingers.
     """
-    seen = inverse(frame_in_flange(robot.model, frame)) @ in_flange
-    corners = np.vstack([piece.vertices for piece in item.shape.pieces])
-    return float(np.abs(corners @ seen[1, :3] + seen[1, 3]).max())
+    if frame not in robot.model.frames:
+        return 0.0
+    tip = frame_in_last_joint(robot.model, frame)
+    grip = inverse(in_flange) @ frame_in_flange(robot.model, frame)
+    pads = pads_at(robot.model, tip, item.shape, grip)
+    if pads is None or pads.off is None:
+        return 0.0
+    return 0.5 * sum(max(pad.way or 0.0, 0.0) for pad in pads.sides)
 
 
 def finger_moves(
@@ -58,7 +66,7 @@ def finger_moves(
     placements: Sequence[Placement],
     robot: PlacedRobot,
 ) -> Iterator[tuple[int, int, str, float]]:
-    """Yield when a robot's fingers move: from, to [ns], what they do, and half of what is between them [m]."""
+    """Yield when a robot's fingers move: from, to [ns], what they do, and how far each moves [m]."""
     rows: dict[str, list[Placement]] = {}
     for placement in placements:
         rows.setdefault(placement.object, []).append(placement)
@@ -74,8 +82,8 @@ def finger_moves(
             pose = _in_flange(robot, q, task, own)
             if pose is not None:
                 begin = end - int(run.duration_ns[k][node])
-                half = half_width(robot, tpg.cell.object(task.object), pose)
-                yield begin, end, act.act, half
+                way = way_to_touch(robot, tpg.cell.object(task.object), pose)
+                yield begin, end, act.act, way
 
 
 def _in_flange(
@@ -120,8 +128,8 @@ def move_fingers(
     for name, opened in fingers.items():
         t_ns: list[int] = []
         values: list[float] = []
-        for begin, end, act, half in sorted(moves):
-            closed = min(half, opened)
+        for begin, end, act, way in sorted(moves):
+            closed = max(opened - way, 0.0)
             first, last = (opened, closed) if act == CLOSE else (closed, opened)
             count = max(1, (end - begin) // _FRAME_NS)
             for j in range(count + 1):
