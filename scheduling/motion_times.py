@@ -24,8 +24,8 @@ from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
-from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.drive import Drive, joined_drives
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.pace import Pace, Slowing, paces
 

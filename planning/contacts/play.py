@@ -10,8 +10,13 @@ from itertools import product
 import numpy as np
 
 from planning.cell.shape import Cylinder, Element, Mesh, Shape
-from planning.contacts.bores import SNUG, bore_around
-from planning.contacts.interference import depth, depth_words, forms_depth
+from planning.contacts.interference import (
+    SNUG,
+    bore_around,
+    depth,
+    depth_words,
+    forms_depth,
+)
 from planning.contacts.touching import Lying, bounds
 from planning.transforms import Array, Transform, readonly, translation
 

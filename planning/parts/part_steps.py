@@ -1,4 +1,4 @@
-"""Steps of an assembly where they are done: what is there by then, and what touches what."""
+"""Steps of an assembly where they are done: what is there by then, what touches what, how parts fit."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from planning.cell.shape import box_shape
 from planning.cell.workcell import Attachment, CellObject, Fixture, Workcell
 from planning.contacts.interference import Overlaps, depth, leads_through
+from planning.contacts.play import Play, play
 from planning.contacts.touching import Lying, near_to, nearest_words, standing
 from planning.errors import InfeasibleStepError
 from planning.grips.grip import Grip
@@ -327,3 +328,47 @@ def wide_joints(cell: Workcell, assembly: PartAssembly) -> Iterator[tuple[Joint,
             f" of what is between them (joined: {{parts: [{first}, {second}], gap_m: {room(gap):g}}}); of all"
             f" else {nearest_words(second, lying[second], others)}",
         )
+
+
+@dataclass(frozen=True)
+class PartFit:
+    """The fit of a part where a step puts it.
+
+    Attributes:
+        step: counted from 1.
+        part: its name.
+        play: across its way in.
+        robots: that may do the step; all of the cell where it does not say.
+    """
+
+    step: int
+    part: str
+    play: Play
+    robots: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """What it is, for people: ``peg in block: 0.21 mm on all sides``."""
+        return f"{self.part} in {' and '.join(self.play.beside)}: {self.play.words}"
+
+
+def part_fits(cell: Workcell, assembly: PartAssembly) -> Iterator[PartFit]:
+    """Yield the fits of parts that something guides into where they are put.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: its steps in order.
+    """
+    for number, step, where, goal in steps_in_order(cell, assembly):
+        if not isinstance(step, PlacePart):
+            continue
+        others = standing(cell) | {
+            item.name: (item, where[item.name])
+            for item in cell.objects
+            if item.name in where and item.name != step.part
+        }
+        way = np.array(assembly.handling(step.part).insertion)
+        found = play((cell.object(step.part), goal), others, way)
+        if found is not None:
+            robots = tuple(r.name for r in cell.robots if step.done_by(r.name))
+            yield PartFit(number, step.part, found, robots)

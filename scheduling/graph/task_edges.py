@@ -4,7 +4,8 @@ Barriers between the slots of a synchronous plan, as edges of a graph (APEX-MR V
 
 The order of nodes where one robot works at a time.
 
-The chains of a graph that belong to machines, see ``planning.cell.workcell``.
+The chains of a graph that belong to machines, see ``planning.cell.workcell``. The nodes in which
+robots stand while tools close and open.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from planning.errors import PlanInvariantError
-from planning.tasks.task import SUPPLY_KINDS
+from planning.tasks.task import SUPPLY_KINDS, Actuation
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import (
@@ -235,3 +236,24 @@ def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     So a robot knows how far it may go before it is another one's turn.
     """
     return _with_edges(tpg, [turn_edges(tpg)], TASK_DEPENDENCY)
+
+
+def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
+    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own.
+
+    It is the node whose one waypoint is that at which the task says that it is over.
+    """
+    found: list[dict[int, Actuation]] = []
+    for chain, tasks in zip(tpg.chains, task_nodes(tpg.chains), strict=True):
+        own: dict[int, Actuation] = {}
+        for nodes in tasks:
+            acts = {a.waypoint: a for a in tpg.tasks[nodes.task].actuations}
+            if acts:
+                first = chain.first[nodes.first : nodes.stop + 1]
+                passed = (first[1:] - first[0]).tolist()
+                alone = np.diff(first) == 1
+                for k in np.flatnonzero(alone).tolist():
+                    if passed[k] in acts:
+                        own[nodes.first + k] = acts[passed[k]]
+        found.append(own)
+    return found

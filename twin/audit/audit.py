@@ -19,7 +19,6 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase
 from twin.audit.contacts import Contacts, allowed_contacts
 from twin.audit.grips import grip_violations
-from twin.audit.hands import tool_violations
 from twin.audit.limit_checks import (
     effort_violations,
     joint_violations,
@@ -40,6 +39,7 @@ from twin.audit.places import (
     jump_violations,
     place_violations,
     start_violations,
+    tool_violations,
 )
 from twin.audit.processes import process_violations
 from twin.audit.resting import hanging_violations, rest_violations

@@ -10,8 +10,7 @@ from typing import Any
 
 from twin.check.finding import Finding, Findings, Subject
 from twin.check.fits import KnownFit, known_fits
-from twin.check.grip_times import check_grip_times
-from twin.check.holds import check_friction, check_holds, check_pads
+from twin.check.holds import check_friction, check_grip_times, check_holds, check_pads
 from twin.check.lying import (
     check_balance,
     check_centres,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from planning.parts.fits import PartFit, part_fits
+from planning.parts.part_steps import PartFit, part_fits
 from twin.check.finding import Subject
 
 _NEVER = 1e-9

@@ -1,4 +1,4 @@
-"""Checks of how tools hold parts: pads that close on them, or a cup that is on a face."""
+"""Checks of grips: pads or cups that are on what they hold, friction that bears it, and times to grip."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from planning.grips.grip import GripRules
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import not_held, robot_grips
 from planning.parts.assembly import PartAssembly, PlacePart
+from planning.tasks.task import CLOSE, HOLD, OPEN
 from planning.transforms import Transform
 from twin.check.finding import (
     Finding,
@@ -23,6 +24,8 @@ from twin.check.finding import (
     of_parts,
 )
 from twin.check.tools import finger_gap, has_fingers
+from twin.durations.model import DurationModel
+from twin.scenario.document.yaml_text import KeyPath
 
 
 @of_parts
@@ -126,3 +129,78 @@ def check_pads(subject: Subject, _: OrderedParts) -> Findings:
                 " farther out than what is between: whether it touches the parts that it grips is neither"
                 " planned nor audited; give its fingers shapes of their own, on both sides along 'closing'",
             )
+
+
+_USES = {
+    "pick": (CLOSE,),
+    "place-down": (OPEN,),
+    "handover": (CLOSE, OPEN),
+    HOLD: (CLOSE,),
+}
+"""What tools do in a skill of an assembly of parts."""
+
+
+def check_grip_times(subject: Subject) -> Findings:
+    """Yield times of whole skills that leave no time to move, or that hide what is said of a tool."""
+    scenario = subject.scenario
+    if not scenario.actuations:
+        return
+    execution = scenario.execution
+    given: list[tuple[KeyPath, str, str | None, object]] = [
+        (("execution", "skills", skill), skill, None, duration)
+        for skill, duration in execution.skills.items()
+    ]
+    given += [
+        (("execution", "skill_overrides", k), item.skill, item.robot, item.duration)
+        for k, item in enumerate(execution.skill_overrides)
+    ]
+    for at, skill, robot, duration in given:
+        if skill not in _USES or not isinstance(duration, DurationModel):
+            continue
+        whole = duration.located(subject.folder).mean
+        grips = sum(
+            min(
+                model.located(subject.folder).mean
+                for (done, who, _), model in scenario.actuations.items()
+                if done == act and robot in (None, who)
+            )
+            for act in _USES[skill]
+        )
+        if whole <= grips and grips > 0.0:
+            yield Finding(
+                at,
+                f"{skill} takes {whole:g} s, which is the time of the whole skill: motions and what the"
+                f" tool takes to {' and to '.join(_USES[skill])}, which alone is {grips:g} s. If this is"
+                f" what the tool takes, say it there ({_keys(skill)}), and leave {skill} away here",
+            )
+    whole_skills = [
+        skill
+        for skill, duration in execution.skills.items()
+        if skill in ("pick", "place-down") and isinstance(duration, DurationModel)
+    ]
+    for at, act in _said(subject):
+        hidden = [skill for skill in whole_skills if act in _USES[skill]]
+        if hidden:
+            yield Finding(
+                at,
+                f"counts in no {' or '.join(hidden)}: execution.skills.{hidden[0]} says how long the whole"
+                " of it takes, gripping included",
+            )
+
+
+def _keys(skill: str) -> str:
+    keys = " and ".join(f"{act}_s" for act in _USES[skill])
+    return f"{keys} of the tool or of assembly.grips"
+
+
+def _said(subject: Subject) -> Iterator[tuple[KeyPath, str]]:
+    """Yield where the file says what tools take to close and to open."""
+    scenario = subject.scenario
+    places: list[tuple[KeyPath, object]] = [
+        (("cell", "tools", name), tool) for name, tool in scenario.cell.tools.items()
+    ]
+    places.append((("assembly", "grips"), getattr(scenario.assembly, "grips", None)))
+    for at, section in places:
+        for act in (CLOSE, OPEN):
+            if getattr(section, f"{act}_s", None) is not None:
+                yield (*at, f"{act}_s"), act

@@ -21,7 +21,7 @@ from planning.tasks.task import (
     STRAIGHT,
     TRANSIT,
 )
-from scheduling.graph.actuations import actuation_nodes
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,

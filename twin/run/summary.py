@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import (
+    actuation_nodes,
     dependency_edges,
     machine_chains,
     working_machines,

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.tasks.task import STRAIGHT
 from planning.transforms import Array, Indices
-from scheduling.graph.actuations import actuation_nodes
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import Exponential
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds

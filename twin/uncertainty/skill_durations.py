@@ -20,7 +20,7 @@ from planning.tasks.task import (
     strongest_exception,
 )
 from planning.transforms import Array, Indices
-from scheduling.graph.actuations import actuation_nodes
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import SkillOverride
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds

@@ -20,10 +20,10 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.cell.workcell import Fixture
-from planning.contacts.bores import bore_around
 from planning.contacts.interference import (
     ROUNDING,
     Overlaps,
+    bore_around,
     depth,
     mesh_bodies,
     round_solid,

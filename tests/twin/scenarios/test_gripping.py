@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.task import CLOSE, OPEN
-from scheduling.graph.actuations import actuation_nodes
 from scheduling.graph.plan_files import load_plan, save_plan
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.verify import verify_plan
 from tests.twin.recorders.recorded_toys import recorded_run, rows

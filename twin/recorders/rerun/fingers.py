@@ -22,7 +22,7 @@ from planning.kinematics.kinematics import (
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import CLOSE, Task
 from planning.transforms import Array, Transform, inverse
-from scheduling.graph.actuations import actuation_nodes
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.recorders.rerun.layout import entity_path, robot_part, time_column
