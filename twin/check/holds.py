@@ -166,7 +166,8 @@ def check_grip_times(subject: Subject) -> Findings:
             )
             for act in _USES[skill]
         )
-        if whole <= grips and grips > 0.0:
+        # Nobody takes 0 s for what a tool takes: that is a bound, see check_standing_times.
+        if 0.0 < whole <= grips:
             yield Finding(
                 at,
                 f"{skill} takes {whole:g} s, which is the time of the whole skill: motions and what the"
