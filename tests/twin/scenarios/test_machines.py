@@ -553,7 +553,8 @@ def test_a_robot_keeps_hold_of_what_has_not_cured(tmp_path: Path) -> None:
     found = audit_run(tmp_path / "run", wanted=wanted, ordered=False).violations
     (v,) = (v for v in found if v.kind == "support")
     assert (v.first, v.second) == ("bracket", "left")
-    assert v.t_end - v.t_start == pytest.approx(1.0, abs=0.01)
+    # Its fingers take 0.4 s to open, and hold until then.
+    assert v.t_end - v.t_start == pytest.approx(1.0 - 0.4, abs=0.01)
 
 
 def test_an_order_that_is_found_waits_for_what_cures(tmp_path: Path) -> None:
