@@ -24,10 +24,8 @@ from planning.grips.grip import Grip
 from planning.grips.pads import Pads, finger_sides, pads_at
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.statics.contact_patch import contact_patch
+from planning.statics.equilibrium import STANDARD_GRAVITY
 from planning.transforms import Array, Transform, inverse, translation
-
-GRAVITY = 9.81
-"""Of what is held [m/s^2]."""
 
 _TOUCHES = 2e-4
 """Bodies of a pad and pieces of a part that are nearer to each other than this touch [m]."""
@@ -113,7 +111,7 @@ def pad_load(
         middle, radius = _middle_and_radius(touched @ grip[:3, [0, 2]])
         middles.append(middle)
         radii.append(radius)
-    weight = mass * GRAVITY
+    weight = mass * STANDARD_GRAVITY
     pull = weight * (up @ grip[:3, [0, 2]])
     arm = shape.centre_of_mass @ grip[:3, [0, 2]] - 0.5 * (middles[0] + middles[1])
     torque = abs(float(arm[0] * pull[1] - arm[1] * pull[0]))
@@ -142,13 +140,9 @@ def _middle_and_radius(points: Array) -> tuple[Array, float]:
         inside = (planes[:, :2] @ cells.T + planes[:, 2:] <= 1e-12).all(axis=0)
         cells = cells[inside] if inside.any() else points
     except QhullError:  # a line, or a point
-        ends = points[
-            [
-                int(np.argmin(points @ (high - low))),
-                int(np.argmax(points @ (high - low))),
-            ]
-        ]
-        cells = ends[0] + steps[:, None] * (ends[1] - ends[0])
+        along = points @ (high - low)
+        begin, end = points[along.argmin()], points[along.argmax()]
+        cells = begin + steps[:, None] * (end - begin)
     middle = cells.mean(axis=0)
     return middle, float(np.linalg.norm(cells - middle, axis=1).mean())
 

@@ -10,10 +10,11 @@ import pytest
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, box_shape, shape_of
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.grips.friction import GRAVITY, firm_grips, load_on_pads
+from planning.grips.friction import firm_grips, load_on_pads
 from planning.grips.grip import Grip
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
+from planning.statics.equilibrium import STANDARD_GRAVITY
 from planning.transforms import (
     Array,
     Transform,
@@ -67,8 +68,8 @@ def slip(points: Array, centre: Array) -> tuple[float, float]:
 def test_both_limits_are_sums_over_the_area_of_contact() -> None:
     load = load_on_pads(arm(), BAR, at(0.1), "tool", identity(), FRICTION)
     assert load is not None
-    assert load.force == pytest.approx(MASS * GRAVITY)
-    assert load.torque == pytest.approx(MASS * GRAVITY * 0.1)
+    assert load.force == pytest.approx(MASS * STANDARD_GRAVITY)
+    assert load.torque == pytest.approx(MASS * STANDARD_GRAVITY * 0.1)
     assert load.lever == pytest.approx(0.1)
     # Fingers reach to the middle of the bar: they touch 20 by 20 mm.
     rng = np.random.default_rng(1)
@@ -85,8 +86,10 @@ def test_a_part_is_held_up_to_the_lever_that_friction_bears() -> None:
     poses = [identity(), from_rpy((0, 0, 0), (0, 0, 1.0))]
     least = load_on_pads(arm(), BAR, at(0.0), "tool", poses[0], FRICTION)
     assert least is not None
-    assert least.share == pytest.approx(MASS * GRAVITY / (2.0 * FRICTION * FORCE))
-    free = least.most_torque * np.sqrt(1.0 - least.share**2) / (MASS * GRAVITY)
+    assert least.share == pytest.approx(
+        MASS * STANDARD_GRAVITY / (2.0 * FRICTION * FORCE)
+    )
+    free = least.most_torque * np.sqrt(1.0 - least.share**2) / (MASS * STANDARD_GRAVITY)
     grips = {
         k: at(x) for k, x in enumerate((0.0, 0.98 * free, -0.98 * free, 1.02 * free))
     }
@@ -110,7 +113,7 @@ def test_gravity_turns_a_part_about_the_axis_of_the_pads_alone(
     pose: Transform = from_rpy((0, 0, 0), turned)
     load = load_on_pads(arm(), BAR, at(0.1), "tool", pose, FRICTION)
     assert load is not None
-    assert load.torque == pytest.approx(MASS * GRAVITY * torque, abs=1e-6)
+    assert load.torque == pytest.approx(MASS * STANDARD_GRAVITY * torque, abs=1e-6)
 
 
 def test_a_round_peg_is_touched_along_lines() -> None:
