@@ -140,7 +140,8 @@ def _middle_and_radius(points: Array) -> tuple[Array, float]:
         inside = (planes[:, :2] @ cells.T + planes[:, 2:] <= 1e-12).all(axis=0)
         cells = cells[inside] if inside.any() else points
     except QhullError:  # a line, or a point
-        along = points @ (high - low)
+        farthest = np.linalg.norm(points - points[0], axis=1).argmax()
+        along = points @ (points[farthest] - points[0])
         begin, end = points[along.argmin()], points[along.argmax()]
         cells = begin + steps[:, None] * (end - begin)
     middle = cells.mean(axis=0)

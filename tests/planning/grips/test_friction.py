@@ -10,7 +10,7 @@ import pytest
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, box_shape, shape_of
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.grips.friction import firm_grips, load_on_pads
+from planning.grips.friction import _middle_and_radius, firm_grips, load_on_pads
 from planning.grips.grip import Grip
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
@@ -125,3 +125,13 @@ def test_a_round_peg_is_touched_along_lines() -> None:
     assert load is not None
     lines = 2.0 * FRICTION * FORCE * 0.25 * 0.02
     assert lines <= load.most_torque < 1.2 * lines
+
+
+@pytest.mark.parametrize("end", [(1, 0), (0, 1), (1, 1), (-1, 1), (-3, 4)])
+def test_a_line_bears_as_much_torque_in_whatever_direction_it_lies(
+    end: tuple[int, int],
+) -> None:
+    """Its points are a quarter of its length from its middle in the mean."""
+    middle, radius = _middle_and_radius(np.outer([0.25, 0.0, 1.0], end))
+    assert middle == pytest.approx(0.5 * np.array(end))
+    assert radius == pytest.approx(0.25 * np.hypot(*end))
