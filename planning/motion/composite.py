@@ -85,7 +85,7 @@ class CompositeChecker:
         }
         self._alone = tuple(
             SceneChecker(
-                _without(cell, state, [o for o in self.robots if o != name]),
+                without_robots(cell, state, [o for o in self.robots if o != name]),
                 name,
                 state,
                 pairs[name],
@@ -187,7 +187,10 @@ class CompositeChecker:
         }
 
 
-def _without(cell: Workcell, state: WorldState, robots: Sequence[str]) -> Workcell:
+def without_robots(
+    cell: Workcell, state: WorldState, robots: Sequence[str]
+) -> Workcell:
+    """Return a cell without some robots and what they hold."""
     return replace(
         cell,
         robots=tuple(r for r in cell.robots if r.name not in robots),

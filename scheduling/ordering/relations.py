@@ -96,7 +96,7 @@ class TaskRelations:
         with; what follows from the stairs below is left out.
         """
         if (earlier, later) not in self._stairs:
-            a, b = self._unit(later), self._unit(earlier)
+            a, b = self.stretch(later), self.stretch(earlier)
             found = self._conflicts.search(self.graph, a, b, _all_nodes(a, b))
             stairs: list[tuple[int, int]] = []
             for v, u in sorted(found):
@@ -109,7 +109,7 @@ class TaskRelations:
     def sweeps_clear(self, first: int, second: int) -> bool:
         """Tell whether two units of different robots keep clear at any times."""
         a, b = sorted((first, second))
-        return self._clear_of(("unit", a), lambda: self._unit(a), b)
+        return self._clear_of(("unit", a), lambda: self.stretch(a), b)
 
     def stands_clear(self, chain: int, done: int, unit: int) -> bool:
         """Tell whether a unit keeps clear of a robot that has done its first ``done`` units."""
@@ -135,7 +135,7 @@ class TaskRelations:
             ("rest", number), lambda: rest_stretch(self.graph, rest), unit
         )
 
-    def _unit(self, unit: int) -> GraphStretch:
+    def stretch(self, unit: int) -> GraphStretch:
         """Return a unit as a stretch, its nodes counted from its first one."""
         u = self.units[unit]
         return self._thing(
@@ -150,7 +150,7 @@ class TaskRelations:
     def _clear_of(self, key: _Key, make: Callable[[], GraphStretch], unit: int) -> bool:
         """Tell whether a unit keeps clear of what the key stands for, which is made if need be."""
         if (key, unit) not in self._clear:
-            a, b = self._thing(key, make), self._unit(unit)
+            a, b = self._thing(key, make), self.stretch(unit)
             clear = self._conflicts.are_clear(self.graph, a, b, _all_nodes(a, b))
             self._clear[key, unit] = clear
         return self._clear[key, unit]

@@ -3,7 +3,8 @@
 In a slot every robot does its next task or waits; the next slot starts when everyone has
 finished. Tasks keep the order of the sequential plan wherever two of them cannot be done at
 once. Whoever does not come into another's way moves as in the sequential plan, at its own pace;
-transits that would collide are planned as one robot, in lock step.
+transits that would collide are planned as one robot, in lock step. As in the paper, all transits
+of a slot can be planned so, whether they would collide or not.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from planning.cell.workcell import WorldState, start_state
 from planning.errors import TransitError
-from planning.motion.composite import CompositeChecker
+from planning.motion.composite import CompositeChecker, without_robots
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.motion.sequential import MARGIN, MotionSettings
 from planning.motion.speed import path_duration
@@ -26,6 +27,7 @@ from planning.tasks.task import TRANSIT, apply_handlings, move_robot
 from planning.transforms import Indices
 from scheduling.build_tpg import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.ordering.beside_skills import BesideSkills
 from scheduling.ordering.relations import TaskRelations
 
 _SHORTEST = 1e-3
@@ -81,6 +83,25 @@ class TaskConflicts:
         done = 0 if after is None else bisect_right(self._of_chain[chain], after)
         return not self._relations.stands_clear(chain, done, self._unit[task])
 
+    def beside(
+        self, checker: CompositeChecker, transits: Sequence[int], skills: Sequence[int]
+    ) -> BesideSkills:
+        """Return checks of robots that move for some transits while skills are done.
+
+        Args:
+            checker: of the robots that move, without those that do skills.
+            transits: their tasks.
+            skills: the tasks that are done meanwhile.
+        """
+        relations = self._relations
+        nodes = [relations.units[self._unit[task]] for task in transits]
+        return BesideSkills(
+            checker,
+            relations.graph,
+            dict(zip(checker.robots, nodes, strict=True)),
+            [relations.stretch(self._unit[t]) for t in skills if t in self._unit],
+        )
+
     def left_behind(self, first: int, task: int) -> bool:
         """Tell whether a task runs into an object where the task ``first`` leaves it."""
         return self._rests_in_the_way(self._relations.left_by, first, task)
@@ -107,7 +128,8 @@ class SynchronousPlan:
     Attributes:
         motion_plan: with the tasks of the sequential plan, timed by slots.
         slot_of_task: slot of each task, from 0, in the order of the tasks, shape (tasks,).
-        jointly_planned: groups of tasks that were planned as one robot.
+        jointly_planned: groups of transits that were planned as one robot; one alone, where
+            all that was done beside it were skills.
     """
 
     motion_plan: MotionPlan
@@ -137,6 +159,8 @@ def plan_synchronous(
     settings: MotionSettings,
     conflicts: TaskConflicts,
     progress: Progress = no_progress,
+    *,
+    always_jointly: bool = False,
 ) -> SynchronousPlan:
     """Turn a sequential plan into one in slots.
 
@@ -149,22 +173,32 @@ def plan_synchronous(
         settings: of the sequential plan: speeds, step, attempts and seed.
         conflicts: of the tasks of ``plan``.
         progress: called with the tasks done and the tasks in all.
+        always_jointly: plan all transits of a slot in which several robots move as one robot,
+            beside what skills in it sweep, however long that takes; by default only those that
+            would collide, where that saves time.
 
     Raises:
         TransitError: the sequential plan does not hold on its own.
     """
-    return _Planner(plan, settings, conflicts).plan(progress)
+    planner = _Planner(plan, settings, conflicts, always_jointly=always_jointly)
+    return planner.plan(progress)
 
 
 class _Planner:
     """Fills slot after slot."""
 
     def __init__(
-        self, plan: MotionPlan, settings: MotionSettings, conflicts: TaskConflicts
+        self,
+        plan: MotionPlan,
+        settings: MotionSettings,
+        conflicts: TaskConflicts,
+        *,
+        always_jointly: bool,
     ) -> None:
         self.sequential = plan
         self.settings = settings
         self.conflicts = conflicts
+        self.always_jointly = always_jointly
         self.tasks = {task.index: task for task in plan.tasks}
         self.motions = {
             task.index: motion
@@ -248,7 +282,34 @@ class _Planner:
                     f"task {index} ({task.label}) of robot {task.robot!r} cannot be done"
                     f" as in the sequential plan: {problem}"
                 )
+        if not self.always_jointly or self._plan_slot(slot):
+            return slot
+        # Not all of them at once: as many as can, in the order of the plan.
+        refused, slot = tuple(slot.motions), _Slot()
+        for index in filter(self._ready, candidates):
+            if self._admit(slot, index):
+                continue
+            if tuple(slot.motions) == refused or not self._plan_slot(slot):
+                del slot.motions[index]
         return slot
+
+    def _plan_slot(self, slot: _Slot) -> bool:
+        """Plan the transits of a slot as one robot, beside its skills; tell whether there is a way."""
+        if len(slot.motions) < 2:
+            return True
+        skills = [index for index in slot.motions if not self._is_transit(index)]
+        transits = tuple(index for index in slot.motions if index not in skills)
+        if not transits:
+            return True
+        motions = self._plan_composite(transits, np.inf, skills)
+        if motions is None:
+            return False
+        slot.motions |= {i: motions[self.tasks[i].robot] for i in transits}
+        slot.joint = transits
+        return True
+
+    def _is_transit(self, index: int) -> bool:
+        return self.tasks[index].kind == TRANSIT and index not in self.handles
 
     def _admit(self, slot: _Slot, index: int) -> str:
         """Take a task into the slot; return why not, empty when it is taken."""
@@ -268,8 +329,12 @@ class _Planner:
                 index in self.handles and conflicts.left_behind(index, other)
             ):
                 return f"it would block task {other}"
+        if self.always_jointly:
+            fixed = [i for i in (*slot.motions, index) if not self._is_transit(i)]
+            if index in fixed and any(conflicts.sweeps(index, i) for i in fixed[:-1]):
+                return "it is in the way of another robot's skill"
         # Who moves in lock step has left its sequential path, which is all that is known.
-        if slot.joint or any(conflicts.sweeps(index, other) for other in slot.motions):
+        elif slot.joint or any(conflicts.sweeps(index, i) for i in slot.motions):
             return self._move_together(slot, index)
         motion = self.motions[index]
         slot.motions[index] = TaskMotion(motion.path, motion.time - motion.time[0])
@@ -291,7 +356,7 @@ class _Planner:
     def _move_together(self, slot: _Slot, index: int) -> str:
         """Plan everyone who moves in the slot anew, as one robot, where that saves time."""
         indices = (*slot.motions, index)
-        if any(self.tasks[i].kind != TRANSIT or i in self.handles for i in indices):
+        if not all(map(self._is_transit, indices)):
             return "it is in the way of another robot's skill, or that in its"
         own = self.motions[index].time
         without = slot.seconds + float(own[-1] - own[0])
@@ -303,12 +368,21 @@ class _Planner:
         return ""
 
     def _plan_composite(
-        self, indices: Sequence[int], without: float
+        self, indices: Sequence[int], without: float, skills: Sequence[int] = ()
     ) -> Mapping[str, TaskMotion] | None:
-        """Return motions of a composite path that takes less than the tasks apart."""
+        """Return motions of a composite path that takes less than the tasks apart.
+
+        Args:
+            indices: transits.
+            without: what the tasks take apart [s].
+            skills: tasks that others do meanwhile.
+        """
         settings, cell = self.settings, self.sequential.cell
         robots = [self.tasks[i].robot for i in indices]
-        checker = CompositeChecker(
+        busy = [self.tasks[i].robot for i in skills]
+        if skills:
+            cell = without_robots(cell, self.state, busy)
+        together = CompositeChecker(
             cell,
             dict(zip(robots, indices, strict=True)),
             self.state,
@@ -318,6 +392,9 @@ class _Planner:
             step=settings.step,
             margin=MARGIN,
         )
+        checker: CompositeChecker | BesideSkills = together
+        if skills:
+            checker = self.conflicts.beside(together, indices, skills)
         start = np.concatenate([self.state.configurations[name] for name in robots])
         goal = np.concatenate([self.tasks[i].path[-1] for i in indices])
         if not (checker.configuration_free(start) and checker.configuration_free(goal)):

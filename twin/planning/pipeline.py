@@ -72,14 +72,23 @@ def plan_in_turns(
     return plan_motions(scenario, folder, watch)
 
 
-def plan_in_slots(turns: PlannedMotions, watch: StageWatch) -> SynchronousPlan:
-    """Let robots move at once, in slots; the stage is synchronous."""
+def plan_in_slots(
+    turns: PlannedMotions, watch: StageWatch, *, always_jointly: bool = False
+) -> SynchronousPlan:
+    """Let robots move at once, in slots; the stage is synchronous.
+
+    Args:
+        turns: one task after another.
+        watch: measures the stage.
+        always_jointly: see ``plan_synchronous``.
+    """
     with watch.stage("synchronous"):
         return plan_synchronous(
             turns.motion_plan,
             turns.settings,
             TaskConflicts(turns.motion_plan),
             watch.reporter(SLOTS),
+            always_jointly=always_jointly,
         )
 
 

@@ -149,7 +149,8 @@ class CoordinatedPlans:
                     keep_slots=self._keep_slots,
                 )
             elif name == IN_SLOTS:
-                slots = plan_in_slots(self._motions, watch)
+                always = self._scenario.planning.joint_planning == "always"
+                slots = plan_in_slots(self._motions, watch, always_jointly=always)
                 tpg = order_motions(slots.motion_plan, watch, slots.slot_of_task)
             else:
                 tpg = order_motions(self._motions.motion_plan, watch)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.tasks.task import TRANSIT
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.verify import verify_plan
 from twin.durations.model import NANOSECONDS
@@ -85,3 +86,64 @@ def test_slots_are_saved_with_the_plan(
 ) -> None:
     save_plan(planned[1].tpg, tmp_path)
     assert np.array_equal(load_plan(tmp_path).slots, planned[1].tpg.slots)
+
+
+LEGO = FOLDER.parent / "lego"
+
+
+@pytest.fixture(scope="module")
+def jointly() -> tuple[Scenario, PlanResult]:
+    """Return the cliff with all transits of a slot planned as one robot."""
+    scenario = load_scenario(LEGO / "cliff.yaml")
+    update = {
+        "coordination": "synchronous",
+        "joint_planning": "always",
+        "shortcut_candidates": 0,
+    }
+    planning = scenario.planning.model_copy(update=update)
+    scenario = scenario.model_copy(update={"planning": planning})
+    return scenario, plan_scenario(scenario, LEGO)
+
+
+def test_joint_paths_pass_the_proof_apart(jointly: tuple[Scenario, PlanResult]) -> None:
+    assert verify_plan(jointly[1].tpg).problems == ()
+
+
+def test_joint_paths_pass_the_audit_slot_by_slot(
+    jointly: tuple[Scenario, PlanResult], tmp_path: Path
+) -> None:
+    scenario, plan = jointly
+    execution = scenario.execution.model_copy(update={"policy": "synchronous"})
+    changed = scenario.model_copy(update={"execution": execution})
+    changed_plan = replace(plan, scenario=LoadedScenario(changed))
+    assert try_plan(changed_plan, tmp_path, recording=False).passed
+
+
+def test_slots_of_a_shipped_plan_are_planned_jointly(
+    jointly: tuple[Scenario, PlanResult],
+) -> None:
+    plan = jointly[1]
+    slots = plan_in_slots(plan.motions, StageWatch(), always_jointly=True)
+    number = dict(
+        zip(
+            (task.index for task in plan.tpg.tasks),
+            slots.slot_of_task.tolist(),
+            strict=True,
+        )
+    )
+    joint = {number[group[0]]: set(group) for group in slots.jointly_planned}
+    seen = 0
+    for k in range(int(slots.slot_of_task.max()) + 1):
+        moving = {
+            task.index: task.kind == TRANSIT
+            for task, motion in zip(
+                plan.tpg.tasks, slots.motion_plan.motions, strict=True
+            )
+            if number[task.index] == k and np.any(np.diff(motion.path, axis=0))
+        }
+        free = {index for index, transit in moving.items() if transit}
+        if len(moving) > 1 and free:
+            assert joint.pop(k) == free
+            seen += 1
+    assert not joint
+    assert seen > 10

@@ -102,6 +102,9 @@ class PlanningSection(Section):
         attempts: transit searches, each longer than the one before, until the planner gives up.
         coordination: ``sequential`` plans one task after another; ``synchronous`` turns that
             into slots in which robots move at once.
+        joint_planning: which transits of a plan in slots are planned as one robot: ``conflicts``
+            those that would collide, where that saves time; ``always`` all that are in one
+            slot, as APEX-MR's synchronous baseline does.
         shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
         improve_s: how long to search for a better choice of robots, objects, grips and supports
@@ -117,6 +120,7 @@ class PlanningSection(Section):
     step_s: Annotated[float, Field(ge=0.001, le=10)] = 0.05
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
+    joint_planning: Literal["conflicts", "always"] = "conflicts"
     shortcut_candidates: (
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
