@@ -15,6 +15,7 @@ import numpy as np
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.world.fixed_world import Building
+from planning.statics.build_order import Fall
 from planning.transforms import Array
 
 Skeleton = tuple[str, ...]
@@ -71,13 +72,11 @@ def ready_at(
     Args:
         problem: with the part graph.
         part: placeable.
-        placed: end of the skill that placed each part [s].
+        placed: end of the skill that placed each part, in the order of planning [s].
     """
-    graph = problem.graph
-    carriers = [placed[p] for p in graph.carriers[part] if problem.carried]
-    if carriers or part in graph.ground:
-        return max(carriers, default=0.0)
-    return min(placed[p] for p in graph.neighbours[part] if p in placed)
+    needed = problem.balance.needs(part, placed)
+    assert not isinstance(needed, Fall)
+    return max((placed[p] for p in needed), default=0.0)
 
 
 def rank_parts(
@@ -109,7 +108,7 @@ def rank_parts(
     graph, there = problem.graph, frozenset(placed)
     candidates = [
         part
-        for part in graph.placeable(there, carried=problem.carried)
+        for part in problem.balance.placeable(placed)
         if not any(
             wall <= there | {part}
             for other, walls in closed.items()

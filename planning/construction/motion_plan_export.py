@@ -29,6 +29,7 @@ from planning.construction.world.timeline import (
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
 from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.statics.build_order import Fall
 from planning.steps.skill import NOTHING, gripped
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices
@@ -131,14 +132,13 @@ def _rests_on(
     problem: ConstructionProblem, building: Building
 ) -> dict[str, tuple[str, ...]]:
     """Return which parts must be in place before which."""
-    graph, placed = problem.graph, building.placed
-    out = {}
-    for name in placed:
-        below = tuple(sorted(graph.carriers[name])) if problem.carried else ()
-        if not below and name not in graph.ground:
-            near = [n for n in graph.neighbours[name] if n in placed]
-            below = (min(near, key=lambda n: placed[n]),)
-        out[name] = below
+    out: dict[str, tuple[str, ...]] = {}
+    before: dict[str, float] = {}
+    for name, end in building.placed.items():
+        needed = problem.balance.needs(name, before)
+        if not isinstance(needed, Fall):
+            out[name] = tuple(sorted(needed))
+        before[name] = end
     return out
 
 

@@ -173,7 +173,7 @@ class ConstructionSearch:
             # In the last state it has just failed with no more effort than usual.
             for back in range(1 if effort == 0 else 0, len(done)):
                 before = done[-1 - back]
-                if part.name not in self._placeable(before):
+                if part.name not in self.problem.balance.placeable(before.placed):
                     continue
                 after = (
                     self._place(before, part, effort)
@@ -199,10 +199,6 @@ class ConstructionSearch:
             f"no way was found to place {part.name}, with any of the {len(done) - 1} parts"
             f" planned before it in place or taken back; tried: {robots or 'nobody'}"
         )
-
-    def _placeable(self, building: Building) -> tuple[str, ...]:
-        problem = self.problem
-        return problem.graph.placeable(building.placed, carried=problem.carried)
 
     def place_next(
         self, building: Building, parts: list[Part], turn: int, most_loss: float

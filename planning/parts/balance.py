@@ -6,13 +6,12 @@ Parts stand in their places by contact and friction, or because they are joined 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TypeGuard
 
-from planning.cell.workcell import CellObject, Fixture, Workcell
+from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError
 from planning.parts.assembly import PartAssembly
 from planning.parts.part_steps import KnownStep, PartStep
@@ -23,11 +22,13 @@ from planning.statics.build_order import (
     Waits,
     waits_for_balance,
 )
-from planning.statics.standing import Joint, PlacedBody, Standing, StandingRules
-from planning.transforms import Transform
-
-DENSITY = 1000.0
-"""Of a part whose mass is not given [kg/m^3]."""
+from planning.statics.standing import (
+    Joint,
+    Standing,
+    StandingRules,
+    body_at,
+    ground_of,
+)
 
 _MOST_NAMED = 4
 """How many parts that would be held are named."""
@@ -43,8 +44,8 @@ def standing_of(
         steps: in any order.
         rules: friction.
     """
-    bodies = {s.part.name: _body(s.part, s.place) for s in steps if _builds(s)}
-    ground = _ground(cell, bodies)
+    bodies = {s.part.name: body_at(s.part, s.place) for s in steps if _builds(s)}
+    ground = ground_of(cell, bodies)
     return Standing(bodies, ground, rules)
 
 
@@ -91,12 +92,12 @@ class PartBalance:
         """
         if self.fall is not None:
             raise InfeasibleStepError(self.refusal(self.fall))
-        ground = _ground(self._cell, self._number)
+        ground = ground_of(self._cell, self._number)
         for k, step in enumerate(self._steps):
             # A part on its way is taken on while others come: it stands on the ground alone.
             if not isinstance(step, PartStep) or step.step.stop is None:
                 continue
-            body = _body(step.part, step.place)
+            body = body_at(step.part, step.place)
             alone = Standing({body.name: body}, ground, self._rules)
             if alone.falling([body.name]) is not None:
                 raise InfeasibleStepError(
@@ -133,9 +134,7 @@ class PartBalance:
         """
         now = [name for name, k in self._number.items() if k <= fall.step]
         joints = [j for step in self._build[: fall.step + 1] for j in step.joins]
-        touching = {
-            n for pair in self._standing.patches if fall.body in pair for n in pair
-        }
+        touching = self._standing.touched_by(fall.body)
         return [
             name
             for name, k in self._number.items()
@@ -147,16 +146,13 @@ class PartBalance:
 
     def refusal(self, fall: Fall) -> str:
         """Return what falls, why, and what would help."""
-        at, body, standing = fall.step, fall.body, self._rules
-        pairs = [pair for pair in self._standing.patches if body in pair]
-        touched = {name for pair in pairs for name in pair} - {body}
-        there = sorted(name for name in touched if self._number.get(name, -1) <= at)
-        why = f"no forces between it and {', '.join(there)} keep it in balance"
+        at, body = fall.step, fall.body
+        now = [name for name, k in self._number.items() if k <= at]
+        touched = self._standing.touched_by(body)
+        there = sorted(n for n in touched if n in now or n not in self._number)
         text = (
             f"step {at + 1} ({self._steps[at].step.words}): {body} would not stand after it: "
-            f"{why if there else 'it touches nothing that is there'} (friction"
-            f" {standing.friction:g}, gravity tilted by {math.degrees(standing.tilt):g}"
-            " degrees)"
+            f"{self._standing.why(body, now)}"
         )
         helps = []
         if there:
@@ -219,16 +215,6 @@ def _builds(step: KnownStep) -> TypeGuard[PartStep]:
     return isinstance(step, PartStep) and step.step.stop is None
 
 
-def _ground(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
-    """Return what never moves: fixtures, and the parts that no step places."""
-    ground = {item.name: _body(item, item.pose) for item in cell.fixtures}
-    return ground | {
-        item.name: _body(item, item.start)
-        for item in cell.objects
-        if item.name not in placed and not item.later
-    }
-
-
 def kept_as_said(steps: Sequence[KnownStep]) -> dict[int, int]:
     """Return by step, from 0, whose part is kept hold of the step until which it says so."""
     named = {s.step.name: k for k, s in enumerate(steps) if s.step.name is not None}
@@ -237,15 +223,3 @@ def kept_as_said(steps: Sequence[KnownStep]) -> dict[int, int]:
         for k, s in enumerate(steps)
         if isinstance(s, PartStep) and s.step.until is not None
     }
-
-
-def _body(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
-    shape = item.shape
-    mass = item.mass if isinstance(item, CellObject) else 0.0
-    return PlacedBody(
-        item.name,
-        shape.pieces,
-        pose,
-        mass or DENSITY * shape.volume,
-        shape.centre_of_mass,
-    )

@@ -20,6 +20,7 @@ import networkx as nx
 import numpy as np
 
 from planning.cell.cover import ConvexBody
+from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.statics.contact_patch import ContactPatch, contact_patch
 from planning.statics.equilibrium import (
     STANDARD_GRAVITY,
@@ -58,6 +59,33 @@ class PlacedBody:
     pose: Transform
     mass: float
     centre: Array
+
+
+DENSITY = 1000.0
+"""Of a part whose mass is not given [kg/m^3]."""
+
+
+def body_at(item: CellObject | Fixture, pose: Transform) -> PlacedBody:
+    """Return a thing of a cell as a body in its place."""
+    shape = item.shape
+    mass = item.mass if isinstance(item, CellObject) else 0.0
+    return PlacedBody(
+        item.name,
+        shape.pieces,
+        pose,
+        mass or DENSITY * shape.volume,
+        shape.centre_of_mass,
+    )
+
+
+def ground_of(cell: Workcell, placed: Collection[str]) -> dict[str, PlacedBody]:
+    """Return what never moves: fixtures, and objects that are not among what is placed."""
+    ground = {item.name: body_at(item, item.pose) for item in cell.fixtures}
+    return ground | {
+        item.name: body_at(item, item.start)
+        for item in cell.objects
+        if item.name not in placed and not item.later
+    }
 
 
 @dataclass(frozen=True)
@@ -99,12 +127,15 @@ class StandingRules:
         tilt: by which gravity may be tilted [rad].
         touch: bodies that are nearer to each other than this touch [m].
         joints: what is joined, and when.
+        joined_within: bodies that are nearer to each other than this are joined, too, and these
+            joints bear whatever comes; 0 for none [m].
     """
 
     friction: float = 0.4
     tilt: float = math.radians(1.0)
     touch: float = 0.002
     joints: tuple[Joint, ...] = ()
+    joined_within: float = 0.0
 
 
 class Standing:
@@ -131,9 +162,16 @@ class Standing:
         self.patches: dict[tuple[str, str], tuple[ContactPatch, ...]] = {}
         """Contacts by pair of names; the second is a body, the first one or of the ground."""
         self._between: dict[Joint, tuple[ContactPatch, ...]] = {}
+        joints, room = list(self.rules.joints), self.rules.joined_within
+        touch = self.rules.touch
         for pair in (*product(ground, bodies), *combinations(bodies, 2)):
-            if found := self._contacts(*pair, self.rules.touch):
+            near = self._contacts(*pair, max(touch, room))
+            if found := tuple(patch for patch in near if patch.gap <= touch):
                 self.patches[pair] = found
+            if any(patch.gap <= room for patch in near) and room:
+                joints.append(Joint(*pair, gap=room))
+        self.joints = tuple(joints)
+        """Everything that is joined where all bodies are there."""
 
     def touching(self) -> nx.Graph[str]:
         """Return which bodies touch each other in their places, the ground left out."""
@@ -141,6 +179,27 @@ class Standing:
         graph.add_nodes_from(self.bodies)
         graph.add_edges_from(pair for pair in self.patches if pair[0] in self.bodies)
         return graph
+
+    def touched_by(self, body: str) -> set[str]:
+        """Return the bodies, also of the ground, that one touches in its place."""
+        pairs = (pair for pair in self.patches if body in pair)
+        return {name for pair in pairs for name in pair} - {body}
+
+    def why(self, body: str, there: Collection[str]) -> str:
+        """Return in words why a body is not in balance.
+
+        Args:
+            body: that falls.
+            there: the bodies that are in their places; the ground always is.
+        """
+        solid = {*there, *self._ground}
+        on = ", ".join(sorted(self.touched_by(body) & solid))
+        words = f"no forces between it and {on} keep it in balance"
+        return (
+            f"{words if on else 'it touches nothing that is there'} (friction"
+            f" {self.rules.friction:g}, gravity tilted by {math.degrees(self.rules.tilt):g}"
+            " degrees)"
+        )
 
     def falling(
         self,

@@ -16,6 +16,7 @@ from typing import Any
 
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.balance import balance_violations
 from twin.audit.case import AuditCase
 from twin.audit.contacts import Contacts, allowed_contacts
 from twin.audit.grips import grip_violations
@@ -222,7 +223,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             progress(AUDIT, float(stretch.t[-1]), recording.end)
         rules: list[Callable[[AuditCase], Iterable[Violation]]] = [jump_violations]
         if self._wanted is not None:
-            rules += [hanging_violations, grip_violations]
+            rules += [hanging_violations, balance_violations, grip_violations]
             rules += [support_violations, tool_violations]
             if finished:
                 rules += [process_violations, place_violations]

@@ -17,6 +17,7 @@ ViolationKind = Literal[
     "tool-speed",
     "edge-order",
     "hanging",
+    "balance",
     "grip",
     "place",
     "support",
@@ -35,8 +36,8 @@ class Violation:
             ``"right/tool"``, ``"b3"``, ``"plate"``; of a ``jump`` the object and
             ``"jump"``; of the kinds of joints the robot and
             its joint, or ``"all joints"``; of a ``tool-speed`` the robot and ``"tool"``; of an ``edge-order`` the robots, the one that must be complete first; of
-            ``hanging`` the object and the nearest thing that stands; of a ``grip`` the object
-            and its holder; of a ``place`` the object and its place; of a ``support`` the object
+            ``hanging`` the object and the nearest thing that stands; of ``balance`` what falls and
+            ``"gravity"``; of a ``grip`` the object and its holder; of a ``place`` the object and its place; of a ``support`` the object
             and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at
             which, or two steps of which the first began too early; of a ``tool`` the tool and the
             robot that has it on it, or ``"rack"``.

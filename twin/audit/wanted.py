@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from planning.cell.robot_model import ToolGrip
+from planning.statics.standing import StandingRules
 from planning.transforms import Transform
 
 TOUCH = 0.002
@@ -143,6 +144,8 @@ class Wanted:
         doors: objects that machines hold, so that they rest on nothing.
         tools: that robots change; their racks hold them.
         keeps: by part, the name of the step until which is complete its robot keeps hold of it.
+        statics: friction and joints by which named objects in their places must always stand;
+            None if that is not looked at.
     """
 
     places: tuple[Place, ...] = ()
@@ -159,6 +162,7 @@ class Wanted:
     doors: frozenset[str] = frozenset()
     tools: tuple[ChangedTool, ...] = ()
     keeps: Mapping[str, str] = field(default_factory=dict)
+    statics: StandingRules | None = None
 
     def order(self) -> Iterator[tuple[str, str]]:
         """Yield pairs of steps of which the first begins after the end of the second."""

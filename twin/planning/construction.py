@@ -12,10 +12,12 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, Fixture, Workcell
 from planning.errors import ScenarioError
+from planning.statics.standing import Joint, StandingRules
 from planning.transforms import Array, Transform, readonly
 from twin.audit.wanted import Place, Wanted
 from twin.host.progress import StageWatch
 from twin.planning.kind import AssemblyKind, PlannedMotions
+from twin.scenario.document.validation import Found, unless_known
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
 from twin.scenario.sections.construction import (
@@ -75,6 +77,33 @@ class ConstructionKind(AssemblyKind):
 
         return "the floor" if name == GROUND else None
 
+    def problems(self, cell: CellSection) -> Found:
+        """Yield what is joined that is not there, or to itself, or by a step."""
+        from planning.construction.problem.site import GROUND
+
+        if self.section.joined == "neighbours":
+            return
+        parts = {part.name for part in self.parts}
+        things = (
+            *(p.name for p in self.parts),
+            GROUND,
+            *(f.name for f in cell.fixtures),
+        )
+        for k, item in enumerate(self.section.joined):
+            at: KeyPath = ("assembly", "joined", k)
+            for i, name in enumerate(item.parts):
+                own = (*at, "parts", i)
+                yield from unless_known(own, "part or fixture", name, things)
+            if item.parts[0] == item.parts[1]:
+                yield at, f"{item.parts[0]} cannot be joined to itself"
+            elif parts.isdisjoint(item.parts):
+                yield at, f"neither {' nor '.join(item.parts)} is placed"
+            if item.by is not None:
+                yield (
+                    (*at, "by"),
+                    "a construction joins parts as they are placed: leave it out",
+                )
+
     def fixtures(self) -> tuple[Fixture, ...]:
         """Return the floor."""
         from planning.construction.problem.site import ground_fixture
@@ -102,7 +131,21 @@ class ConstructionKind(AssemblyKind):
             Place("its place in the structure", part.goal, kinds[part.name], part.name)
             for part in self.parts
         )
-        return Wanted(places, "joints", self.section.touch_m)
+        return Wanted(places, "joints", self.section.touch_m, statics=self._statics())
+
+    def _statics(self) -> StandingRules | None:
+        """Return what everything must stand by; None where that is not looked at."""
+        section = self.section
+        if not section.balance.check:
+            return None
+        if section.joined == "neighbours":
+            room = section.touch_m
+            return as_planned(StandingRules, section.balance, joined_within=room)
+        joints = tuple(
+            as_planned(Joint, item, first=item.parts[0], second=item.parts[1])
+            for item in section.joined
+        )
+        return as_planned(StandingRules, section.balance, joints=joints)
 
     def plan(
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
@@ -179,6 +222,7 @@ class ConstructionKind(AssemblyKind):
                 settings.skill_exceptions,
             ),
             carried=self.section.carried,
+            statics=self._statics(),
             seed=settings.seed,
         )
         require_buildable(problem)

@@ -17,9 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell
+from planning.construction.problem.balance import SiteBalance
 from planning.contacts.precedence import PartGraph
 from planning.contacts.touching import NEAR, Lying, near_to, standing
 from planning.kinematics.kinematics import frame_in_flange
+from planning.statics.standing import Standing, StandingRules, body_at, ground_of
 from planning.steps.skill import Pairs, touching
 from planning.tasks.task import ExceptionKey, strongest_exception
 from planning.transforms import Array, Transform, inverse, readonly, rotation
@@ -161,6 +163,8 @@ class ConstructionProblem:
         approach: straight way before and after a touch, and of a part before it reaches and
             after it leaves a place [m].
         carried: whether a part waits for everything that it rests on, see PartGraph.placeable.
+        statics: friction and joints by which everything must always stand; None if that is not
+            looked at.
         seed: of everything that is drawn.
     """
 
@@ -171,7 +175,17 @@ class ConstructionProblem:
     seconds: SkillSeconds = field(default_factory=SkillSeconds)
     approach: float = 0.1
     carried: bool = True
+    statics: StandingRules | None = None
     seed: int = 0
+
+    @cached_property
+    def balance(self) -> SiteBalance:
+        """Which part may come when, and what it waits for."""
+        standing = None
+        if self.statics is not None:
+            bodies = {p.name: body_at(self.object(p), p.goal) for p in self.parts}
+            standing = Standing(bodies, ground_of(self.cell, bodies), self.statics)
+        return SiteBalance(self.graph, carried=self.carried, standing=standing)
 
     @cached_property
     def team(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from planning.construction.problem.reach_sampler import ReachSampler
 from planning.errors import ConstructionError, listed
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
+from planning.grips.tool_grips import overload
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
 
@@ -49,6 +50,8 @@ class DrawnHandover(NamedTuple):
 
 class ReachBounds:
     """Reachable parts of every robot, in the supply and in place, with grips.
+
+    A robot reaches no part that is heavier than what it may carry beside its tool.
 
     Answers do not depend on the order of questions: those of a kind draw numbers of their own.
 
@@ -202,6 +205,8 @@ class ReachBounds:
     def _grips(
         self, what: str, robot: str, part: Part, at: Transform
     ) -> tuple[int, ...]:
+        if overload(self._robot(robot), self.problem.object(part)) is not None:
+            return ()
         return tuple(
             k
             for k in range(len(part.grips))
@@ -270,6 +275,15 @@ def require_reach(bounds: ReachBounds) -> None:
     problem = bounds.problem
     team = listed(problem.team)
     for part in problem.parts:
+        loads = [
+            f"{robot.name}: {words}"
+            for robot in problem.cell.robots
+            if (words := overload(robot, problem.object(part))) is not None
+        ]
+        if len(loads) == len(problem.team):
+            raise ConstructionError(
+                f"{part.name} is too heavy for everyone: {'; '.join(loads)}"
+            )
         if not bounds.pickers(part):
             x, y, z = problem.object(part).start[:3, 3]
             raise ConstructionError(

@@ -295,7 +295,7 @@ def require_grounded(problem: ConstructionProblem) -> None:
 
 
 def _require_order(problem: ConstructionProblem) -> None:
-    """Check that the parts can be placed in some order, each when its turn comes."""
+    """Check that the parts can be placed in some order, each when its turn comes, and all stand."""
     waiting = problem.graph.never_placeable(carried=problem.carried)
     if waiting:
         raise ConstructionError(
@@ -303,6 +303,8 @@ def _require_order(problem: ConstructionProblem) -> None:
             "part in place, and what it rests on must be in place before; does one hang below "
             "another, or do they rest on each other in a circle?"
         )
+    if (falls := problem.balance.never_placeable()) is not None:
+        raise ConstructionError(falls)
 
 
 def _require_room(problem: ConstructionProblem) -> None:

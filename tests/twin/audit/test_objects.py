@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planning.statics.standing import StandingRules
 from planning.transforms import Array, Transform, rotation, translation
 from tests.twin.audit.audit_cell import (
     BRICK,
@@ -98,6 +99,25 @@ def test_what_is_joined_across_a_gap_rests_as_near_as_its_joint_says(
     wanted = Wanted((Place("step 1", goal, "2x4", "b1"),), "weight", joined=joined)
     seen = found(moved_brick(goal), tmp_path, wanted, "hanging")
     assert [v.second for v in seen] == (["plate"] if hangs else [])
+
+
+@pytest.mark.parametrize(
+    ("inside", "joined", "falls"),
+    [(0.002, False, False), (-0.002, False, True), (-0.002, True, False)],
+)
+def test_what_is_put_down_on_an_edge_falls(
+    inside: float, joined: bool, falls: bool, tmp_path: Path
+) -> None:
+    """The edge of the plate is at 0.29 m; two millimetres more or less decide."""
+    goal = at(0.29 + inside, Y)
+    statics = StandingRules(joined_within=0.001 if joined else 0.0)
+    places = (Place("its place", goal, "2x4", "b1"),)
+    wanted = Wanted(places, statics=statics)
+    seen = found(moved_brick(goal), tmp_path, wanted, "balance")
+    assert [(v.first, v.second, v.t_start) for v in seen] == (
+        [("b1", "gravity", 9.0)] if falls else []
+    )
+    assert all("no forces between it and plate" in v.detail for v in seen)
 
 
 def test_a_brick_that_stays_in_the_hand_or_is_no_object_of_the_plan(

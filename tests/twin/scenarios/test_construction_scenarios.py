@@ -90,6 +90,15 @@ def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:
     assert (problem.seed, problem.seconds) == (7, SkillSeconds(1.0, 2.0, 3.0))
 
 
+def test_what_is_joined_may_stand_over_an_edge(tmp_path: Path) -> None:
+    over = "[0.1, 0, 0.3]", "[0.24, 0, 0.3]"
+    glued = "  supply:", "  joined: [[high, low], [low, ground]]\n  supply:"
+    problem = problem_of(written(tmp_path, OWN, over, glued))
+    assert problem.balance.needs("high", {"low": 1.0}) == {"low"}
+    unlooked = "  supply:", "  balance: {check: false}\n  supply:"
+    assert problem_of(written(tmp_path, OWN, over, unlooked)).statics is None
+
+
 def test_exceptions_hold_for_a_robot_and_for_a_type_of_parts(tmp_path: Path) -> None:
     text = OWN + (
         "execution:\n  skill_overrides:\n"
@@ -171,6 +180,11 @@ OWN      | "  supply:"   | "  grips: {offsets_m: [0.3]}\n  supply:" | no pad can
 OWN      | [0, 0, 0.1]}  | [0, 0, 0.1]}, insertion: [1, 0, 0]       | low goes into its place along (1.00, 0.00, 0.00), from 0.1 m away, where it touches ground
 OWN      | [2, 1, 0.15]  | [2.5, -0.4, 0.15]                        | low and high overlap by
 OWN      | [2, 1, 0.15]  | [0, 4, 0.15]                             | mover1 cannot stand at HOME: mover1/arm
+OWN      | [0.1, 0, 0.3] | [0.24, 0, 0.3]                           | high would not stand once high is in place, after all that can come before: no forces between it and low keep it in balance (friction 0.4, gravity tilted by 1 degrees); join it to what is there (joined: [[low, high]])
+OWN      | "  supply:"   | "  joined: [[low, lower]]\n  supply:"     | unknown part or fixture 'lower'
+OWN      | "  supply:"   | "  joined: [[low, low]]\n  supply:"       | low cannot be joined to itself
+OWN      | "  supply:"   | "  joined: all\n  supply:"                | assembly.joined
+OWN      | "count: 2,"   | "count: 2, limits: {payload_kg: 7},"     | low is too heavy for everyone: mover1: it may carry
 OWN      | "  supply:"   | HANGING                                  | lintel, lamp cannot be placed in any order
 NARROW   | "  supply:"   | BESIDE                                   | next and low lie 10.0 mm apart where they belong, and a part in hand keeps 20.0 mm
 HANDOVER | CRANE         | ""                                       | beam13 cannot be placed: none of arm1, arm2, arm3 reaches its place

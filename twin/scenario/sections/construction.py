@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Several, Two
+from twin.scenario.sections.joints import JoinedParts
+from twin.scenario.sections.parts import BalanceSection
 from twin.scenario.sections.shapes import (
     Colour,
     Coordinate,
@@ -209,6 +211,9 @@ class ConstructionSection(Section):
         touch_m: parts nearer to each other than this are connected.
         carried: whether a part waits for everything that it rests on; without, one placed
             neighbour is enough.
+        balance: friction under which everything must always stand.
+        joined: pairs of parts, or of a part and a fixture (``ground`` is the floor), that are joined
+            once both are there; ``neighbours`` joins each to all that it is connected with.
         ground_m: edge length of the floor, whose top is at height zero.
     """
 
@@ -220,6 +225,8 @@ class ConstructionSection(Section):
     approach_m: Annotated[float, Field(gt=0, le=1)] = 0.1
     touch_m: Annotated[float, Field(gt=0, le=0.5)] = 0.03
     carried: bool = True
+    balance: BalanceSection = BalanceSection()
+    joined: Literal["neighbours"] | tuple[JoinedParts, ...] = ()
     ground_m: Length = 30.0
 
     @model_validator(mode="after")

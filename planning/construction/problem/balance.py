@@ -1,0 +1,163 @@
+"""What must be in place before a part of a construction: what bears it, so that everything always stands.
+
+Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight
+goes down to the ground through what it rests on alone, or through one neighbour, may come in any
+order after that. Any other part is looked at in the order in which parts are planned: it waits for
+all that it then needs, or it is not its turn yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+from planning.contacts.precedence import PartGraph
+from planning.statics.build_order import BuildStep, Fall, waits_for_balance
+from planning.statics.standing import Joint, Standing
+
+_Placed = tuple[tuple[str, float], ...]
+"""Parts in the order of planning, and when each is in place [s]."""
+
+
+class SiteBalance:
+    """Tells what a part waits for, and whether it may come next.
+
+    Args:
+        graph: which parts touch each other and the ground.
+        carried: whether a part waits for everything that it rests on.
+        standing: knows the parts in their places, and joints; None if balance is not looked at.
+    """
+
+    def __init__(
+        self, graph: PartGraph, *, carried: bool, standing: Standing | None
+    ) -> None:
+        self._graph, self._carried = graph, carried
+        self.standing = standing
+        self._known: dict[tuple[str, _Placed], frozenset[str] | Fall] = {}
+        self._before: dict[_Placed, Mapping[str, frozenset[str]]] = {(): {}}
+
+    def carriers(self, part: str) -> frozenset[str]:
+        """Return the parts that are in place before a part in any order."""
+        return self._graph.carriers[part] if self._carried else frozenset()
+
+    def needs(self, part: str, placed: Mapping[str, float]) -> frozenset[str] | Fall:
+        """Return what must be in place before a part, or what would fall with it.
+
+        Args:
+            part: that comes next, as far as its contacts go.
+            placed: when the parts planned before it are in place, in the order of planning [s].
+        """
+        key = part, tuple(placed.items())
+        if key not in self._known:
+            self._known[key] = self._look(part, key[1])
+        return self._known[key]
+
+    def _look(self, part: str, placed: _Placed) -> frozenset[str] | Fall:
+        choices = list(self._choices(part, dict(placed)))
+        if self.standing is None:
+            return choices[0]
+        before = self._waits(placed)
+        for below in choices:
+            if self._bears(self.standing, part, below, before):
+                return below
+        found: frozenset[str] | Fall = frozenset()
+        for below in choices:
+            found = self._together(self.standing, {**before, part: below})
+            if not isinstance(found, Fall):
+                break
+        return found
+
+    def _choices(
+        self, part: str, placed: Mapping[str, float]
+    ) -> Iterator[frozenset[str]]:
+        """Yield what may bear a part: what it rests on; else the ground, or the first neighbours."""
+        own = self.carriers(part)
+        if own or part in self._graph.ground:
+            yield own
+            return
+        near = sorted(self._graph.neighbours[part] & placed.keys())
+        yield from (frozenset({n}) for n in sorted(near, key=placed.__getitem__))
+
+    def _waits(self, placed: _Placed) -> Mapping[str, frozenset[str]]:
+        """Return what each of the parts that are planned waits for, in their order."""
+        if placed not in self._before:
+            first, (last, _) = placed[:-1], placed[-1]
+            found = self.needs(last, dict(first))
+            own = self.carriers(last) if isinstance(found, Fall) else found
+            self._before[placed] = {**self._waits(first), last: own}
+        return self._before[placed]
+
+    def _bears(
+        self,
+        standing: Standing,
+        part: str,
+        below: Collection[str],
+        before: Mapping[str, frozenset[str]],
+    ) -> bool:
+        """Tell whether what a part waits for bears it, whatever else is there."""
+        if not all(joint.endless for joint in standing.joints):
+            return False  # the forces of all parts together may be too much
+        there, front = {part}, list(below)
+        while front:
+            if (name := front.pop()) not in there:
+                there.add(name)
+                front += before.get(name, ())
+        falls = standing.falling(there, joints=standing.joints, weighing=[part])
+        return falls is None
+
+    def _together(
+        self, standing: Standing, before: Mapping[str, frozenset[str]]
+    ) -> frozenset[str] | Fall:
+        """Return what the last of some parts waits for where it needs more than what bears it."""
+        number = {name: k for k, name in enumerate(before)}
+        joins: list[list[Joint]] = [[] for _ in before]
+        for joint in standing.joints:
+            ends = [name for name in joint.ends if name in standing.bodies]
+            if ends and number.keys() >= set(ends):
+                joins[max(number[name] for name in ends)].append(joint)
+        steps = [BuildStep((n,), tuple(joins[k])) for n, k in number.items()]
+        waits = {(number[a], number[b]) for b, own in before.items() for a in own}
+        found = waits_for_balance(standing, steps, waits, keepable=())
+        if isinstance(found, Fall):
+            return found
+        last, names = len(steps) - 1, list(number)
+        return frozenset(names[a] for a, b in (waits | found.waits) if b == last)
+
+    def placeable(self, placed: Mapping[str, float]) -> tuple[str, ...]:
+        """Return the parts that may be placed next, in the order of the graph.
+
+        Args:
+            placed: see ``needs``.
+        """
+        return tuple(
+            part
+            for part in self._graph.placeable(placed, carried=self._carried)
+            if not isinstance(self.needs(part, placed), Fall)
+        )
+
+    def never_placeable(self) -> str | None:
+        """Return why some part can never be placed because something would fall, None if all can."""
+        placed: dict[str, float] = {}
+        while ready := self.placeable(placed):
+            placed[ready[0]] = float(len(placed))
+        for part in self._graph.placeable(placed, carried=self._carried):
+            found = self.needs(part, placed)
+            if isinstance(found, Fall) and self.standing is not None:
+                return self._refusal(self.standing, part, found, placed)
+        return None
+
+    def _refusal(
+        self, standing: Standing, part: str, fall: Fall, placed: Mapping[str, float]
+    ) -> str:
+        """Return in words what would fall with a part in place, and what would help."""
+        there = {part, *placed}
+        text = (
+            f"{fall.body} would not stand once {part} is in place, after all that can come"
+            f" before: {standing.why(fall.body, there)}"
+        )
+        near = standing.touched_by(fall.body) | self._graph.ground.get(
+            fall.body, frozenset()
+        )
+        on = sorted(near - (standing.bodies.keys() - there))
+        on = on or sorted(self._graph.neighbours[fall.body] & there)
+        pair = f"[{on[0]}, {fall.body}]" if on else ""
+        return f"{text}; join it to what is there (joined: [{pair}])" if on else text
