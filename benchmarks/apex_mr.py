@@ -1,43 +1,58 @@
-"""The figures of the APEX-MR paper, measured here: nine LEGO structures and three cells.
+"""The figures of the APEX-MR paper, measured here: published tasks, nine structures, three cells.
 
-    python -m benchmarks.apex_mr                        # all of it, as `make paper` does
+    python -m benchmarks.apex_mr                        # all but published tasks, as `make paper` does
+    python -m benchmarks.apex_mr --published ROOT       # and every task of a folder as published
     python -m benchmarks.apex_mr --only cliff faucet --seeds 1
 
-All of it twice: with skills that take as long as their reference paths, as in the simulations of
-the paper (apex-mr.md, .json and .png), and with force-controlled skills, whose durations are drawn
-(apex-mr-drawn.md, .json and .png). The files go to benchmarks/results/, with ``--only`` to
-logs/apex-mr/. Everything runs in one process, one plan after another: planning times are not
-those of programs that compete for the processor. What was measured is kept in
-benchmarks/.measured/, so that an interrupted run goes on where it was.
+ROOT is a copy of what the paper's authors publish (see docs/guides/apex-mr.md), which is no part
+of this project; its tasks are named published/cliff and so on. All of it is measured twice: with
+skills that take as long as their reference paths, as in the simulations of the paper (apex-mr.md,
+.json and .png), and with force-controlled skills, whose durations are drawn (apex-mr-drawn.md,
+.json and .png). The files go to benchmarks/results/, with ``--only`` to logs/apex-mr/. Planning is
+measured in seconds of the processor, all threads together, so that what else runs on the machine
+counts little. What was measured is kept in benchmarks/.measured/, so that an interrupted run goes
+on where it was; ``--stored`` writes the files of what is there.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import os
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_I
 from benchmarks.apex_mr_report import DRAWN, REFERENCE, SkillTimes, write_report
-from benchmarks.apex_mr_tables import Measured
-from benchmarks.machine import machine_line
-from benchmarks.store import RowStore
+from benchmarks.apex_mr_tables import JOINTLY, PUBLISHED, Measured
+from benchmarks.machine import forget_answers, machine_line
+from benchmarks.store import Row, RowStore
 from planning.errors import TwinError
+from planning.importers.apex_mr.importer import available_tasks
+from twin.commands.scenario_imports import import_apex_mr_task
 from twin.comparison.comparison import (
     Measurement,
     comparison_figures,
-    measure_policies,
+    measure_plans,
+    plan_to_compare,
     shortcut_budget,
 )
-from twin.host.progress import Report, StageDisplay
+from twin.host.progress import Report, StageDisplay, StageWatch, report_nothing
+from twin.planning.kind import PlannedMotions
+from twin.planning.pipeline import plan_in_slots
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import Scenario, follow_references
 
 ROOT = Path(__file__).parents[1]
-SCENARIOS = {
+KEPT = ROOT / "benchmarks" / ".measured" / "apex_mr"
+OWN = {
     **{name: ROOT / "scenarios" / "lego" / f"{name}.yaml" for name in STRUCTURES},
     **{name: ROOT / "scenarios" / "multi_arm" / f"{name}.yaml" for name in TABLE_I},
 }
@@ -49,10 +64,9 @@ ALL = "structures and cells"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and write the reports; 1 if something could not be planned."""
+    store = RowStore(KEPT, ROOT)
     options = _options(arguments)
-    bench = _Bench(
-        options, RowStore(ROOT / "benchmarks" / ".measured" / "apex_mr", ROOT)
-    )
+    bench = _Bench(options, store)
     options.out.mkdir(parents=True, exist_ok=True)
     failed = False
     with StageDisplay(enabled=not options.quiet) as progress:
@@ -61,10 +75,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for number, name in enumerate(options.only):
                 progress(f"{ALL}, {skills.name}", number, len(options.only))
                 try:
-                    measured[name] = bench.measured(name, skills, progress)
+                    found = bench.measured(name, skills, progress)
                 except TwinError as error:
                     failures[name] = str(error)
                     sys.stderr.write(f"{name}: {error}\n")
+                    continue
+                if found is not None:
+                    measured[name] = found
             progress(f"{ALL}, {skills.name}", len(options.only), len(options.only))
             written = write_report(
                 options.out, measured, failures, machine_line(), skills
@@ -82,65 +99,146 @@ class _Bench:
         self._store = store
         self._warm = False
 
-    def measured(self, name: str, skills: SkillTimes, progress: Report) -> Measured:
-        """Return the figures of a scenario over all seeds.
+    def measured(
+        self, name: str, skills: SkillTimes, progress: Report
+    ) -> Measured | None:
+        """Return the figures of a scenario over all seeds, None where there are none.
 
         Raises:
             TwinError: a seed cannot be planned; the message names it.
         """
-        scenario = load_scenario(SCENARIOS[name])
+        options, file = self._options, OWN.get(name)
+        if file is None:
+            file = self._imported(name.removeprefix(PUBLISHED))
+        scenario = load_scenario(file)
         if skills is REFERENCE:
             scenario = follow_references(scenario)
-        candidates = self._options.shortcuts
+        candidates = options.shortcuts
         if candidates is None:
             candidates = shortcut_budget(scenario)
-        rows, dates = {}, set()
-        seeds = range(scenario.seed, scenario.seed + self._options.seeds)
-        for seed in seeds:
-            key = f"{name}-{skills.name}-{seed}-{candidates}"
-            found = None if self._options.fresh else self._store.load(key)
-            if found is None:
+        own = sha256(file.read_bytes()).hexdigest()[:8]
+        rows: dict[int, Row] = {}
+        for seed in range(scenario.seed, scenario.seed + options.seeds):
+            key = f"{name}-{own}-{skills.name}-{seed}-{candidates}".replace("/", "-")
+            found = None if options.fresh else self._store.load(key)
+            if found is None and not options.stored:
                 self._warm_up(progress)
+                sys.stderr.write(f"{name}, {skills.name}, seed {seed} ...\n")
+                case = _Case(scenario, file.parent, candidates)
                 try:
-                    row = _measure(name, scenario, seed, candidates, progress)
+                    found = self._store.save(key, case.measure(seed, progress))
                 except TwinError as error:
                     raise TwinError(f"seed {seed}: {error}") from error
-                policies = {policy: asdict(one) for policy, one in row.items()}
-                found = self._store.save(key, {"policies": policies})
-            rows[seed] = {
-                policy: Measurement(**one) for policy, one in found["policies"].items()
+            if found is not None:
+                rows[seed] = found
+        if not rows:
+            return None
+        figures = comparison_figures(
+            {
+                seed: {
+                    name: Measurement(**one) for name, one in row["policies"].items()
+                }
+                for seed, row in rows.items()
             }
-            dates.add(found["date"])
-        robots = len(scenario.cell.robots)
-        return Measured(comparison_figures(rows), robots, candidates, max(dates))
+        )
+        return Measured(
+            figures,
+            len(scenario.cell.robots),
+            candidates,
+            max(row["date"] for row in rows.values()),
+            tuple(sorted({row["commit"] for row in rows.values()})),
+            tuple((row["load"][0], row["load"][1]) for row in rows.values()),
+            next(iter(rows.values()))["slots"],
+        )
+
+    def _imported(self, task: str) -> Path:
+        """Return the scenario of a published task."""
+        root: Path = self._options.published
+        digest = sha256()
+        for path in sorted(p for p in root.rglob("*") if p.is_file()):
+            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+        key = f"import-{task}-{digest.hexdigest()[:8]}"
+        file = KEPT / "scenarios" / f"{task}.yaml"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        found = self._store.load(key)
+        if found is None:
+            import_apex_mr_task(root, task=task, output=file)
+            self._store.save(key, {"scenario": file.read_text(encoding="utf-8")})
+        else:
+            file.write_text(found["scenario"], encoding="utf-8")
+        return file
 
     def _warm_up(self, progress: Report) -> None:
         """Load all kernels, before anything is measured."""
-        if not self._warm:
-            _warm_up(progress)
+        if self._warm:
+            return
+        for number, name in enumerate(WARM_UP):
+            progress("warm-up", number, len(WARM_UP))
+            scenario, base = load_scenario(OWN[name]), OWN[name].parent
+            _Case(scenario, base, 100).measure(scenario.seed, report_nothing)
+        progress("warm-up", len(WARM_UP), len(WARM_UP))
         self._warm = True
 
 
-def _measure(
-    name: str, scenario: Scenario, seed: int, candidates: int, progress: Report
-) -> dict[str, Measurement]:
-    sys.stderr.write("" if sys.stderr.isatty() else f"{name}, seed {seed} ...\n")
-    gc.collect()
-    return measure_policies(
-        scenario,
-        seed,
-        candidates=candidates,
-        base=SCENARIOS[name].parent,
-        progress=progress,
-    )
+@dataclass(frozen=True)
+class _Case:
+    """A scenario to measure.
+
+    Attributes:
+        scenario: with the durations of skills that are wanted.
+        base: where its relative paths start.
+        candidates: shortcuts tried on each plan.
+    """
+
+    scenario: Scenario
+    base: Path
+    candidates: int
+
+    def measure(self, seed: int, progress: Report) -> dict[str, Any]:
+        """Return what all policies come to, as a row for the store.
+
+        Raises:
+            TwinError: it cannot be planned.
+        """
+        gc.collect()
+        forget_answers()
+        before = os.getloadavg()[0]
+        scenario = self.scenario.model_copy(update={"seed": seed})
+        watch = StageWatch(progress, clock=time.process_time)
+        turns = plan_to_compare(scenario, self.base, watch)
+        found = measure_plans(
+            turns, scenario, watch, candidates=self.candidates, base=self.base
+        )
+        always = {"joint_planning": "always"}
+        planning = scenario.planning.model_copy(update=always)
+        joint = measure_plans(
+            turns,
+            scenario.model_copy(update={"planning": planning}),
+            watch,
+            candidates=self.candidates,
+            base=self.base,
+            policies=tuple(JOINTLY),
+        )
+        policies = {}
+        for name, one in found.items():
+            if name in JOINTLY:
+                policies[JOINTLY[name]] = asdict(joint[name])
+            policies[name] = asdict(one)
+        first = seed == self.scenario.seed
+        slots = tuple(_slots(turns)) if first else ()
+        return {
+            "policies": policies,
+            "load": (before, os.getloadavg()[0]),
+            "slots": slots,
+        }
 
 
-def _warm_up(progress: Report) -> None:
-    for number, name in enumerate(WARM_UP):
-        progress("warm-up", number, len(WARM_UP))
-        scenario, base = load_scenario(SCENARIOS[name]), SCENARIOS[name].parent
-        measure_policies(scenario, scenario.seed, candidates=100, base=base)
-    progress("warm-up", len(WARM_UP), len(WARM_UP))
+def _slots(turns: PlannedMotions) -> Iterator[int]:
+    """Yield the slots of a plan and those that are planned jointly, always jointly and not."""
+    for always in (True, False):
+        found = plan_in_slots(turns, StageWatch(), always_jointly=always)
+        yield int(np.max(found.slot_of_task, initial=-1)) + 1
+        yield len(found.jointly_planned)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -148,8 +246,9 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         prog="python -m benchmarks.apex_mr", description=__doc__.splitlines()[0]
     )
     parser.add_argument(
-        "--only", nargs="+", choices=tuple(SCENARIOS), metavar="NAME", default=()
+        "--published", type=Path, metavar="ROOT", help="folder of published tasks"
     )
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=())
     parser.add_argument(
         "--skills",
         nargs="+",
@@ -163,12 +262,24 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--shortcuts", type=int, help="candidates tried on each plan")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--fresh", action="store_true", help="measure all again")
+    parser.add_argument(
+        "--stored", action="store_true", help="measure nothing, report what is there"
+    )
     parser.add_argument("--quiet", action="store_true", help="show no progress")
     given = parser.parse_args(arguments)
     everything = ROOT / "benchmarks" / "results"
     given.out = given.out or (ROOT / "logs" / "apex-mr" if given.only else everything)
+    tasks = () if given.published is None else available_tasks(given.published)
+    if given.published is not None and not tasks:
+        parser.error(f"--published {given.published}: no assembly_tasks/*.json there")
+    names = [*(f"{PUBLISHED}{task}" for task in tasks), *OWN]
+    for name in given.only:
+        if name not in names:
+            parser.error(
+                f"--only {name}: no such name (choose from {', '.join(names)})"
+            )
     # In the order of the reports.
-    given.only = [n for n in SCENARIOS if not given.only or n in given.only]
+    given.only = [n for n in names if not given.only or n in given.only]
     given.skills = [s for s in (REFERENCE, DRAWN) if s.name in given.skills]
     return given
 

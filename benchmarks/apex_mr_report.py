@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmarks import apex_mr_paper as paper
 from benchmarks.apex_mr_tables import (
+    PUBLISHED,
     Measured,
     averages,
     baselines,
@@ -16,6 +17,7 @@ from benchmarks.apex_mr_tables import (
     planning,
     quality,
 )
+from benchmarks.machine import load_line
 from twin.comparison.chart import draw_comparison
 from twin.host.guard import replacing, write_json
 from twin.run.policies import SEQUENTIAL
@@ -72,7 +74,7 @@ def write_report(
 
     Args:
         folder: of the files, which are replaced.
-        measured: of each scenario; the JSON file holds the structures of the paper only.
+        measured: of each scenario; the JSON file holds the published tasks and the structures.
         failures: what could not be planned, and why.
         machine: what it was measured on.
         skills: what decided how long skills took.
@@ -80,6 +82,7 @@ def write_report(
     Raises:
         OutputError: a file cannot be written.
     """
+    tasks = {name: one for name, one in measured.items() if name.startswith(PUBLISHED)}
     lego = {name: measured[name] for name in paper.STRUCTURES if name in measured}
     more = {name: measured[name] for name in paper.TABLE_I if name in measured}
     about = {name: _about(one, machine) for name, one in measured.items()}
@@ -89,18 +92,35 @@ def write_report(
             name: {
                 policy: {**row, **about[name]} for policy, row in one.figures.items()
             }
-            for name, one in lego.items()
+            for name, one in (tasks | lego).items()
         },
     )
     if measured:
-        drawn = {name: one.figures for name, one in (lego or more).items()}
-        title = "The structures of APEX-MR" if lego else "Cells with more robots"
-        draw_comparison(folder / f"{skills.file}.png", drawn, f"{title}, planned here")
+        first = tasks or lego or more
+        drawn = {name: one.figures for name, one in first.items()}
+        title = "Cells with more robots"
+        if tasks or lego:
+            title = f"The {'published tasks' if tasks else 'structures'} of APEX-MR"
+        picture = folder / f"{skills.file}.png"
+        draw_comparison(picture, drawn, f"{title}, planned here", "processor time")
     parts = [_head(measured, machine, skills), _failed(failures)]
+    if tasks:
+        parts += [
+            ["# The published tasks", "", *_TASKS],
+            averages(tasks, "published tasks"),
+            quality(tasks, "Published tasks"),
+            planning(tasks, " of the published tasks"),
+        ]
     if lego:
-        parts += [averages(lego), quality(lego), planning(lego), baselines(lego)]
+        parts += [
+            ["# Structures of our own", "", *_OWN],
+            averages(lego, "structures of our own"),
+            quality(lego),
+            planning(lego),
+            baselines(tasks | lego),
+        ]
     if more:
-        parts += [cells(more), quality(more)]
+        parts += [cells(more), quality(more, "Cells with more robots")]
     target = folder / f"{skills.file}.md"
     with replacing(target) as temporary:
         text = "\n\n".join("\n".join(part) for part in parts if part)
@@ -108,11 +128,23 @@ def write_report(
     return target
 
 
+_TASKS = (
+    "Steps, stock, calibration and arms as the paper's authors publish them, read by",
+    "`twin import apex-mr`; the files are no part of this project. Who does what is chosen here, not",
+    "taken from their assignment; tools are modelled after the published meshes.",
+)
+_OWN = (
+    "Designs of our own with as many bricks of the same kinds of steps as the paper's nine, in a cell of",
+    "our own: seconds of makespan cannot be compared with the paper's, shares with care.",
+)
+
+
 def _about(one: Measured, machine: str) -> dict[str, Any]:
     return {
         "shortcut_candidates": one.candidates,
         "date": one.date,
         "machine": machine,
+        "commits": list(one.commits),
     }
 
 
@@ -125,26 +157,27 @@ def _head(
         {tuple(one.figures[SEQUENTIAL]["seeds"]) for one in measured.values()}
     )
     budgets = sorted({one.candidates for one in measured.values()})
+    commits = sorted({commit for one in measured.values() for commit in one.commits})
+    loads = [pair for one in measured.values() for pair in one.loads]
+    busy = load_line(loads) if loads else "load unknown"
+    tasks = any(name.startswith(PUBLISHED) for name in measured)
+    published = " --published ROOT" if tasks else ""
     return [
         f"# {skills.title}",
         "",
-        f"Measured {when or 'never'} on {machine}; written by `make paper`.",
+        f"Measured {when or 'never'} on {machine}, commit {_list(commits)}; {busy};",
+        f"written by `python -m benchmarks.apex_mr{published}`.",
         f"Seeds {_list(', '.join(map(str, s)) for s in seeds)};"
         f" {_span(budgets)} shortcut candidates a plan, by the size of the structure.",
         "Figures are mean ± sample standard deviation over the seeds.",
         "",
-        "**Not the paper's cell, and not its structures.** The paper's models, calibration and LEGO",
-        "designs are not part of this project. The structures here are designs of our own with as many",
-        "bricks of the same kinds of steps; arms and tools are made of primitives. Seconds of makespan",
-        "can therefore not be compared with the paper's, shares with care. Planning times of the paper",
-        "were measured on an AMD 7840HS laptop with 16 threads.",
-        "",
         *skills.about,
         "",
-        "Planning times here are wall-clock seconds in one process, one plan after another: no plan is",
-        "made while another one is measured. Kernels were compiled and loaded before; within a plan, stages",
-        "may use all cores. Whatever else the machine did in these hours counts too:",
-        "[planning-times.md](planning-times.md) has them from a machine with nothing else to do.",
+        "Planning times here are seconds of the processor, all threads together, in one process, one plan after",
+        "another; what else the machine did counts as far as it slows memory and shared cores down. Kernels",
+        "were compiled and loaded before, and what inverse kinematics remembers was forgotten before each",
+        "seed. Those of the paper are of the wall clock, on an AMD 7840HS laptop with 16 threads.",
+        "[planning-times.md](planning-times.md) has both clocks from a machine with nothing else to do.",
         "",
         f"![Makespan, wait and planning time of every policy]({skills.file}.png)",
     ]

@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from planning.files import KeptAnswers
+from planning.kinematics import kinematics
+
 
 def machine_line() -> str:
     """Return the processor, its cores, the memory and the Python version in one line."""
@@ -38,3 +41,8 @@ def load_line(loads: Sequence[tuple[float, float]]) -> str:
     """
     values = [value for pair in loads for value in pair]
     return f"load of the machine {min(values):.1f} to {max(values):.1f}"
+
+
+def forget_answers() -> None:
+    """Let inverse kinematics forget what it was asked before, which would spare what is measured."""
+    kinematics._SOLVED = KeptAnswers(20_000)

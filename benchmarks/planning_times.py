@@ -24,9 +24,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from benchmarks.apex_mr_paper import STRUCTURES, TABLE_II
-from benchmarks.machine import date_line, load_line, machine_line
-from planning.files import KeptAnswers
-from planning.kinematics import kinematics
+from benchmarks.machine import date_line, forget_answers, load_line, machine_line
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import order_motions, plan_in_turns
 from twin.scenario.manifest import load_scenario
@@ -98,8 +96,7 @@ def _limit(structure: str) -> float:
 def measure_structure(structure: str) -> PlanningTime:
     """Plan a structure in this process, after another one."""
     _plan("stairs" if structure == "faucet" else "faucet")
-    # Answers that inverse kinematics remembers would spare what is measured.
-    kinematics._SOLVED = KeptAnswers(20_000)
+    forget_answers()
     before = os.getloadavg()[0]
     steps, seed, clocks = _plan(structure)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024

@@ -43,7 +43,12 @@ _STEP = 0.86 / len(COMPARED)
 _BAR = 0.92 * _STEP
 
 
-def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) -> None:
+def draw_comparison(
+    path: Path,
+    scenarios: Mapping[str, Figures],
+    title: str,
+    clock: str = "wall-clock time",
+) -> None:
     """Draw makespan, wait and planning time of every policy as a PNG picture.
 
     One scenario is drawn in seconds. Several are drawn as shares: makespan and wait of the
@@ -54,6 +59,7 @@ def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) ->
         path: of the picture, replaced when it exists.
         scenarios: for each name the figures of ``compare.json``.
         title: first line of the heading.
+        clock: what planning was measured by.
 
     Raises:
         OutputError: the picture cannot be written.
@@ -79,7 +85,7 @@ def draw_comparison(path: Path, scenarios: Mapping[str, Figures], title: str) ->
         _style(axis, scenarios, label, "s" if alone else "% of the sequential makespan")
     stages = _draw_stages(panels[2], scenarios, alone=alone)
     unit = "s" if alone else "% of asynchronous"
-    _style(panels[2], scenarios, "planning, wall-clock time", unit)
+    _style(panels[2], scenarios, f"planning, {clock}", unit)
     bars = [Patch(color=c, label=n) for n, c in zip(COMPARED, _COLOURS, strict=True)]
     rows = (1 - 0.8 / height, 1 - 1.06 / height)
     if alone:

@@ -23,7 +23,7 @@ from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.kind import assembly_kind, timed
+from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.pipeline import default_shortcuts, plan_in_turns, planned_shortcuts
 from twin.run.events import ExecutionRecord
 from twin.run.policies import (
@@ -148,7 +148,8 @@ class Measurement:
     Attributes:
         makespan_s: end of the last node [s].
         wait_s: waits of all robots, each until its own last node is complete [s].
-        planning_s: wall-clock seconds of each stage that the policy needs.
+        planning_s: seconds of each stage that the policy needs, by the wall clock where no other
+            one was asked for.
         straight_line_s: time of the robot with most to do if it never waited and all its
             transits were straight joint lines [s]; see ``bounds.straight_line_s``.
         critical_path_s: longest path through the nodes and the dependencies of tasks alone [s].
@@ -200,18 +201,56 @@ def measure_policies(
         TwinError: it cannot be planned; see ``plan_scenario``.
     """
     scenario = scenario.model_copy(update={"seed": seed})
+    watch = StageWatch(progress)
+    turns = plan_to_compare(scenario, base, watch)
+    return measure_plans(turns, scenario, watch, candidates=candidates, base=base)
+
+
+def plan_to_compare(
+    scenario: Scenario, base: Path, watch: StageWatch
+) -> PlannedMotions:
+    """Plan what all policies share: who does what, and one task after another.
+
+    Raises:
+        TwinError: it cannot be planned, or not in slots; see ``plan_scenario``.
+    """
     if assembly_kind(scenario.assembly).machines():
         raise ScenarioError(
             "no plan in slots can wait for machines, sources and products: study the"
             " scenario instead, with the policies sequential and asynchronous"
         )
-    watch = StageWatch(progress)
-    turns = plan_in_turns(scenario, base, watch)
-    plans = CoordinatedPlans(
-        turns, scenario, lambda: StageWatch(progress), candidates=candidates
-    )
+    return plan_in_turns(scenario, base, watch)
+
+
+def measure_plans(
+    turns: PlannedMotions,
+    scenario: Scenario,
+    watch: StageWatch,
+    *,
+    candidates: int,
+    base: Path = Path(),
+    policies: Sequence[str] = COMPARED,
+) -> dict[str, Measurement]:
+    """Execute a plan under some policies.
+
+    Args:
+        turns: one task after another.
+        scenario: that it was planned of; its joint planning is that of the plans in slots.
+        watch: that measured what was planned so far; its clock measures what is left to plan.
+        candidates: shortcuts tried on each plan.
+        base: where relative paths of the scenario start.
+        policies: their names.
+
+    Raises:
+        TwinError: it cannot be planned; see ``plan_scenario``.
+    """
+
+    def fresh() -> StageWatch:
+        return StageWatch(watch.report, clock=watch.clock)
+
+    plans = CoordinatedPlans(turns, scenario, fresh, candidates=candidates)
     found = {}
-    for name in COMPARED:
+    for name in policies:
         plan, release = NAMED_POLICIES[name]
         seconds = {**watch.seconds, **plans.seconds(plan)}
         if name == SEQUENTIAL:  # no graph is part of this baseline: nothing to wait for
@@ -251,7 +290,7 @@ def comparison_figures(rows: Rows) -> dict[str, dict[str, Any]]:
             **_policy_figures([row[name] for row in rows.values()], first),
             "seeds": list(rows),
         }
-        for name in COMPARED
+        for name in next(iter(rows.values()))
     }
 
 
