@@ -19,6 +19,7 @@ from planning.cell.workcell import (
 )
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
+from planning.grips.closing import in_the_way_of_fingers
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import not_held, tool_misfit
 from planning.kinematics.kinematics import frame_in_flange
@@ -206,6 +207,8 @@ class SkillTry:
         targets: poses to reach in order.
         scene: of the skill.
         approach, leave: lengths of the straight ways before and after; None for none [m].
+        held: the part that its fingers close on or open from, and the pose of the tool frame in
+            the part's; None for no part.
     """
 
     robot: PlacedRobot
@@ -213,6 +216,7 @@ class SkillTry:
     scene: SkillScene
     approach: float
     leave: float | None = None
+    held: tuple[CellObject, Transform] | None = None
 
     def found(self, known: SkillPath | None = None) -> SkillPath | Obstruction:
         """Return the skill in a posture that is free; a known one where that is."""
@@ -224,7 +228,18 @@ class SkillTry:
         if found.touched:
             grazed = min(found.touched)
             return Obstruction(f"the tool comes too near to {grazed}", grazed)
-        return found.path
+        return self._closing(found.path) or found.path
+
+    def _closing(self, path: SkillPath) -> Obstruction | None:
+        """Return what is in the way of the fingers, where they grip the part or let it go."""
+        if self.held is None:
+            return None
+        scene, frame = self.scene, self.targets.subgoals[0].frame
+        state = WorldState(
+            scene.configurations, {k: at for k, (_, at) in scene.objects.items()}
+        )
+        around = scene.cell, state, scene.contacts.during
+        return in_the_way_of_fingers(self.robot, frame, self.held, path.contact, around)
 
     def carried_home(self) -> Obstruction | None:
         """Return what is in the way of who stands at HOME with what it has taken."""
@@ -286,14 +301,14 @@ class PartSkills:
         lying, ways = step.part.start, self.assembly.handling(step.part.name)
         targets = pick_targets(self.assembly.frame, lying @ grip, ways)
         changes = Attachment(None, lying), self._in_hand(robot, grip)
-        return self._handling(robot, step, targets, changes, step.at_start)
+        return self._handling(robot, step, (targets, grip), changes, step.at_start)
 
     def place(self, robot: PlacedRobot, step: PartStep, grip: Transform) -> SkillTry:
         """Return the place-down of a step by a grip."""
         ways = self.assembly.handling(step.part.name)
         targets = place_targets(self.assembly.frame, step.place @ grip, ways)
         changes = self._in_hand(robot, grip), Attachment(None, step.place)
-        return self._handling(robot, step, targets, changes, step.touched)
+        return self._handling(robot, step, (targets, grip), changes, step.touched)
 
     def hold(self, robot: PlacedRobot, step: KnownStep, grip: Transform) -> SkillTry:
         """Return how a robot grips what is held in a step, where it lies."""
@@ -303,7 +318,8 @@ class PartSkills:
         targets = hold_targets(self.assembly.frame, step.held.pose @ grip, ways)
         contacts = SkillContacts(NOTHING, at_part, at_part)
         scene = SkillScene(self.cell, step.around, self._at_home, contacts)
-        return SkillTry(robot, targets, scene, ways.approach)
+        held = step.held.part, grip
+        return SkillTry(robot, targets, scene, ways.approach, held=held)
 
     def work(
         self, robot: PlacedRobot, step: KnownStep, process: Process, turn: float
@@ -341,12 +357,12 @@ class PartSkills:
         self,
         robot: PlacedRobot,
         step: PartStep,
-        targets: SkillTargets,
+        gripping: tuple[SkillTargets, Transform],
         changes: tuple[Attachment, Attachment],
         touched: Iterable[str],
     ) -> SkillTry:
-        """Return a skill, given where the part is before and after it, and what it touches at rest."""
-        part, (first, then) = step.part, changes
+        """Return a skill by a grip, given where the part is before and after, and what it touches at rest."""
+        part, (first, then), (targets, grip) = step.part, changes, gripping
         held, ways = gripped(robot.name, part.name), self.assembly.handling(part.name)
         scene = SkillScene(
             self.cell,
@@ -359,7 +375,8 @@ class PartSkills:
             ),
             (part.name, then),
         )
-        return SkillTry(robot, targets, scene, ways.approach, ways.leave)
+        ends = ways.approach, ways.leave
+        return SkillTry(robot, targets, scene, *ends, (part, grip))
 
     def _in_hand(self, robot: PlacedRobot, grip: Transform) -> Attachment:
         return Attachment(robot.name, held_pose(robot, self.assembly.frame, grip))

@@ -14,8 +14,15 @@ from itertools import islice, permutations, product
 
 import numpy as np
 
-from planning.cell.workcell import Attachment, Fixture, PlacedRobot, Workcell
+from planning.cell.workcell import (
+    Attachment,
+    Fixture,
+    PlacedRobot,
+    Workcell,
+    WorldState,
+)
 from planning.contacts.touching import near_to, standing
+from planning.grips.closing import in_the_way_of_fingers
 from planning.grips.friction import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import overload, robot_grips
@@ -23,7 +30,13 @@ from planning.kinematics.kinematics import inverse_kinematics
 from planning.parts.part_skills import PartSkills, SkillTry, handover_targets, held_pose
 from planning.parts.part_steps import PartStep
 from planning.steps.handovers import Handover, MeetingPlace, find_handover
-from planning.steps.skill import Obstruction, SkillPath, Subgoal, joint_distance
+from planning.steps.skill import (
+    Obstruction,
+    SkillPath,
+    Subgoal,
+    gripped,
+    joint_distance,
+)
 from planning.steps.tool_changes import mounted_tool, with_each_tool
 from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.transforms import (
@@ -358,11 +371,35 @@ class _Passing:
             giver.home,
         )
         found = find_handover(self._cell, self._step.around, meeting)
-        if not isinstance(found, Handover):
+        if not isinstance(found, Handover) or self._fingers_blocked(give, take, found):
             return None
         cost = give.cost + take.cost + joint_distance(giver.home, found.give.contact)
         cost += joint_distance(receiver.home, found.receive)
         return Relay(give, take, found, (found.give,), cost)
+
+    def _fingers_blocked(self, give: End, take: End, found: Handover) -> bool:
+        """Tell whether fingers would meet anything as the part changes hands, such as the other's."""
+        part, meeting = self._step.part, found.meeting
+        hands = {
+            give.robot.name: (give, found.give.contact, meeting.given),
+            take.robot.name: (take, found.receive, meeting.taken),
+        }
+        at = {robot.name: robot.home for robot in self._cell.robots}
+        at |= {name: q for name, (_, q, _) in hands.items()}
+        allowed = frozenset[frozenset[str]]().union(
+            *(gripped(name, part.name) for name in hands)
+        )
+        places = {name: place for name, (_, place) in self._step.around.items()}
+        return any(
+            in_the_way_of_fingers(
+                end.robot,
+                self._assembly.frame,
+                (part, end.grip.pose),
+                q,
+                (self._cell, WorldState(at, {**places, part.name: hold}), allowed),
+            )
+            for end, q, hold in hands.values()
+        )
 
 
 def _end(skill: Skill, robot: PlacedRobot, step: PartStep, grip: Grip) -> End | None:

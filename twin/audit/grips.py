@@ -9,8 +9,8 @@ equally long ways. A cup must be on it, with the frame in the cup.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,9 @@ _MOST_STEPS = 200
 _HALVINGS = 30
 """Steps in which the least distance of a way is found: each leaves two thirds."""
 
+_NEAR = 0.5
+"""No finger reaches farther from its tool frame [m]."""
+
 _NUDGE = 1e-4
 """Something is moved by so much to see in which direction it is away [m]."""
 
@@ -68,10 +71,14 @@ def grip_violations(case: AuditCase) -> Iterator[Violation]:
         if name in tools or stay.until <= t:
             continue
         wrong = _wrong(case, stay, robot, t)
+        times = t, min(stay.until, case.end)
         if wrong is not None:
-            away, detail = wrong
-            times = t, min(stay.until, case.end)
-            yield Violation(*times, name, robot, away, detail, "grip")
+            yield Violation(*times, name, robot, *wrong, "grip")
+            continue
+        # Fingers close as it begins, and open as it ends.
+        for end in times if stay.until <= case.end else (t,):
+            if met := _met(case, stay, robot, end):
+                yield Violation(end, end, robot, *met, "grip")
 
 
 def _wrong(
@@ -152,6 +159,58 @@ def _width(item: CellObject, hand: Hand, held: Transform) -> float:
     if grip is None or grip.opening is None or tool is None or not item.shape.is_box:
         return 0.0
     return float(np.abs(held[:3, :3].T @ tool[:3, 1]) @ item.size)
+
+
+def _met(
+    case: AuditCase, stay: Stay, robot: str, t: float
+) -> tuple[str, float, str] | None:
+    """Return what fingers meet before what they hold, by how much earlier, and in what words [m].
+
+    Fixtures and all objects are looked at that the robot does not hold at that time.
+    """
+    hand, flange, name = case.hand(robot, t), case.flange(robot, t), stay.object
+    pose, frame = flange @ stay.pose, case.wanted.gripped_at
+    if frame is None or (hand.grip is not None and hand.grip.suction):
+        return None
+    at = flange @ hand.frames.get(frame, np.eye(4))
+    grasp = _Grasp(case.world, hand.shapes, at, case.put(name, pose), pose)
+    sides = grasp.sides()
+    if sides is None or (hand.grip is None and name in case.wanted.by_suction):
+        return None
+    ways = grasp.ways(sides)
+    for other, where in _around(case, robot, t):
+        if np.linalg.norm(where[:3, 3] - at[:3, 3]) > _NEAR + _size(case, other):
+            continue
+        beside = replace(grasp, held=case.put(other, where), pose=where)
+        for first, way in zip(beside.ways(sides, ways), ways, strict=True):
+            early = 0.0 if first is None or way is None else way - first
+            if early > BESIDE:
+                words = f"is met by a finger {early * 1e3:.2f} mm before that touches {name}"
+                return other, early, words
+    return None
+
+
+def _around(case: AuditCase, robot: str, t: float) -> Iterator[tuple[str, Transform]]:
+    """Yield fixtures and objects that a robot does not hold at a time, and where they are."""
+    for fixture in case.cell.fixtures:
+        yield fixture.name, fixture.pose
+    for item in case.cell.objects:
+        stay = case.place(item.name, t)
+        if stay is None or stay.holder == robot:
+            continue
+        if stay.holder is None:
+            yield item.name, stay.pose
+        elif stay.holder in case.robots:
+            yield item.name, case.flange(stay.holder, t) @ stay.pose
+
+
+def _size(case: AuditCase, name: str) -> float:
+    """Return how far a fixture or an object reaches from its frame at most [m]."""
+    reaches = (
+        np.linalg.norm(s.at(np.eye(4))[:3, 3]) + np.linalg.norm(s.centre) + s.radius
+        for s in case.shapes[name]
+    )
+    return float(max(reaches))
 
 
 _Sides = tuple[list[WatchedShape], list[WatchedShape]]
@@ -290,6 +349,31 @@ class _Grasp:
             way = min(way + gap, most)
             gap = self._moved(one, own, sign, way)
         return math.inf, least, graze
+
+    def ways(
+        self, sides: _Sides, most: Sequence[float | None] = (None, None)
+    ) -> list[float | None]:
+        """Return how far the fingers of each side close until they touch it; None if they do not [m].
+
+        Args:
+            sides: the fingers.
+            most: how far those of each side are followed; None until they meet [m].
+        """
+        found = []
+        for shapes, sign, end in zip(sides, (-1.0, 1.0), most, strict=True):
+            self._back()
+            ways = [math.inf]
+            for one in shapes:
+                room = max(0.0, -self._reach(one, (0.0, sign, 0.0))) + _PAST
+                limit = room if end is None else end
+                for own in self.held:
+                    self.world.place(own, own.at(self.pose))
+                    gap = self.world.distance(one, own, limit + BESIDE)
+                    if -_TOUCHES <= gap <= limit:
+                        ways.append(self._advance(one, own, sign, gap, limit)[0])
+            found.append(min(ways) if math.isfinite(min(ways)) else None)
+        self._back()
+        return found
 
     def _miss(
         self, one: WatchedShape, own: WatchedShape, most: float, sign: float

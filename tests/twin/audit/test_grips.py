@@ -21,7 +21,7 @@ from planning.cell.shape import (
     box_shape,
     shape_of,
 )
-from planning.cell.workcell import CellObject, PlacedRobot, Workcell
+from planning.cell.workcell import CellObject, Fixture, PlacedRobot, Workcell
 from planning.grips.pads import pads_at
 from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
@@ -79,11 +79,18 @@ def found(
     shape: Shape = BLOCK,
     engine: Engine | None = None,
     by_suction: frozenset[str] = frozenset(),
+    beside: tuple[Shape, Transform] | None = None,
 ) -> list[str]:
-    """Return what the audit says of a part held at a pose in the tool frame for a second."""
+    """Return what the audit says of a part held at a pose in the tool frame for a second.
+
+    A fixture may be beside the part, at a pose in its frame.
+    """
     robot = PlacedRobot("arm", model, np.eye(4), model.home)
     part = CellObject("part", "part", shape, frame_pose(robot, model.home, "tool") @ at)
-    run = HandWrittenRun(Workcell((robot,), (), (part,)))
+    fixtures = ()
+    if beside is not None:
+        fixtures = (Fixture("slat", beside[0], part.start @ beside[1]),)
+    run = HandWrittenRun(Workcell((robot,), fixtures, (part,)))
     run.move("arm", [0.0, 2.0], np.stack([model.home] * 2))
     flange = frame_pose(robot, model.home, "flange")
     run.put(1.0, "part", "arm", inverse(flange) @ part.start)
@@ -269,3 +276,20 @@ def test_who_holds_something_in_place_holds_it_by_its_pads(
         assert (loose if told else "") in found.loose
         assert bool(found.loose) == bool(loose and told)
     world.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("face", "early"), [(0.0172, 2.2), (0.022, 7.0), (0.0154, None), (0.0425, None)]
+)
+def test_what_a_finger_meets_before_the_part_is_seen(
+    engine: Engine, side: float, face: float, early: float | None, tmp_path: Path
+) -> None:
+    """A slat of 2 mm lies with its outer face so far from the middle of a block of 30 mm."""
+    slat = box_shape("slat", (0.02, 0.002, 0.02))
+    at = translation(0.0, side * (face - 0.001), 0.0)
+    block = box_shape("part", (0.03, 0.03, 0.02))
+    told = found(tmp_path, hand(), identity(), block, engine, beside=(slat, at))
+    words = f"is met by a finger {early or 0.0:.2f} mm before that touches part"
+    assert told == ([] if early is None else [words])
