@@ -11,11 +11,12 @@ import typer
 from twin.commands.doctor import doctor
 from twin.commands.fit import fit
 from twin.commands.robots import robots
-from twin.commands.run import export, follow, replay, resume, run, verify
+from twin.commands.run import export, follow, replay, resume, run
 from twin.commands.scenario_imports import app as import_app
 from twin.commands.scenarios import check, init, scenarios, schema, validate
 from twin.commands.sequence import sequence
 from twin.commands.study import cluster, compare, study
+from twin.commands.verify import verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 
 app = typer.Typer(

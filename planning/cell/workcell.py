@@ -22,6 +22,31 @@ from planning.cell.shape import Shape
 from planning.transforms import Array, Transform, readonly
 
 
+@dataclass(frozen=True)
+class PoseError:
+    """How far a frame may be from where it is taken to be.
+
+    Its origin is anywhere within ``m``, and it is turned about any axis by up to ``rad``. So a point
+    at distance d from the origin is within m + d * rad: by less only as an arc is longer than its
+    chord.
+
+    Attributes:
+        m: [m].
+        rad: [rad].
+    """
+
+    m: float = 0.0
+    rad: float = 0.0
+
+    def __bool__(self) -> bool:
+        """Tell whether there is any."""
+        return self.m > 0.0 or self.rad > 0.0
+
+
+NO_ERROR = PoseError()
+"""Of a frame that is where it is taken to be."""
+
+
 @dataclass(frozen=True, eq=False)
 class PlacedRobot:
     """A robot of the cell.
@@ -35,6 +60,7 @@ class PlacedRobot:
             one that it carries at the start.
         tools: those that it changes; none for a robot that keeps its own.
         limits: what it keeps to wherever it moves; None where it is at full speed at once.
+        base_error: how far its base may be from ``base``: what calibration leaves.
     """
 
     name: str
@@ -44,6 +70,7 @@ class PlacedRobot:
     tool: str | None = None
     tools: tuple[RackTool, ...] = ()
     limits: MotionLimits | None = None
+    base_error: PoseError = NO_ERROR
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,14 @@ A convex part in straight joint-space motions, and how far it reaches in them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import NO_ERROR, PlacedRobot, PoseError
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.verification.graph_structure import Precedence
@@ -29,6 +30,7 @@ from scheduling.verification.sweeps import (
     DIRECTIONS,
     SweepBounds,
     farthest,
+    farthest_from,
 )
 
 _FINER = 4
@@ -44,12 +46,17 @@ class Motion:
         part: the part.
         knots: piece k leads straight from knot k to knot k + 1, shape (s + 1, n).
         frames: of its joint at the knots, shape (s + 1, 4, 4).
+        error: of the frame from which all this is seen: wherever the part is said to be, it may
+            be as far away as that allows.
+        origin: of that frame, shape (3,) [m].
     """
 
     robot: ReferenceRobot | SeenFrom | None
     part: ReferenceBody
     knots: Array
     frames: Array
+    error: PoseError = NO_ERROR
+    origin: Array = field(default_factory=lambda: np.zeros(3))
 
     def __len__(self) -> int:
         """Return the number of pieces."""
@@ -63,17 +70,40 @@ class Motion:
         """
         ends = np.stack([pieces, pieces + 1])
         reach = self._at_knots(self.frames[ends.reshape(-1)], direction[None])
-        return np.asarray(reach.reshape(2, -1).max(axis=0) + self._bulge(pieces))
+        most = reach.reshape(2, -1).max(axis=0) + self._bulge(pieces)
+        return np.asarray(most + self.strays(pieces))
 
     def extents(self, pieces: Indices) -> tuple[Array, Array]:
         """Return how far the part gets along DIRECTIONS, least and most, both (13, k) [m]."""
         here = np.unique(np.concatenate([pieces, pieces + 1]))
         first = np.searchsorted(here, pieces)
-        frames, bulge = self.frames[here], self._bulge(pieces)
+        frames = self.frames[here]
+        bulge = self._bulge(pieces) + self.strays(pieces)
         most = self._at_knots(frames, DIRECTIONS)
         least = -self._at_knots(frames, -DIRECTIONS)
         low = np.minimum(least[:, first], least[:, first + 1]) - bulge
         return low, np.maximum(most[:, first], most[:, first + 1]) + bulge
+
+    def strays(self, pieces: Indices) -> Array:
+        """Return how far an error takes any point of the part in pieces, at most, shape (k,) [m]."""
+        if not self.error:
+            return np.zeros(len(pieces))
+        ends = np.stack([pieces, pieces + 1])
+        far = self._from_origin(self.frames[ends.reshape(-1)]).reshape(2, -1)
+        most = far.max(axis=0) + self._bulge(pieces)
+        return np.asarray(self.error.m + self.error.rad * most)
+
+    def strays_at(self, frame: Array) -> float:
+        """Return the same where the joint is at a pose, shape (4, 4) [m]."""
+        far = self._from_origin(frame[None])[0] if self.error else 0.0
+        return float(self.error.m + self.error.rad * far)
+
+    def _from_origin(self, frames: Array) -> Array:
+        """Return how far points of the part are from the origin at most, shape (k,) [m]."""
+        poses = frames @ self.part.local
+        turned = np.swapaxes(poses[:, :3, :3], 1, 2)
+        seen = turned @ (self.origin - poses[:, :3, 3])[..., None]
+        return farthest_from(self.part.shape, seen[..., 0])
 
     def frame(self, piece: int) -> Array:
         """Return the pose of the joint in the middle of a piece, shape (4, 4)."""
@@ -96,7 +126,7 @@ class Motion:
             frames = self.frames[piece : piece + 2]
         else:
             frames = self.robot.joint_frames_along(knots)[:, self.part.joint + 1]
-        return Motion(self.robot, self.part, knots, frames)
+        return replace(self, knots=knots, frames=frames)
 
     def _at_knots(self, frames: Array, directions: Array) -> Array:
         """Return how far the part gets along directions at poses of its joint, (d, k) [m]."""
@@ -192,9 +222,12 @@ class VerifiedRobot:
         placed: the robot.
         robot: its geometry.
         carried: who carries what when.
+        error: of its base, None for the one that the cell gives it.
 
     Attributes:
         name: of the robot.
+        error: of its base.
+        origin: of its base, shape (3,) [m].
         home: its HOME, shape (n,).
         chain: index of its chain, None if it has no node.
         pieces: its pieces.
@@ -207,8 +240,11 @@ class VerifiedRobot:
         placed: PlacedRobot,
         robot: ReferenceRobot,
         carried: list[Carried],
+        error: PoseError | None = None,
     ) -> None:
         self.name, self.chain = placed.name, tpg.chain_index.get(placed.name)
+        self.error = placed.base_error if error is None else error
+        self.origin = placed.base[:3, 3]
         self.home = placed.home
         loads = [
             (c, part)
@@ -225,14 +261,13 @@ class VerifiedRobot:
         knots = self.pieces.knots
         frames = robot.joint_frames_along(knots)
         everywhere = np.zeros(len(self.pieces), dtype=np.int64)
-        self.bodies = [
-            Body((Motion(robot, p, knots, frames[:, p.joint + 1]),), everywhere, False)
-            for p in robot.parts
-        ]
-        held = [
-            (self._while_held(c), Motion(robot, p, knots, frames[:, p.joint + 1]))
-            for c, p in loads
-        ]
+
+        def moves(part: ReferenceBody) -> Motion:
+            of_joint = frames[:, part.joint + 1]
+            return Motion(robot, part, knots, of_joint, self.error, self.origin)
+
+        self.bodies = [Body((moves(p),), everywhere, False) for p in robot.parts]
+        held = [(self._while_held(c), moves(p)) for c, p in loads]
         while held:  # loads that are not there at once share a body
             taken: list[Motion] = []
             which = np.full(len(self.pieces), -1)
@@ -282,22 +317,28 @@ class StillBodies:
 
     Args:
         resting: what lies where, and when.
+        robots: in whose hands some of it rests.
 
     Attributes:
         resting: the same, as often as it has convex parts.
         motions: of each part, none.
     """
 
-    def __init__(self, resting: list[Resting]) -> None:
+    def __init__(
+        self, resting: list[Resting], robots: Iterable[VerifiedRobot] = ()
+    ) -> None:
         parts = [
             (rest, part)
             for rest in resting
             for part in resting_parts(rest.object, rest.shape, rest.pose)
         ]
         self.resting = [rest for rest, _ in parts]
+        hands = {robot.name: (robot.error, robot.origin) for robot in robots}
+        lies = NO_ERROR, np.zeros(3)
+        knots, frames = np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1))
         self.motions = [
-            Motion(None, part, np.zeros((2, 0)), np.tile(np.eye(4), (2, 1, 1)))
-            for _, part in parts
+            Motion(None, part, knots, frames, *hands.get(rest.hand or "", lies))
+            for rest, part in parts
         ]
 
     @cached_property

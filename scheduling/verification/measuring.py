@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,11 +23,26 @@ _TOGETHER = 256
 """Pairs that one direction is tried on."""
 
 
+class TooClose(NamedTuple):
+    """Two parts in two pieces.
+
+    Attributes:
+        pair: number of the pair of pieces.
+        gap: what is left of their distance in the worst case [m].
+        strayed: what errors may take of it, so that their distance is both together [m].
+    """
+
+    pair: int
+    gap: float
+    strayed: float
+
+
 class Measuring:
     """Finds pieces in which two parts come too close.
 
     Attributes:
-        least: least distance measured so far, infinite before the first [m].
+        least: least distance measured so far, less what errors may take of it, infinite before the
+            first [m].
     """
 
     def __init__(self) -> None:
@@ -39,7 +55,7 @@ class Measuring:
         pairs: tuple[Indices, Indices],
         limit: float,
         alike: Indices,
-    ) -> Iterator[tuple[int, float]]:
+    ) -> Iterator[TooClose]:
         """Yield which pairs of pieces come too close, with the distance that was measured.
 
         Args:
@@ -54,7 +70,10 @@ class Measuring:
             middle = len(left) // 2
             pair = int(left[middle])
             row, column = int(rows[pair]), int(columns[pair])
-            gap, direction = separation(x.part, x.frame(row), y.part, y.frame(column))
+            at = x.frame(row), y.frame(column)
+            gap, direction = separation(x.part, at[0], y.part, at[1])
+            strayed = x.strays_at(at[0]) + y.strays_at(at[1])
+            gap -= strayed
             self.least = min(self.least, gap)
             if gap >= limit:
                 start = max(0, middle - _TOGETHER // 2)
@@ -68,22 +87,22 @@ class Measuring:
                     continue
                 settled[middle] = True
                 left = left[~settled]
-                gap = self._in_parts(x, y, (row, column), limit)
+                gap, strayed = self._in_parts(x, y, (row, column), limit)
             if gap < limit:
-                yield pair, gap
+                yield TooClose(pair, gap, strayed)
                 left = left[alike[left] != alike[pair]]
 
     def _in_parts(
         self, x: Motion, y: Motion, pair: tuple[int, int], limit: float
-    ) -> float:
-        """Return a distance below the limit somewhere in two pieces, infinity if none is."""
+    ) -> tuple[float, float]:
+        """Return a gap below the limit somewhere in two pieces, infinity if none is, and strays."""
         if max(x.moved(pair[0]), y.moved(pair[1])) < _FINEST:
-            return math.inf
+            return math.inf, 0.0
         fine_x, fine_y = x.finer(pair[0]), y.finer(pair[1])
         rows, columns = np.indices((len(fine_x), len(fine_y))).reshape(2, -1)
         one = np.zeros(len(rows), dtype=np.int64)
         found = self.too_close(fine_x, fine_y, (rows, columns), limit, one)
-        return next((gap for _, gap in found), math.inf)
+        return next(((gap, strayed) for _, gap, strayed in found), (math.inf, 0.0))
 
 
 def _reach(motion: Motion, pieces: Indices, direction: np.ndarray) -> np.ndarray:

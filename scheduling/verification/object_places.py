@@ -67,6 +67,7 @@ class Resting:
         put: chain, node and waypoint that put it there, None from the start on.
         taken: chain, node and waypoint that take it away, None if it stays.
         tasks: of the robot in whose hand it rests, None when it lies in the world.
+        hand: name of that robot.
     """
 
     object: str
@@ -75,6 +76,7 @@ class Resting:
     put: _Moment | None
     taken: _Moment | None
     tasks: tuple[int, ...] | None = None
+    hand: str | None = None
 
 
 def planned_key(
@@ -154,12 +156,14 @@ def object_histories(
             start = stand_during(tpg, chain, at.put)
             until = start if start[1] < count else None
             hand, tasks = flange(*start) @ at.pose, _tasks(tpg, chain, start[1])
-            resting.append(Resting(name, hand, shape, at.put, until, tasks))
+            resting.append(Resting(name, hand, shape, at.put, until, tasks, at.holder))
         if fetched:
             end = stand_during(tpg, chain, end)
             stood = _end_before(tpg.chains[chain], end)
             hand, tasks = flange(*end) @ at.pose, _tasks(tpg, chain, end[1])
-            resting.append(Resting(name, hand, shape, stood, at.taken, tasks))
+            resting.append(
+                Resting(name, hand, shape, stood, at.taken, tasks, at.holder)
+            )
         carried.append(
             Carried(name, chain, start[1:], end[1:], at.pose, given, fetched)
         )

@@ -53,6 +53,36 @@ def farthest(shape: Any, directions: Array) -> Array:
     return np.asarray(directions @ middle + np.abs(directions) @ half)
 
 
+def farthest_from(shape: Any, places: Array) -> Array:
+    """Return how far any point of a shape is from places in its own frame, never less, shape (k,).
+
+    Args:
+        shape: coal's shape.
+        places: shape (k, 3) [m].
+    """
+    grown = float(shape.getSweptSphereRadius())
+    along, across = np.abs(places[:, 2]), np.hypot(places[:, 0], places[:, 1])
+    if isinstance(shape, coal.Sphere):
+        return np.asarray(np.linalg.norm(places, axis=1) + shape.radius + grown)
+    if isinstance(shape, coal.Capsule):
+        end = np.hypot(along + shape.halfLength, across)
+        return np.asarray(end + shape.radius + grown)
+    if isinstance(shape, coal.Cylinder):
+        rim = np.hypot(along + shape.halfLength, across + shape.radius)
+        return np.asarray(rim + grown)
+    if isinstance(shape, coal.ConvexBase):
+        corners = shape.points()
+    elif isinstance(shape, coal.Box):
+        corners = np.array(list(product((-1.0, 1.0), repeat=3))) * shape.halfSide
+    else:
+        shape.computeLocalAABB()
+        around = shape.aabb_local
+        corners = np.array(list(product(*zip(around.min_, around.max_, strict=True))))
+    squares = (corners**2).sum(axis=1) - 2.0 * places @ corners.T
+    away = squares.max(axis=1) + (places**2).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(away, 0.0)) + grown)
+
+
 _GROUP = 4
 """Pieces, or groups of them, that make a group of the next level."""
 _LEVELS = 3

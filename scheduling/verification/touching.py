@@ -201,7 +201,7 @@ def _in_pieces(
     left = pieces[near]
     pairs, alike = (np.zeros_like(left), left), robot.pieces.keys[left]
     found = Measuring().too_close(still, moves, pairs, -SLACK, alike)
-    for k, distance in found:
+    for k, distance, _ in found:
         first, second = (robot.moment(int(left[k]), part.entity) for part in parts)
         text = f"{first} overlaps {second.body} by {-distance * 1e3:.2f} mm"
         yield Problem("itself", text, first, second, distance)

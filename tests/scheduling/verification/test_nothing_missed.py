@@ -172,7 +172,8 @@ def test_pairs_that_are_settled_keep_their_distance(seed: int) -> None:
             ]
             least[k] = min(least[k], measure(x.part, frames[0], y.part, frames[1]))
     for limit in np.quantile(least, [0.2, 0.5, 0.8]):
-        found = dict(Measuring().too_close(x, y, (rows, columns), limit, np.arange(25)))
+        near = Measuring().too_close(x, y, (rows, columns), limit, np.arange(25))
+        found = {pair: gap for pair, gap, _ in near}
         assert set(np.flatnonzero(least < limit - 1e-6)) <= set(found)
         assert all(gap < limit for gap in found.values())
 

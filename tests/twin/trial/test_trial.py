@@ -220,6 +220,35 @@ def test_verify_proves_a_saved_plan(plan: Path) -> None:
     )
 
 
+def test_verify_tells_what_is_survived_of_base_errors(plan: Path) -> None:
+    large = invoke("verify", plan, "--no-adversary", "--base-error", "1cm,1deg")
+    assert large.exit_code == 1, large.output
+    assert "between robots: base errors up to" in large.stdout
+    assert "safe for any delays, but not for these errors of bases" in large.stdout
+    told = invoke("verify", plan, "--no-adversary", "--base-error", "1cm", "--json")
+    survived = json.loads(told.stdout)["base_error"]
+    assert not survived["ok"]
+    assert (survived["m"], survived["rad"]) == (0.01, 0.0)
+    for side in ("robots", "rest"):
+        assert survived[side]["largest"]["m"] == pytest.approx(
+            0.01 * survived[side]["share"]
+        )
+    least = min(survived[side]["share"] for side in ("robots", "rest"))
+    part = f"{9.5 * least}mm"
+    fine = invoke("verify", plan, "--no-adversary", "--base-error", part)
+    assert fine.exit_code == 0, fine.output
+
+
+@pytest.mark.parametrize(
+    "text", ["1", "1mm,2mm", "0mm", "-1mm", "1inch", "1mm,,1deg", "1.2.3mm"]
+)
+def test_an_error_of_bases_that_is_none_is_refused(plan: Path, text: str) -> None:
+    result = invoke("verify", plan, f"--base-error={text}")
+    assert result.exit_code == 2, result.output
+    assert "--base-error" in result.stderr
+    assert "1mm,0.1deg" in result.stderr
+
+
 def test_verify_of_no_plan_says_so(tmp_path: Path) -> None:
     result = invoke("verify", tmp_path)
     assert result.exit_code == 2
