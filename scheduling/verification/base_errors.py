@@ -25,7 +25,7 @@ from scheduling.verification.problems import Moment
 from scheduling.verification.reference import TOLERANCE, ReferenceRobot
 from scheduling.verification.touching import allowed_depths
 
-_SHARES = (2.0, 8.0, 32.0)
+_SHARES = (2.0, 8.0)
 """Shares of the error asked for that are looked at, one after the other."""
 
 _LEFT = 1e-5
@@ -120,7 +120,7 @@ def survived_errors(
         histories: of all objects.
     """
     carried, resting = histories
-    search = _Search(tpg), _Search(tpg)
+    search = _ShareSearch(tpg), _ShareSearch(tpg)
     for share in _SHARES:
         off = PoseError(share * error.m, share * error.rad)
         robots = [
@@ -140,7 +140,7 @@ def survived_errors(
     return SurvivedErrors(error, between, from_rest)
 
 
-class _Search:
+class _ShareSearch:
     """Search for the largest share of an error that is survived.
 
     Args:

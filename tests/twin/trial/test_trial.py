@@ -221,20 +221,20 @@ def test_verify_proves_a_saved_plan(plan: Path) -> None:
 
 
 def test_verify_tells_what_is_survived_of_base_errors(plan: Path) -> None:
-    large = invoke("verify", plan, "--no-adversary", "--base-error", "1cm,1deg")
+    large = invoke("verify", plan, "--no-adversary", "--base-error", "40cm,1deg")
     assert large.exit_code == 1, large.output
     assert "between robots: base errors up to" in large.stdout
     assert "safe for any delays, but not for these errors of bases" in large.stdout
-    told = invoke("verify", plan, "--no-adversary", "--base-error", "1cm", "--json")
+    told = invoke("verify", plan, "--no-adversary", "--base-error", "40cm", "--json")
     survived = json.loads(told.stdout)["base_error"]
     assert not survived["ok"]
-    assert (survived["m"], survived["rad"]) == (0.01, 0.0)
+    assert (survived["m"], survived["rad"]) == (0.4, 0.0)
     for side in ("robots", "rest"):
         assert survived[side]["largest"]["m"] == pytest.approx(
-            0.01 * survived[side]["share"]
+            0.4 * survived[side]["share"]
         )
     least = min(survived[side]["share"] for side in ("robots", "rest"))
-    part = f"{9.5 * least}mm"
+    part = f"{380 * least}mm"
     fine = invoke("verify", plan, "--no-adversary", "--base-error", part)
     assert fine.exit_code == 0, fine.output
 
