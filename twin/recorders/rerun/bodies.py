@@ -23,6 +23,7 @@ from planning.tasks.task import GONE
 from twin.drawing.looks import coloured_fixtures, painted_description, triangles_of
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.recorders.rerun import layout as layout
+from twin.recorders.rerun.fingers import split_fingers
 from twin.recorders.rerun.layout import (
     WORLD_FRAME,
     entity_path,
@@ -66,7 +67,9 @@ def draw_robot(rec: rr.RecordingStream, robot: PlacedRobot, colour: str) -> Urdf
     entity = entity_path(part)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / robot.model.urdf.name
-        painted_description(robot, rgb(colour), linear=True).write(path)
+        description = painted_description(robot, rgb(colour), linear=True)
+        split_fingers(robot, description.getroot())
+        description.write(path)
         tree = UrdfTree.from_file_path(
             path,
             entity_path_prefix=part,

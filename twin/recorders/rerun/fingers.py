@@ -1,24 +1,27 @@
 """Fingers in the Rerun recording: they close on what they take, and open to let go of it.
 
-Only those of robots that come with fingers as joints of their description move so; a tool that a cell
-puts on a flange is drawn as it is held. They close until they touch the part, see ``planning.grips.pads``.
+Fingers of robots that come with them are joints of their description; those of a tool that a cell puts
+on a flange are made joints of it, as far as shapes tell which they are. They close until they touch the part, see
+``planning.grips.pads``. A tool that a robot takes from a rack is drawn as an object, with its fingers open.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from xml.etree.ElementTree import Element, SubElement
 
 import rerun as rr
 from rerun.urdf import UrdfTree
 
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.grips.pads import pads_at
+from planning.grips.pads import finger_sides, pads_at
 from planning.kinematics.kinematics import (
     frame_in_flange,
     frame_in_last_joint,
     frame_pose,
 )
+from planning.robots.descriptions.xml_files import joint_link, pose_in_root
 from planning.robots.registry import ROBOTS
 from planning.tasks.task import CLOSE, Task
 from planning.transforms import Array, Transform, inverse
@@ -29,14 +32,89 @@ from twin.recorders.rerun.layout import entity_path, robot_part, time_column
 from twin.run.events import ExecutionRecord
 from twin.run.trajectory import Placement
 
+_FINGER = ".finger_"
+"""In the names of links and joints that fingers of tools are made."""
+
 _FRAME_NS = NANOSECONDS // 20
 """Least time between two frames [ns]."""
 
 
-def held_open(robot: PlacedRobot) -> dict[str, float]:
-    """Return the joints of a robot's own fingers, and how far each is held open [m]."""
+def held_open(robot: PlacedRobot, tree: UrdfTree) -> dict[str, float]:
+    """Return the joints of a robot's fingers, and at which value each is open [m].
+
+    Args:
+        robot: whose fingers they are.
+        tree: as it is drawn, see ``split_fingers``.
+    """
+    names = (joint.name for joint in tree.joints())
+    return _own_fingers(robot) | {name: 0.0 for name in names if _FINGER in name}
+
+
+def _own_fingers(robot: PlacedRobot) -> dict[str, float]:
+    """Return the joints of the fingers that a robot comes with, and how far each is held open [m]."""
     entry = ROBOTS.get(robot.model.name)
     return dict(entry.frozen) if entry and robot.tool is None else {}
+
+
+def split_fingers(robot: PlacedRobot, root: Element, frame: str = "tool") -> None:
+    """Make the fingers of a tool slide in a description of a robot: each a link on a joint, open at zero.
+
+    What a link shows is a finger where all that it collides with is on one side, see
+    ``planning.grips.pads.finger_sides``; else each of its shapes on one side is one, if there is one to
+    show for each to collide with.
+
+    Args:
+        robot: with a tool on it.
+        root: of the description; changed.
+        frame: of the tool, between the fingers, which close along its y axis.
+    """
+    if _own_fingers(robot) or frame not in robot.model.frames:
+        return
+    tip = frame_in_last_joint(robot.model, frame)
+    sides = finger_sides(robot.model, tip)
+    if sides is None:
+        return
+    outwards = {
+        body.name: y
+        for y, side in zip((1.0, -1.0), sides, strict=True)
+        for body in side
+    }
+    above = {joint_link(joint, "child"): joint for joint in root.findall("joint")}
+    last = joint_link(
+        next(j for j in above.values() if j.get("name") == robot.model.joint_names[-1]),
+        "child",
+    )
+    last_at = pose_in_root(last, above, {}, robot.name)
+    for link in root.findall("link"):
+        name = str(link.get("name"))
+        shown, solid = link.findall("visual"), link.findall("collision")
+        ways = [outwards.get(f"{name}_{k}") for k in range(len(solid))]
+        if not any(ways):
+            continue
+        if len(set(ways)) == 1:
+            ways = ways[:1] * len(shown)
+        elif len(shown) != len(solid):
+            continue
+        at = inverse(last_at) @ pose_in_root(name, above, {}, robot.name)
+        for k, (visual, y) in enumerate(zip(shown, ways, strict=True)):
+            if y is not None:
+                link.remove(visual)
+                axis = y * at[:3, :3].T @ tip[:3, 1]
+                root.extend(_sliding(name, f"{name}{_FINGER}{k}", visual, axis))
+
+
+def _sliding(parent: str, name: str, visual: Element, axis: Array) -> Iterator[Element]:
+    """Yield a link that shows one thing, and the joint along which it slides on another link."""
+    link, joint = (
+        Element("link", name=name),
+        Element("joint", name=name, type="prismatic"),
+    )
+    link.append(visual)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=name)
+    SubElement(joint, "axis", xyz=" ".join(f"{x:.9g}" for x in axis))
+    SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
+    yield from (link, joint)
 
 
 def way_to_touch(
@@ -115,7 +193,7 @@ def move_fingers(
     robot: PlacedRobot,
     moves: Sequence[tuple[int, int, str, float]],
 ) -> None:
-    """Move the fingers of a robot that has been drawn, if it has any of its own.
+    """Move the fingers of a robot that has been drawn, if it has any.
 
     Args:
         rec: the recording.
@@ -123,13 +201,13 @@ def move_fingers(
         robot: whose fingers they are.
         moves: as ``finger_moves`` yields them.
     """
-    fingers = held_open(robot) if moves else {}
+    fingers = held_open(robot, tree) if moves else {}
     joints = {joint.name: joint for joint in tree.joints()}
     for name, opened in fingers.items():
         t_ns: list[int] = []
         values: list[float] = []
         for begin, end, act, way in sorted(moves):
-            closed = max(opened - way, 0.0)
+            closed = opened - way
             first, last = (opened, closed) if act == CLOSE else (closed, opened)
             count = max(1, (end - begin) // _FRAME_NS)
             for j in range(count + 1):
