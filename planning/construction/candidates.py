@@ -25,11 +25,18 @@ Skeleton = tuple[str, ...]
 def robot_groups(
     building: Building, team: tuple[str, ...], size: int
 ) -> list[tuple[str, ...]]:
-    """Return the groups of robots of a given size, the earliest free first (eq. 7)."""
+    """Return the groups of robots of a given size, the earliest free first (eq. 7).
+
+    Of groups whose last robot is free at the same time, such as a crane to which either of two arms
+    hands a part, those come first whose others are free earlier.
+    """
     free = {name: building.world.free_from(name) for name in team}
     return sorted(
         set(combinations(team, size)),
-        key=lambda g: (max(free[r] for r in g), [team.index(r) for r in g]),
+        key=lambda g: (
+            sorted((free[r] for r in g), reverse=True),
+            [team.index(r) for r in g],
+        ),
     )
 
 

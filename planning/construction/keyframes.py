@@ -26,6 +26,13 @@ from planning.transforms import Array, Transform
 _TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 """Turns of the tool about its z axis in which a grip is tried [rad]."""
 
+_LIFT = 0.05
+"""Longest straight way of two pads to a part that changes hands, and from it [m].
+
+It is shorter than pads are: what is above the giver's pad must be clear of the part also where
+that already is in the other hand, since robots may do any of a skill at any time of it.
+"""
+
 Phase = tuple[SpaceTimeChecker, SpaceTimeChecker]
 """The checks before and after a touch."""
 
@@ -171,6 +178,7 @@ class KeyframeSolver:
         The giver moves the part against the taker's pad, and then its own pad away.
         """
         scenes, problem = self.scenes, self.scenes.problem
+        way = min(problem.approach, _LIFT)
         before = scenes.handing(giver, taker, giver, holds[0])
         after = scenes.handing(giver, taker, taker, holds[1])
         standing = before.taker.start_configuration()
@@ -194,14 +202,15 @@ class KeyframeSolver:
                 problem.frame,
                 q_giver,
                 (
-                    -problem.approach * tools[1][:3, 2],
-                    -problem.approach * tools[0][:3, 2],
+                    -way * tools[1][:3, 2],
+                    -way * tools[0][:3, 2],
                 ),
                 problem.cell.robot(giver).model.velocity,
                 problem.seconds_of("handover", giver, scenes.part),
             )
             if motion is None or not (
                 before.apart(motion.before, q_taker)
+                and after.apart(motion.before, q_taker)
                 and after.apart(motion.after, q_taker)
             ):
                 continue

@@ -149,8 +149,9 @@ def test_placements_are_taken_back_for_a_part_that_was_built_in(
     assert check_construction(plan).faults == ()
 
 
-def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
-    plan = handover_plan()
+@pytest.mark.parametrize("approach", [0.05, 0.15])
+def test_a_handover_is_found_where_nobody_can_do_it_alone(approach: float) -> None:
+    plan = handover_plan(approach)
     work = sorted(plan.building.work, key=lambda w: w.start)
     assert [(w.kind, w.robot, w.holder) for w in work] == [
         ("pick", "arm", "arm"),
@@ -158,8 +159,22 @@ def test_a_handover_is_found_where_nobody_can_do_it_alone() -> None:
         ("place-down", "crane", None),
     ]
     assert check_construction(plan).faults == ()
+    assert motion_plan(plan.problem, plan.building).tasks
     # One alone was never tried: the bounds say that it is no use.
     assert all(len(f.robots) == 2 for f in plan.failures)
+
+
+def test_of_two_that_may_give_the_one_that_is_free_earlier_does() -> None:
+    world = nothing_built(toy_problem(CHEST, 3))
+    for robot, end in (("robot1", 4.0), ("robot2", 5.0), ("robot3", 2.0)):
+        home = world.world.cell.robot(robot).home
+        world = world.moved(robot, np.array([0.0, end]), np.tile(home, (2, 1)))
+    groups = robot_groups(world, ("robot1", "robot2", "robot3"), 2)
+    assert groups == [
+        ("robot1", "robot3"),
+        ("robot2", "robot3"),
+        ("robot1", "robot2"),
+    ]
 
 
 def test_two_processes_make_the_same_plan() -> None:

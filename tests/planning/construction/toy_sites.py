@@ -75,7 +75,7 @@ def tower_plan() -> ConstructionPlan:
 
 
 @cache
-def handover_plan() -> ConstructionPlan:
+def handover_plan(approach: float = 0.05) -> ConstructionPlan:
     """An arm on wheels reaches the supply, a crane the place; where they meet is up to them."""
     arm, crane = robot_model("mobile-iiwa14"), robot_model("tower-crane")
     at = np.array(arm.home)
@@ -102,6 +102,8 @@ def handover_plan() -> ConstructionPlan:
         (ground_fixture(), plinth),
         part_objects((beam,), Spiral(2.4, turn=0.5)),
     )
-    problem = build_problem(cell, (beam,), offsets=(0.0, 0.25, -0.25), approach=0.05)
+    problem = build_problem(
+        cell, (beam,), offsets=(0.0, 0.25, -0.25), approach=approach
+    )
     problem = replace(problem, seed=1)
     return plan_construction(problem)

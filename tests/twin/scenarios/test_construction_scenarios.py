@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
+from planning.construction.problem.reach_bounds import reach_bounds
 from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
 from tests.planted import rows
@@ -62,6 +63,7 @@ def problem_of(path: Path) -> ConstructionProblem:
         ("well", 52, 5),
         ("pavilion", 113, 5),
         ("handover", 15, 4),
+        ("gatehouse", 31, 6),
     ],
 )
 def test_shipped_constructions_can_be_built(name: str, parts: int, robots: int) -> None:
@@ -69,6 +71,18 @@ def test_shipped_constructions_can_be_built(name: str, parts: int, robots: int) 
     assert len(problem.parts) == len(problem.cell.objects) == parts
     assert len(problem.team) == robots
     assert [item.mass > 0.0 for item in problem.cell.objects] == [True] * parts
+
+
+def test_everybody_of_the_mixed_team_is_needed() -> None:
+    problem = problem_of(FOLDER / "gatehouse.yaml")
+    bounds = reach_bounds(problem)
+    arms, movers = ("arm1", "arm2"), ("mover1", "mover2", "mover3")
+    alone = {
+        name: bounds.alone(problem.part(name))
+        for name in ("footing_ne", "drum1_ne", "drum5_ne", "lintel_n", "rafter3")
+    }
+    assert list(alone.values()) == [arms, arms + movers, movers, ("crane",), ()]
+    assert bounds.chain(problem.part("rafter3")) == ("arm1", "crane")
 
 
 def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:
