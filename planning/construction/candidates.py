@@ -41,16 +41,21 @@ def robot_groups(
 
 
 def skeletons(
-    bounds: ReachBounds, building: Building, part: Part, most: int = 2
+    bounds: ReachBounds, building: Building, part: Part, most: int | None = None
 ) -> Iterator[Skeleton]:
     """Yield the skeletons that no lower bound rules out, in order of preference.
+
+    More than two robots have a part in hand only where its place cannot be reached with fewer.
 
     Args:
         bounds: who reaches what.
         building: the state before.
         part: what is placed.
-        most: robots that work on it together; of two one gives and one takes.
+        most: robots that work on it together, one after another; as many as it takes, and at least
+            two, where not given.
     """
+    if most is None:
+        most = max(2, len(bounds.chain(part) or ()))
     for size in range(1, most + 1):
         for group in robot_groups(building, bounds.problem.team, size):
             for robots in permutations(group):

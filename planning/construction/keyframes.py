@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from itertools import islice
+from itertools import islice, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -84,13 +84,13 @@ class Keyframes:
         holds: how each robot that has the part holds it, in order.
         picks: ways to pick it, the most promising first.
         places: ways to place it, likewise.
-        meetings: ways to hand it over, likewise; empty where one robot does all.
+        handovers: for each handover ways to do it, likewise; empty where one robot does all.
     """
 
     holds: tuple[Hold, ...]
     picks: tuple[Keyframe, ...]
     places: tuple[Keyframe, ...]
-    meetings: tuple[Meeting, ...] = ()
+    handovers: tuple[tuple[Meeting, ...], ...] = ()
 
 
 class EarliestTimes(NamedTuple):
@@ -107,7 +107,7 @@ class EarliestTimes(NamedTuple):
 
 @dataclass
 class KeyframeSolver:
-    """Finds keyframes of one sub-problem, for one robot or for two with a handover.
+    """Finds keyframes of one sub-problem, for one robot or for several with handovers.
 
     Attributes:
         scenes: checks of the sub-problem.
@@ -139,61 +139,87 @@ class KeyframeSolver:
             if picks:
                 yield Keyframes((hold,), picks, places)
 
-    def handed_over(self, giver: str, taker: str) -> Iterator[Keyframes]:
-        """Yield keyframes of one robot that picks and another that places.
+    def handed_over(self, *team: str) -> Iterator[Keyframes]:
+        """Yield keyframes of a robot that picks, others that take over, and the last that places.
 
-        The lower bounds come first again: place, then pick, then where both can meet.
+        The lower bounds come first again: place, then pick, then where all can meet.
         """
-        part, bounds = self.scenes.part, self.bounds
-        pairs = [
-            (Hold(a, turn_a), Hold(b, turn_b))
-            for a in bounds.pick_grips(giver, part)
-            for b in bounds.place_grips(taker, part)
-            if part.grips_apart(a, b)
-            for turn_a in _TURNS
-            for turn_b in _TURNS
-        ]
-        places = cache(partial(self.places, taker))
-        picks = cache(partial(self.picks, giver))
-        for k in self.rng.permutation(len(pairs)).tolist():
-            first, second = pairs[k]
-            if not places(second) or not picks(first):
+        ways = list(self._holds(team))
+        places = cache(partial(self.places, team[-1]))
+        picks = cache(partial(self.picks, team[0]))
+        for k in self.rng.permutation(len(ways)).tolist():
+            holds = ways[k]
+            if not places(holds[-1]) or not picks(holds[0]):
                 continue
-            meetings = self.meetings(giver, taker, (first, second), picks(first)[0])
-            if meetings:
-                yield Keyframes((first, second), picks(first), places(second), meetings)
+            pick, handovers = picks(holds[0])[0], list[tuple[Meeting, ...]]()
+            having = pick.motion.path[-1], pick.earliest + pick.motion.seconds
+            for robots, both in zip(pairwise(team), pairwise(holds), strict=True):
+                meetings = self.meetings(robots, both, having)
+                if not meetings:
+                    break
+                handovers.append(meetings)
+                first = meetings[0]
+                done = first.giver.earliest + first.giver.motion.seconds
+                having = first.taker, done
+            else:
+                yield Keyframes(
+                    holds, picks(holds[0]), places(holds[-1]), tuple(handovers)
+                )
+
+    def _holds(self, team: tuple[str, ...]) -> Iterator[tuple[Hold, ...]]:
+        """Yield how each of several robots may hold the part so that pads have room beside each other."""
+        part, bounds = self.scenes.part, self.bounds
+        middle = [range(len(part.grips))] * (len(team) - 2)
+        first, last = (
+            bounds.pick_grips(team[0], part),
+            bounds.place_grips(team[-1], part),
+        )
+        for grips in product(first, *middle, last):
+            if all(part.grips_apart(a, b) for a, b in pairwise(grips)):
+                for turns in product(_TURNS, repeat=len(team)):
+                    yield tuple(map(Hold, grips, turns))
 
     def meetings(
-        self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
+        self,
+        robots: tuple[str, str],
+        holds: tuple[Hold, Hold],
+        having: tuple[Array, float],
     ) -> tuple[Meeting, ...]:
-        """Return keyframes of the handover, the earliest first."""
-        found = islice(self._meetings(giver, taker, holds, pick), self.settings.places)
+        """Return keyframes of a handover, the earliest first.
+
+        Args:
+            robots: giver and taker.
+            holds: how each of them holds the part.
+            having: where the giver stands when it has the part, shape (n,), and from when on [s].
+        """
+        found = islice(self._meetings(robots, holds, having), self.settings.places)
         return tuple(sorted(found, key=lambda m: m.giver.earliest))
 
     def _meetings(
-        self, giver: str, taker: str, holds: tuple[Hold, Hold], pick: Keyframe
+        self,
+        robots: tuple[str, str],
+        holds: tuple[Hold, Hold],
+        having: tuple[Array, float],
     ) -> Iterator[Meeting]:
         """Yield ways to hand the part over.
 
         The giver moves the part against the taker's pad, and then its own pad away.
         """
+        (giver, taker), (here, picked) = robots, having
         scenes, problem = self.scenes, self.scenes.problem
         way = min(problem.approach, _LIFT)
         before = scenes.handing(giver, taker, giver, holds[0])
         after = scenes.handing(giver, taker, taker, holds[1])
         standing = before.taker.start_configuration()
         for _ in range(self.settings.meetings):
-            drawn = self.bounds.draw_meeting(
-                (giver, taker), scenes.part, holds, self.rng
-            )
+            drawn = self.bounds.draw_meeting(robots, scenes.part, holds, self.rng)
             if drawn is None:
                 continue
             (q_giver, q_taker), tools = drawn
             carried = max(
-                before.giver.least_duration(pick.motion.path[-1], q_giver),
+                before.giver.least_duration(here, q_giver),
                 before.taker.least_duration(standing, q_taker),
             )
-            picked = pick.earliest + pick.motion.seconds
             soon = max(picked, before.taker.start) + carried
             if not before.free(q_giver, q_taker, self._drawn_time(soon)):
                 continue

@@ -100,9 +100,15 @@ class StepScenes:
         held = self._attached(holder, hold)
         one, other = (
             self._checker(
-                (robot, holder, hold), self.world, robot, held, allowed, (partner,)
+                (robot, giver, taker, holder, hold),
+                self.world,
+                robot,
+                held,
+                allowed,
+                # Who works on the part before or after is not where it stands now.
+                [other for other in self.team if other != robot],
             )
-            for robot, partner in ((giver, taker), (taker, giver))
+            for robot in (giver, taker)
         )
         state, cell = WorldState({}, held), self.world.cell
         pair = MovingPair(cell, giver, taker, state, allowed, margin=MARGIN)

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from time import perf_counter, process_time
 from typing import NamedTuple
 
@@ -335,8 +336,8 @@ class SubproblemSolver:
         building = building.worked(
             pick.motion, "pick", part.name, start, robot, pose, touching
         )
-        if len(team) > 1:
-            met = self._hand_over(building, part, team, keyframes, legs)
+        for k, robots in enumerate(pairwise(team)):
+            met = self._hand_over(building, part, robots, keyframes, k, legs)
             if met is None:
                 return None
             building, robot = met, team[-1]
@@ -378,23 +379,25 @@ class SubproblemSolver:
         self,
         building: Building,
         part: Part,
-        team: tuple[str, ...],
+        robots: tuple[str, str],
         keyframes: Keyframes,
+        number: int,
         legs: LegPlanner,
     ) -> Building | None:
-        """Return the state in which the second robot has the part and the first is out of its way.
+        """Return the state in which the taker has the part and the giver is out of its way.
 
         The giver comes first and waits; the taker comes as soon as it can, and then the part
         changes hands at once.
         """
-        giver, taker = team
+        giver, taker = robots
         allowed = gripped(giver, part.name)
-        meetings = [meeting.giver for meeting in keyframes.meetings]
+        handover = keyframes.handovers[number]
+        meetings = [meeting.giver for meeting in handover]
         leg = legs.leg(building, giver, meetings, allowed=allowed)
         if leg is None:
             return None
         building, chosen, waits, _, _ = leg
-        meeting = next(m for m in keyframes.meetings if m.giver is chosen)
+        meeting = next(m for m in handover if m.giver is chosen)
         motion = chosen.motion
         windows = common(chosen.windows, np.array([[waits, np.inf]]))
         goal = Keyframe(_standing(taker, meeting.taker), windows)
@@ -407,7 +410,7 @@ class SubproblemSolver:
             checker = SpaceTimeChecker(building.world, giver, allowed=allowed)
             if not checker.skill_free(motion.path[:1], waits, start):
                 return None
-        pose = self.problem.held_in_flange(taker, part, *keyframes.holds[1])
+        pose = self.problem.held_in_flange(taker, part, *keyframes.holds[number + 1])
         touching = allowed | gripped(taker, part.name)
         building = building.worked(
             motion, "handover", part.name, start, taker, pose, touching

@@ -8,10 +8,10 @@ all failed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import permutations
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,7 @@ class ReachBounds:
         self.problem = problem
         self._samplers: dict[str, ReachSampler] = {}
         self._known: dict[tuple[object, ...], bool] = {}
+        self._chains: dict[str, tuple[str, ...] | None] = {}
         self._kind = _firsts(
             (robot.name, (id(robot.model), robot.base.tobytes()))
             for robot in map(self._robot, problem.team)
@@ -105,7 +106,7 @@ class ReachBounds:
         )
 
     def may_bring(self, part: Part, robots: tuple[str, ...]) -> bool:
-        """Tell whether there is any chance that one robot brings a part to its place, or two do.
+        """Tell whether there is any chance that robots bring a part to its place.
 
         Args:
             part: what is brought.
@@ -113,29 +114,42 @@ class ReachBounds:
         """
         if len(robots) == 1:
             return robots[0] in self.alone(part)
-        giver, taker = robots
         return (
-            bool(self.pick_grips(giver, part))
-            and bool(self.place_grips(taker, part))
-            and self.can_hand_over(giver, taker, part)
+            bool(self.pick_grips(robots[0], part))
+            and bool(self.place_grips(robots[-1], part))
+            and all(
+                self.can_hand_over(giver, taker, part, first=giver == robots[0])
+                for giver, taker in pairwise(robots)
+            )
         )
 
-    def can_hand_over(self, giver: str, taker: str, part: Part) -> bool:
-        """Tell whether there is a pose in which both reach a part.
+    def can_hand_over(
+        self, giver: str, taker: str, part: Part, *, first: bool = True
+    ) -> bool:
+        """Tell whether there is a pose in which both reach a part, which neither finds too heavy.
 
-        The giver holds it by a grip by which it could have picked it; the taker by any.
+        The first giver holds it by a grip by which it could have picked it; all others by any.
         """
-        grips = self.pick_grips(giver, part)
+        item = self.problem.object(part)
+        if overload(self._robot(taker), item) or overload(self._robot(giver), item):
+            return False
+        every = tuple(range(len(part.grips)))
+        grips = self.pick_grips(giver, part) if first else every
         kinds = self._kind[giver], self._kind[taker]
         key = ("handover", *kinds, self._likeness[part.name], grips)
         if key not in self._known:
             rng = self._draws(key)
-            found = self.draw_handover(giver, taker, part, rng)
+            found = self.draw_handover(giver, taker, part, rng, grips)
             self._known[key] = found is not None
         return self._known[key]
 
     def draw_handover(
-        self, giver: str, taker: str, part: Part, rng: np.random.Generator
+        self,
+        giver: str,
+        taker: str,
+        part: Part,
+        rng: np.random.Generator,
+        grips: Sequence[int],
     ) -> DrawnHandover | None:
         """Return configurations in which two robots hold a part at once, None if none is found.
 
@@ -144,19 +158,20 @@ class ReachBounds:
             taker: who takes it over.
             part: what is handed over.
             rng: what is drawn from.
+            grips: numbers of those by which the giver may hold it.
         """
         pairs = [
             (mine, yours)
-            for mine in self.pick_grips(giver, part)
+            for mine in grips
             for yours in range(len(part.grips))
             if part.grips_apart(mine, yours)
         ]
         if not pairs or giver == taker:
             return None
         for _ in range(_HANDOVERS):
-            grips = pairs[int(rng.integers(len(pairs)))]
+            mine, yours = pairs[int(rng.integers(len(pairs)))]
             turns = rng.uniform(-np.pi, np.pi, 2).tolist()
-            holds = Hold(grips[0], turns[0]), Hold(grips[1], turns[1])
+            holds = Hold(mine, turns[0]), Hold(yours, turns[1])
             found = self.draw_meeting((giver, taker), part, holds, rng)
             if found is not None:
                 return found
@@ -198,9 +213,32 @@ class ReachBounds:
 
     def chain(self, part: Part) -> tuple[str, ...] | None:
         """Return robots that could bring a part to its place, as few as possible, or None."""
-        team = self.problem.team
-        groups = (robots for size in (1, 2) for robots in permutations(team, size))
-        return next((g for g in groups if self.may_bring(part, g)), None)
+        if part.name not in self._chains:
+            self._chains[part.name] = self._find_chain(part)
+        return self._chains[part.name]
+
+    def _find_chain(self, part: Part) -> tuple[str, ...] | None:
+        for robot in self.alone(part):
+            return (robot,)
+        ends = self.placers(part)
+        chains: list[tuple[str, ...]] = [(robot,) for robot in self.pickers(part)]
+        reached: set[str] = set()
+        while chains:
+            longer = [
+                (*chain, robot)
+                for chain in chains
+                for robot in self.problem.team
+                if robot not in chain
+                and self.can_hand_over(chain[-1], robot, part, first=len(chain) == 1)
+            ]
+            for chain in longer:
+                if chain[-1] in ends:
+                    return chain
+            # How the part came to a robot makes no difference from there on.
+            new = {chain[-1]: chain for chain in reversed(longer)}
+            chains = [chain for robot, chain in new.items() if robot not in reached]
+            reached |= new.keys()
+        return None
 
     def _grips(
         self, what: str, robot: str, part: Part, at: Transform

@@ -54,7 +54,9 @@ class _Able(ReachBounds):
     def alone(self, part: Part) -> tuple[str, ...]:
         return self.problem.team
 
-    def can_hand_over(self, giver: str, taker: str, part: Part) -> bool:
+    def can_hand_over(
+        self, giver: str, taker: str, part: Part, *, first: bool = True
+    ) -> bool:
         return True
 
 

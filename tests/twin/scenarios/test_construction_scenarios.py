@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise, permutations
 from pathlib import Path
 
+import networkx as nx
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.construction.fine_check.check import check_construction
+from planning.construction.motion_plan_export import motion_plan
+from planning.construction.planner import plan_construction
 from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.errors import RobotModelError, ScenarioError
@@ -64,6 +69,7 @@ def problem_of(path: Path) -> ConstructionProblem:
         ("pavilion", 113, 5),
         ("handover", 15, 4),
         ("gatehouse", 31, 6),
+        ("relay", 4, 3),
     ],
 )
 def test_shipped_constructions_can_be_built(name: str, parts: int, robots: int) -> None:
@@ -83,6 +89,35 @@ def test_everybody_of_the_mixed_team_is_needed() -> None:
     }
     assert list(alone.values()) == [arms, arms + movers, movers, ("crane",), ()]
     assert bounds.chain(problem.part("rafter3")) == ("arm1", "crane")
+
+
+def test_a_part_goes_over_three_where_fewer_cannot_bring_it(tmp_path: Path) -> None:
+    lines = (FOLDER / "relay.yaml").read_text().splitlines()
+    one = [line for line in lines if not any(f"beam{k}" in line for k in (2, 3, 4))]
+    problem = problem_of(written(tmp_path, "\n".join(one)))
+    bounds, (beam,) = reach_bounds(problem), problem.parts
+    row = ("left", "middle", "right")
+    assert bounds.chain(beam) == row
+    # Of all ways through the team no other one passes the bounds.
+    ways = [w for n in (1, 2, 3) for w in permutations(problem.team, n)]
+    assert [w for w in ways if bounds.may_bring(beam, w)] == [row]
+    plan = plan_construction(problem)
+    work = sorted(plan.building.work, key=lambda w: w.start)
+    assert [(w.kind, w.robot, w.holder) for w in work] == [
+        ("pick", "left", "left"),
+        ("handover", "left", "middle"),
+        ("handover", "middle", "right"),
+        ("place-down", "right", None),
+    ]
+    assert check_construction(plan).faults == ()
+    motions = motion_plan(problem, plan.building)
+    after = nx.DiGraph(motions.dependencies.tolist())
+    for robot in problem.team:
+        after.add_edges_from(
+            pairwise(t.index for t in motions.tasks if t.robot == robot)
+        )
+    skills = [task.index for task in motions.tasks if task.handlings]
+    assert all(nx.has_path(after, a, b) for a, b in pairwise(skills))
 
 
 def test_own_parts_are_taken_as_they_are_written(tmp_path: Path) -> None:

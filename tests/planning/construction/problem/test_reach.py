@@ -126,7 +126,9 @@ def test_last_beams_need_a_handover_and_a_chain_is_found() -> None:
         assert bounds.pickers(part) == ("arm",)
         assert bounds.chain(part) == (("arm",) if k <= 12 else ("arm", "crane"))
     last = bounds.problem.parts[-1]
-    drawn = bounds.draw_handover("arm", "crane", last, np.random.default_rng(3))
+    drawn = bounds.draw_handover(
+        "arm", "crane", last, np.random.default_rng(3), bounds.pick_grips("arm", last)
+    )
     assert drawn is not None
     tools = [
         frame_pose(bounds.problem.cell.robot(name), q, "tool")
