@@ -6,7 +6,7 @@ straightened. It is taken when it is free, when it can be ordered with everyone 
 when the plan does not end later. Only runs that the makespan hangs on are drawn: elsewhere a robot
 would move less only to wait more. Each is first smoothed as a whole, then in parts. What a candidate
 does not change is not worked out again. The search ends when candidates do not pay any more, or
-after a number of them, never by the clock: the same seed gives the same plan.
+after a number of them, never by the clock: the same seed gives the same plan. Sidesteps may follow.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ from scheduling.shortcuts.replacement_check import (
     stands_stay_clear,
 )
 from scheduling.shortcuts.scenery import KnownWays, Scenery
+from scheduling.shortcuts.sidesteps import take_sidesteps
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""
@@ -78,6 +79,7 @@ def shorten_tpg(
     candidates: int,
     seed: int = 0,
     progress: Progress = no_progress,
+    sidesteps: int = 0,
 ) -> TemporalPlanGraph:
     """Return a graph with runs of transit nodes replaced by shorter ones.
 
@@ -90,6 +92,7 @@ def shorten_tpg(
         candidates: most candidates drawn.
         seed: of the draws.
         progress: told candidates done and in all.
+        sidesteps: most sidesteps drawn after that, see ``take_sidesteps``.
 
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
@@ -99,7 +102,7 @@ def shorten_tpg(
     since, before = 0, board.makespan
     for done in range(candidates):
         if since == board.window:
-            if before - board.makespan < _WORTH * board.makespan:
+            if not board.worth(before):
                 break
             since, before = 0, board.makespan
         searched = board.searched
@@ -109,6 +112,8 @@ def shorten_tpg(
         if done % 16 == 0:
             progress(done, candidates)
     progress(candidates, candidates)
+    if sidesteps:
+        take_sidesteps(board, sidesteps, seed, progress)
     if board.graph.tpg is tpg:
         return tpg
     shortened = join_nodes(board.graph, board.spans, step)
@@ -190,6 +195,10 @@ class Board:
         """Of the graph as it is now [s]."""
         return float(self.graph.rollout.makespan)
 
+    def worth(self, before: float) -> bool:
+        """Tell whether the plan has become shorter by enough to go on [s]."""
+        return before - self.makespan >= _WORTH * self.makespan
+
     @property
     def searched(self) -> bool:
         """True when every run that matters has been smoothed as a whole, more than once."""
@@ -242,7 +251,7 @@ class Board:
             return self._smoothed(which, first, last, rng)
         if self._most_saved(span.chain, first, last) < self._least:
             return None
-        path = candidate_path(self._way(span.chain, first, last), shape, rng)
+        path = candidate_path(self.way(span.chain, first, last), shape, rng)
         return self._gaining(which, first, last, path)
 
     def _next_part(self) -> tuple[int, int, int] | None:
@@ -271,7 +280,7 @@ class Board:
             return None
         amid = self._scenery.amid(self.graph, chain, first, last)
         speed = self._speeds[self.graph.tpg.chains[chain].robot]
-        old = corners(self._way(chain, first, last))
+        old = corners(self.way(chain, first, last))
         path = amid.smoothed(old, speed, rng)
         return self._gaining(which, first, last, path)
 
@@ -291,11 +300,11 @@ class Board:
         """Return the time that a straight line would save [s]."""
         if last <= first:
             return 0.0
-        nodes, way = self.graph.tpg.chains[chain], self._way(chain, first, last)
+        nodes, way = self.graph.tpg.chains[chain], self.way(chain, first, last)
         direct = self._speeds[nodes.robot].duration(way[0], way[-1])
         return float(nodes.duration[first : last + 1].sum()) - direct
 
-    def _way(self, chain: int, first: int, last: int) -> Array:
+    def way(self, chain: int, first: int, last: int) -> Array:
         """Return the waypoints from the start of a node to the end of another."""
         nodes = self.graph.tpg.chains[chain]
         return nodes.waypoints[nodes.first[first] - 1 : nodes.first[last + 1]]
@@ -311,13 +320,23 @@ class Board:
             return None
         return which, first, last, path
 
-    def try_candidate(self, which: int, first: int, last: int, path: Array) -> bool:
+    def try_candidate(
+        self,
+        which: int,
+        first: int,
+        last: int,
+        path: Array,
+        *,
+        sooner: float | None = None,
+    ) -> bool:
         """Take a candidate if it is free, fits, and the plan does not end later.
 
         Args:
             which: the span.
             first, last: nodes of it that would be replaced.
             path: that would replace them, shape (w, n).
+            sooner: least time by which the plan has to end sooner [s]; it is then tried
+                everywhere in the order. None where it need not.
         """
         graph, index = self.graph, self.spans[which].chain
         chain = graph.tpg.chains[index]
@@ -330,23 +349,25 @@ class Board:
         stretch = nodes_stretch(graph, index, first, last + 1, new)
         rivals = Rivals(graph, self._pieces, swap, stretch)
         # Elsewhere in the order is worth a search for what may gain much.
-        choice = rivals.choice and self._smoothing
+        choice = rivals.choice and (self._smoothing or sooner is not None)
+        latest = self.makespan + (_LATER if sooner is None else -sooner)
         places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
-        if choice and self._late(rewire(graph, swap, new, rivals.outside)):
+        if choice and self._late(rewire(graph, swap, new, rivals.outside), latest):
             return False
         for place in places:
             ordered = in_order(graph, index, range(first, last + 1), place)
             candidate = rewire(ordered, swap, new, rivals.edges(ordered))
-            if self._late(candidate):
+            if self._late(candidate, latest):
                 continue
             if stands_stay_clear(candidate, self._pieces, swap, stretch):
                 self._take(candidate, which, swap)
                 return True
         return False
 
-    def _late(self, candidate: DerivedTpg) -> bool:
-        """Tell whether the plan would end later."""
-        return candidate.rollout.makespan > self.makespan + _LATER
+    @staticmethod
+    def _late(candidate: DerivedTpg, latest: float) -> bool:
+        """Tell whether a plan would end later than it may [s]."""
+        return candidate.rollout.makespan > latest
 
     def _take(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
         self.graph = candidate

@@ -114,6 +114,7 @@ def shorten(
     *,
     candidates: int,
     seed: int,
+    sidesteps: int = 0,
     keep_slots: bool = False,
 ) -> TemporalPlanGraph:
     """Put tasks into a better order and take shortcuts; the stage is shortcut.
@@ -124,6 +125,7 @@ def shorten(
         watch: measures the stage.
         candidates: shortcuts tried.
         seed: of their draws.
+        sidesteps: tried after them.
         keep_slots: leave the tasks in the slots of a synchronous plan, in their order.
     """
     with watch.stage("shortcut"):
@@ -137,6 +139,7 @@ def shorten(
             candidates=candidates,
             seed=seed,
             progress=watch.reporter(SHORTCUTS),
+            sidesteps=sidesteps,
         )
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
@@ -152,6 +155,14 @@ def planned_shortcuts(scenario: Scenario) -> int:
         return candidates
     slots = scenario.execution.policy == "synchronous"
     return 0 if slots else default_shortcuts(scenario)
+
+
+def planned_sidesteps(scenario: Scenario) -> int:
+    """Return the number of sidestep candidates: the scenario's, or by what is planned."""
+    candidates = scenario.planning.sidestep_candidates
+    if candidates != "auto":
+        return candidates
+    return default_shortcuts(scenario) if scenario.assembly.kind == "goals" else 0
 
 
 def default_shortcuts(scenario: Scenario) -> int:

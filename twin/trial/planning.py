@@ -18,6 +18,7 @@ from twin.planning.pipeline import (
     plan_in_slots,
     plan_motions,
     planned_shortcuts,
+    planned_sidesteps,
     shorten,
 )
 from twin.run.policies import (
@@ -146,6 +147,7 @@ class CoordinatedPlans:
                     watch,
                     candidates=self._candidates,
                     seed=self._scenario.seed,
+                    sidesteps=planned_sidesteps(self._scenario),
                     keep_slots=self._keep_slots,
                 )
             elif name == IN_SLOTS:

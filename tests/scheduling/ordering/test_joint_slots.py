@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.geometry.exact import TOLERANCE
 from planning.motion.known_motions import MotionPlan
 from planning.motion.sequential import MotionSettings
 from planning.motion.speed import L1Speed
@@ -78,7 +79,7 @@ def test_the_graph_keeps_the_guarantee_whatever_the_delays(
     slots = in_slots(random_plan(robots, seed, rounds=6))
     tpg = build_tpg(slots.motion_plan)  # checks the invariant itself
     rng = np.random.default_rng(seed)
-    run_at_random(tpg, PlainGraph(tpg), rng, set())
+    run_at_random(tpg, PlainGraph(tpg, -TOLERANCE), rng, set())
     planned = max(float(m.time[-1]) for m in slots.motion_plan.motions)
     assert earliest_times(tpg).makespan <= planned + 1e-6
     barred = with_barriers(replace(tpg, slots=slots.slot_of_task))

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from planning.tasks.task import TRANSIT
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.plan_files import load_plan, save_plan
 from scheduling.verification.verify import verify_plan
+from tests.shipped_runs import ShippedRuns
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.planning.pipeline import plan_in_slots
@@ -147,3 +149,38 @@ def test_slots_of_a_shipped_plan_are_planned_jointly(
             seen += 1
     assert not joint
     assert seen > 10
+
+
+def test_one_task_after_another_ends_as_soon_as_slots_with_sidesteps() -> None:
+    """With this seed, the last arm waits for the busiest one on a way that is straight already."""
+    scenario = load_scenario(FOLDER / "multi_goal.yaml")
+
+    def ends(**keys: object) -> tuple[float, float]:
+        update = {"coordination": "sequential", **keys}
+        planning = scenario.planning.model_copy(update=update)
+        changed = scenario.model_copy(update={"planning": planning, "seed": 2})
+        tpg = plan_scenario(changed, FOLDER).tpg
+        alone = max(float(np.sum(chain.duration)) for chain in tpg.chains)
+        return float(earliest_times(tpg).makespan), alone
+
+    without, alone = ends(sidestep_candidates=0)
+    assert without > 1.05 * alone
+    sooner, alone = ends()
+    assert sooner == pytest.approx(alone, rel=1e-3)
+
+
+@pytest.mark.expensive
+def test_a_structure_with_sidesteps_is_built_sooner_and_proved_apart(
+    shipped: ShippedRuns, tmp_path: Path
+) -> None:
+    before = shipped("lego/cliff")
+    scenario = before.scenario
+    planning = scenario.planning.model_copy(update={"sidestep_candidates": 100})
+    changed = scenario.model_copy(update={"planning": planning})
+    plan = plan_scenario(changed, LEGO)
+    sooner = (
+        earliest_times(plan.tpg).makespan / earliest_times(before.planned.tpg).makespan
+    )
+    assert sooner < 0.9999
+    assert verify_plan(plan.tpg).problems == ()
+    assert try_plan(plan, tmp_path, recording=False).passed

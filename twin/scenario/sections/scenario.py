@@ -107,6 +107,9 @@ class PlanningSection(Section):
             slot, as APEX-MR's synchronous baseline does.
         shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
+        sidestep_candidates: most sidesteps tried after the shortcuts: ways that are no shorter, but on
+            which robots wait less for each other; ``auto`` tries them where robots only go to
+            goals, and none where something is built.
         improve_s: how long to search for a better choice of robots, objects, grips and supports
             [s]; what is found depends on the machine. 0 for no limit where there are tries.
         improve_tries: most plans tried in that search; on its own, it makes the same plan
@@ -122,6 +125,9 @@ class PlanningSection(Section):
     coordination: Literal["sequential", "synchronous"] = "sequential"
     joint_planning: Literal["conflicts", "always"] = "conflicts"
     shortcut_candidates: (
+        Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
+    ) = "auto"
+    sidestep_candidates: (
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
     improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
