@@ -42,6 +42,10 @@ class PoseError:
         """Tell whether there is any."""
         return self.m > 0.0 or self.rad > 0.0
 
+    def takes(self, distance: float) -> float:
+        """Return how far it takes a point at a distance from the origin, at most [m]."""
+        return self.m + self.rad * distance
+
 
 NO_ERROR = PoseError()
 """Of a frame that is where it is taken to be."""

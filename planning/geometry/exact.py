@@ -7,7 +7,7 @@ close; what is left is split in two, down to a tolerance below which closeness i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from heapq import heappop, heappush
 from typing import Any
@@ -71,6 +71,26 @@ class Solid:
         """Starts and ends of its capsules in the same frame, shape (c, 2, 3) [m]."""
         capsules = self.body.capsules
         return np.stack([self._placed(capsules.start), self._placed(capsules.end)], 1)
+
+    def strays_with_base(self, pose: Any) -> float:
+        """Return how far an error of its robot's base takes any point of it, at most [m].
+
+        Args:
+            pose: coal's, of the body in the world.
+        """
+        if self.carrier is None or not np.any(self.carrier.error):
+            return 0.0
+        rotation, origin = np.asarray(pose.getRotation()), pose.getTranslation()
+        points = self.body.vertices @ rotation.T + (origin - self.carrier.base[:3, 3])
+        way, angle = self.carrier.error.tolist()
+        return float(way + angle * np.linalg.norm(points, axis=1).max())
+
+    @cached_property
+    def where_planned(self) -> Solid:
+        """The same on a base that is where it is planned to be."""
+        if self.carrier is None or not np.any(self.carrier.error):
+            return self
+        return replace(self, carrier=self.carrier._replace(error=np.zeros(2)))
 
     def _placed(self, points: Array) -> Array:
         return np.asarray(points @ self.local[:3, :3].T + self.local[:3, 3])
@@ -187,7 +207,8 @@ def come_close(
         a, b: the bodies.
         a_from, a_to: ends of the straight joint-space motion that carries ``a``, shape (n,).
         b_from, b_to: likewise for ``b``.
-        clearance: least distance, negative for an overlap that is let pass [m].
+        clearance: least distance, wherever bases are that may be off; negative for an overlap that
+            is let pass [m].
         tolerance: motion that is not divided further, so far from the truth at most [m].
         together: whether both are carried by one robot on one and the same motion.
     """
@@ -203,9 +224,15 @@ def come_close(
         pose_a, moved_a = place(a, a0, a1, root)
         pose_b, moved_b = place(b, b0, b1, root)
         gap = distance(a, pose_a, b, pose_b)
-        if gap < clearance:
+        least, outward = clearance, 0.0
+        if not together:  # else both are off as one
+            for item, pose, moved in ((a, pose_a, moved_a), (b, pose_b, moved_b)):
+                if (off := item.strays_with_base(pose)) > 0.0 and item.carrier:
+                    least += off
+                    outward += float(item.carrier.error[1]) * moved
+        if gap < least:
             return True
-        if gap - moved_a - moved_b >= clearance:
+        if gap - moved_a - moved_b - outward >= least:
             continue
         if moved_a + moved_b < tolerance:
             return True

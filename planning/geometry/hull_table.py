@@ -55,6 +55,11 @@ class HullTable(NamedTuple):
         n = self.q_a.shape[1]
         return packed(self._replace(q_a=np.zeros((1, n)), q_b=np.zeros((1, n))))
 
+    def seen_from_base(self) -> HullTable:
+        """Return the same bodies as their own robot sees them: no error of its base parts them."""
+        robot = packed(self.robot._replace(error=np.zeros(2)))
+        return packed(self._replace(robot=robot))
+
 
 def hull_table(
     robot: JointTable,
@@ -120,6 +125,30 @@ def place_corners(
                 + poses[p, r, 3]
             )
     return int(end)
+
+
+@inner_kernel
+def strays_with_base(table: HullTable, solid: int, poses: Array) -> float:
+    """Return how far an error of its robot's base takes any point of a body, at most [m].
+
+    Args:
+        table: the bodies.
+        solid: the body.
+        poses: joint poses.
+    """
+    error, joint = table.robot.error, table.joint[solid]
+    if joint == AT_REST or (error[0] == 0.0 and error[1] == 0.0):
+        return 0.0
+    far, corners = 0.0, table.corners
+    for v in range(table.corner_first[solid], table.corner_first[solid + 1]):
+        away = 0.0
+        for r in range(3):
+            x = poses[joint + 1, r, 3] - poses[0, r, 3]
+            for k in range(3):
+                x += poses[joint + 1, r, k] * corners[v, k]
+            away += x * x
+        far = max(far, away)
+    return float(error[0] + error[1] * np.sqrt(far))
 
 
 @inner_kernel

@@ -140,6 +140,7 @@ def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:
         robot.model,
         robot.name,
         robot.base.tobytes(),
+        robot.base_error,
         *((item.name, item.shape, at.pose.tobytes()) for item, at in held),
     )
     return _KNOWN.get(key, lambda: _collect(robot, held))

@@ -17,6 +17,7 @@ from planning.geometry.exact import (
     Solid,
     come_close,
     distance_at,
+    place,
 )
 from planning.geometry.robot_bodies import (
     Held,
@@ -99,7 +100,7 @@ class SceneChecker:
         for other in cell.robots:
             if other.name != robot:
                 at = np.array(state.configurations[other.name], dtype=np.float64)
-                boxes = boxes.plus(standing_robot(other, at), of_robots=True)
+                boxes = boxes.plus(standing_robot(other, at), of_robot=other)
         self.robot = cell.robot(robot)
         self._to_robots = cell.clearances.robot_robot + margin
         self._to_objects = cell.clearances.robot_object + margin
@@ -117,7 +118,7 @@ class SceneChecker:
             boxes.bounds,
             none,
             none,
-            own.hulls.on_a_motion(),
+            own.hulls.on_a_motion().seen_from_base(),
             room_for(n, 0, corners, boxes.places.most_corners),
             room_for(n, n, corners, corners),
         )
@@ -210,6 +211,8 @@ class SceneChecker:
         for kind, body, other in what.tolist():
             mine, second, limit = self._pair(kind, body, other)
             gap = distance_at(mine, q, second, q)
+            if kind == BOX:
+                limit += mine.strays_with_base(place(mine, q, q)[0])
             if gap < limit and (
                 worst is None or gap - limit < worst.distance - worst.limit
             ):
@@ -252,7 +255,8 @@ class SceneChecker:
             for (lo, hi), (_, body, _) in zip(
                 when.tolist(), what.tolist(), strict=True
             ):
-                solid = self._own.solids[body]
+                # Contacts that are meant take up what errors there are.
+                solid = self._own.solids[body].where_planned
                 close.append((solid, q0 + lo * (q1 - q0), q0 + hi * (q1 - q0)))
         # What is too near at an end or half-way need not be sought in between.
         for solid, q0, q1 in close:
@@ -295,9 +299,10 @@ def _surroundings(
     held, boxes = sort_objects(cell.fixtures, cell.objects, state.attachments)
     for item, at in held:
         if at.holder is not None and at.holder != robot:
-            hand = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
+            holder = cell.robot(at.holder)
+            hand = frame_pose(holder, state.configurations[at.holder])
             there = item.shape.placed(item.name, hand @ at.pose)
-            boxes = boxes.plus(there, of_robots=True)
+            boxes = boxes.plus(there, of_robot=holder)
     return held_by(robot, held), boxes
 
 

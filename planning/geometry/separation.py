@@ -14,7 +14,13 @@ from planning.geometry.distance import (
     gap_class,
 )
 from planning.geometry.exact import TOLERANCE
-from planning.geometry.hull_table import AT_REST, HullTable, place_corners, stray
+from planning.geometry.hull_table import (
+    AT_REST,
+    HullTable,
+    place_corners,
+    stray,
+    strays_with_base,
+)
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints
 from planning.packed import packed
@@ -130,7 +136,8 @@ def judge_hulls(
     Args:
         a, i: an occupancy, and a body of it.
         b, j: likewise for the other.
-        clearance: least distance [m]; where negative, 0 is proved or nothing.
+        clearance: least distance, wherever bases are that may be off [m]; where negative, 0 is
+            proved or nothing.
         scratch: after ``pose_segments``; where the answer is not APART, ``where`` says where
             they come close.
 
@@ -163,13 +170,17 @@ def judge_hulls(
         b_moved, b_bend, _ = stray(
             b, y, joints_b[_TRAVEL], joints_b[_STRAIGHT], poses_b
         )
+        close = clearance + strays_with_base(a, x, poses_a)
+        close += strays_with_base(b, y, poses_b)
+        # What moves away from its base strays further with it.
+        outward = a.robot.error[1] * a_moved + b.robot.error[1] * b_moved
         gap = gap_class(
             corners_a,
             place_corners(a, x, poses_a, corners_a, ZERO),
             corners_b,
             place_corners(b, y, poses_b, corners_b, ZERO),
-            clearance,
-            clearance + a_moved + b_moved,
+            close,
+            close + a_moved + b_moved + outward,
             scratch.direction,
         )
         if gap == FAR:
@@ -177,12 +188,12 @@ def judge_hulls(
         fine = a_moved + b_moved < TOLERANCE
         if gap <= CLOSE or fine or depth + 2 > len(stack):
             scratch.where[0], scratch.where[1] = 0.5 * (a0 + a1), 0.5 * (b0 + b1)
-            close = gap == TOO_CLOSE or (fine and gap == BETWEEN)
-            return CONFLICT if close else UNDECIDED
+            proved = gap == TOO_CLOSE or (fine and gap == BETWEEN)
+            return CONFLICT if proved else UNDECIDED
         # The hull of a body's places at both ends holds all in between, but for the bend.
         a_count = _place_ends(a, x, joints_a, scratch.part_a, corners_a)
         b_count = _place_ends(b, y, joints_b, scratch.part_b, corners_b)
-        enough = clearance + a_bend + b_bend
+        enough = close + a_bend + b_bend + outward
         gap = gap_class(
             corners_a, a_count, corners_b, b_count, enough, enough, scratch.direction
         )

@@ -7,7 +7,7 @@ scenes share: a scene is a choice of rows.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
 
@@ -118,6 +118,7 @@ class StandingBoxes:
         fixtures: how many pieces the fixtures have.
         places: arrays that the rows are of.
         of_robots: names of the entities of other robots, and of what these hold.
+        strays: by row, how far an error of its robot's base takes a piece [m].
     """
 
     names: tuple[str, ...]
@@ -125,6 +126,7 @@ class StandingBoxes:
     fixtures: int
     places: _Places
     of_robots: frozenset[str] = frozenset()
+    strays: Mapping[int, float] = field(default_factory=dict)
 
     @cached_property
     def columns(self) -> Mapping[str, list[int]]:
@@ -200,24 +202,37 @@ class StandingBoxes:
         self,
         boxes: Sequence[Placed],
         *,
-        of_robots: bool = False,
+        of_robot: PlacedRobot | None = None,
     ) -> StandingBoxes:
         """Return these pieces and more of them.
 
         Args:
             boxes: the others.
-            of_robots: whether they are those of other robots, or in their hands.
+            of_robot: another robot of which they are, or in whose hands.
         """
         if not boxes:
             return self
         rows = [self.places.row(body, pose) for _, body, pose in boxes]
+        of_robots, strays = self.of_robots, self.strays
+        if of_robot is not None:
+            of_robots = of_robots.union(name for name, *_ in boxes)
+            if of_robot.base_error:
+                off = (_strays(of_robot, body, pose) for _, body, pose in boxes)
+                strays = {**strays, **dict(zip(rows, off, strict=True))}
         return StandingBoxes(
             (*self.names, *(name for name, *_ in boxes)),
             np.concatenate([self.rows, np.array(rows, dtype=np.int64)]),
             self.fixtures,
             self.places,
-            self.of_robots.union(b[0] for b in boxes) if of_robots else self.of_robots,
+            of_robots,
+            strays,
         )
+
+
+def _strays(robot: PlacedRobot, body: ConvexBody, pose: Transform) -> float:
+    """Return how far an error of a robot's base takes a body that stands with it [m]."""
+    points = body.vertices @ pose[:3, :3].T + (pose[:3, 3] - robot.base[:3, 3])
+    return robot.base_error.takes(float(np.linalg.norm(points, axis=1).max()))
 
 
 def stand_boxes(fixtures: Sequence[Fixture], boxes: Iterable[Placed]) -> StandingBoxes:
@@ -247,7 +262,8 @@ def box_limits(
         to_robots: from other robots and what they hold [m].
     """
     limits = np.full((len(own.solids), len(boxes.rows)), to_objects)
-    limits[:, [k for n in boxes.of_robots for k in boxes.columns[n]]] = to_robots
+    for k in (k for name in boxes.of_robots for k in boxes.columns[name]):
+        limits[:, k] = to_robots + boxes.strays.get(int(boxes.rows[k]), 0.0)
     limits[own.hulls.joint < 0, : boxes.fixtures] = SKIP
     skip_allowed(limits, own.of_entity, boxes.columns, allowed)
     return limits

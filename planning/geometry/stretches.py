@@ -12,7 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.geometry.distance import BETWEEN, FAR, gap_class
-from planning.geometry.hull_table import AT_REST, HullTable, place_corners, stray
+from planning.geometry.hull_table import (
+    AT_REST,
+    HullTable,
+    place_corners,
+    stray,
+    strays_with_base,
+)
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import pose_joints
 from planning.packed import packed
@@ -33,7 +39,8 @@ class PosedStretch(NamedTuple):
         aside: how far each joint is from the straight line at most, shape (n,).
         middle, start, end: joint poses in the middle of the box and at both ends, shape
             (n + 1, 4, 4).
-        strays: see ``stray``, shape (solids, 3).
+        strays: see ``stray``; the first two with what an error of the base adds, shape
+            (solids, 3).
         known: for which stretch ``strays`` was measured, shape (solids,).
         solid: solid of each body, -1 for none, MIXED where not the same all along, shape
             (bodies,).
@@ -148,6 +155,11 @@ def measure_stray(table: HullTable, solid: int, stretch: PosedStretch) -> None:
     strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray(
         table, solid, stretch.travel, stretch.aside, stretch.middle
     )
+    off = strays_with_base(table, solid, stretch.middle)
+    if off > 0.0:
+        off += table.robot.error[1] * strays[solid, 0]
+        strays[solid, 0] += off
+        strays[solid, 1] += off
 
 
 @inner_kernel

@@ -230,8 +230,17 @@ def sweep_piece(
         moved,
     )
     bare, box, around = hulls.radius, out.body_box, out.box
+    error, poses = hulls.robot.error, room.poses
     for c in range(count):
         radius[start + c] = bare[c] + moved[c, 0]
+        if error[0] > 0.0 or error[1] > 0.0:
+            far = 0.0
+            for ends in (a, b):
+                away = 0.0
+                for r in range(3):
+                    away += (ends[start + c, r] - poses[0, r, 3]) ** 2
+                far = max(far, np.sqrt(away))
+            radius[start + c] += error[0] + error[1] * (far + radius[start + c])
     for r in range(3):
         around[p, r], around[p, r + 3] = np.inf, -np.inf
     for k in range(len(hulls.joint)):

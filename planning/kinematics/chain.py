@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.robot_model import KinematicChain, RobotModel
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import PlacedRobot, PoseError
 from planning.kernels import inner_kernel, kernel
 from planning.packed import packed
-from planning.transforms import Array
+from planning.transforms import Array, Transform
 
 
 class JointTable(NamedTuple):
@@ -23,6 +23,7 @@ class JointTable(NamedTuple):
         base: pose of the base in the world, the identity where all is seen from it, shape
             (4, 4).
         lower, upper: joint limits, shape (n,) [rad or m].
+        error: of the base, see PoseError: way and angle, shape (2,) [m, rad].
     """
 
     placement: Array
@@ -31,6 +32,7 @@ class JointTable(NamedTuple):
     base: Array
     lower: Array
     upper: Array
+    error: Array
 
 
 def chain_table(chain: KinematicChain, lower: Array, upper: Array) -> JointTable:
@@ -42,6 +44,7 @@ def chain_table(chain: KinematicChain, lower: Array, upper: Array) -> JointTable
         np.eye(4),
         np.ascontiguousarray(lower, dtype=np.float64),
         np.ascontiguousarray(upper, dtype=np.float64),
+        np.zeros(2),
     )
     return packed(table)
 
@@ -63,8 +66,14 @@ def joint_table(model: RobotModel) -> JointTable:
 @lru_cache(maxsize=1024)
 def placed_joints(robot: PlacedRobot) -> JointTable:
     """Return the joints of a robot where it stands."""
-    base = np.ascontiguousarray(robot.base, dtype=np.float64)
-    return packed(joint_table(robot.model)._replace(base=base))
+    return standing_at(joint_table(robot.model), robot.base, robot.base_error)
+
+
+def standing_at(joints: JointTable, base: Transform, error: PoseError) -> JointTable:
+    """Return joints on a base in the world, shape (4, 4), that may be off by an error."""
+    base = np.ascontiguousarray(base, dtype=np.float64)
+    off = np.array([error.m, error.rad])
+    return packed(joints._replace(base=base, error=off))
 
 
 @kernel

@@ -107,7 +107,7 @@ class SkillScene:
         """
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
         more: list[shape.Placed] = []
-        in_hand: list[shape.Placed] = []
+        in_hand: list[tuple[PlacedRobot, list[shape.Placed]]] = []
         for name, (item, at) in self._not_at_rest(after=after).items():
             if at.holder == robot:
                 continue
@@ -116,20 +116,20 @@ class SkillScene:
                 continue
             holder = self.cell.robot(at.holder)
             pose = frame_pose(holder, self.configurations[at.holder]) @ at.pose
-            in_hand += item.shape.placed(name, pose)
+            in_hand.append((holder, item.shape.placed(name, pose)))
         if phase is Phase.AFTER and self.refill is not None:
             item, at = self.refill
             more += item.shape.placed(item.name, at.pose)
+        around = boxes.plus(more)
+        for holder, pieces in in_hand:
+            around = around.plus(pieces, of_robot=holder)
         return SceneChecker(
             self.cell,
             robot,
             WorldState(self.configurations, {}),
             allowed,
             margin=MARGIN,
-            amid=(
-                self._held_by(robot, after=after),
-                boxes.plus(more).plus(in_hand, of_robots=True),
-            ),
+            amid=(self._held_by(robot, after=after), around),
         )
 
     @cached_property

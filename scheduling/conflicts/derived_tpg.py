@@ -271,11 +271,17 @@ def holds_stretch(graph: DerivedTpg, chain: int, holds: Indices) -> GraphStretch
 
 def rest_stretch(graph: DerivedTpg, rest: Rest) -> GraphStretch:
     """Return an object at rest as a stretch."""
+    cell, holder = graph.tpg.cell, None
+    parts = [b"rest", rest.object.encode(), rest.pose.tobytes()]
+    if rest.holder is not None:
+        holder = cell.robot(graph.tpg.chains[rest.holder].robot)
+        if holder.base_error:
+            parts.append(holder.name.encode())
     return GraphStretch(
         1,
         None,
-        lambda: [b"rest", rest.object.encode(), rest.pose.tobytes()],
-        lambda: rest_occupancy(graph.tpg.cell, rest, graph.entities),
+        lambda: parts,
+        lambda: rest_occupancy(cell, rest, graph.entities, holder),
     )
 
 

@@ -23,9 +23,9 @@ from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
 from planning.geometry.swept import bound_travel
-from planning.kinematics.chain import placed_joints
+from planning.kinematics.chain import NO_JOINTS, placed_joints, standing_at
 from planning.packed import packed
-from planning.transforms import Array, Indices, Transform
+from planning.transforms import Array, Indices, Transform, inverse
 from scheduling.conflicts.close_bodies import ALWAYS
 from scheduling.conflicts.object_spans import ObjectSpan, Rest
 from scheduling.conflicts.swept_sequence import LEAF, SweptSequence, swept_sequence
@@ -221,12 +221,20 @@ def standing_occupancy(
 
 
 def rest_occupancy(
-    cell: Workcell, rest: Rest, entities: Mapping[str, int]
+    cell: Workcell,
+    rest: Rest,
+    entities: Mapping[str, int],
+    holder: PlacedRobot | None = None,
 ) -> Occupancy:
     """Return the occupancy of an object at rest, or in the hand of a robot that stands."""
     pieces = cell.object(rest.object).shape.pieces
     solids = tuple(resting_solid(rest.object, body, rest.pose) for body in pieces)
     hulls = standing_hulls(solids)
+    if holder is not None and holder.base_error:  # it is off as the robot is
+        base = standing_at(NO_JOINTS, holder.base, holder.base_error)
+        local = inverse(holder.base) @ rest.pose
+        solids = tuple(Solid(rest.object, body, local, base) for body in pieces)
+        hulls = hull_table(base, hulls.q_a, hulls.q_b, hulls.solid, solids)
     entity = np.full((1, len(solids)), entities[rest.object], dtype=np.int32)
     node = np.zeros(1, dtype=np.int64)
     return Occupancy(swept_sequence(node, _NO_TASK, _NO_TASK, entity, hulls), solids)

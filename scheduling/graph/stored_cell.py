@@ -23,10 +23,12 @@ from planning.cell.shape import (
     shape_of,
 )
 from planning.cell.workcell import (
+    NO_ERROR,
     CellObject,
     Clearances,
     Fixture,
     PlacedRobot,
+    PoseError,
     Workcell,
     machine,
 )
@@ -50,6 +52,7 @@ THINNEST = 1e-4
 _SIZES = Column(("rows", 3), least=THINNEST)
 _RATES = Column((3, "joints"), least=0.0, largest=1e9)
 _CAPS = Column((3,), least=0.0, largest=1e9)
+_ERROR = Column((2,), least=0.0, largest=1.0)
 _MESH = {
     "vertices": Column(("vertices", 3)),
     "faces": Column(("faces", 3), np.int64),
@@ -184,6 +187,9 @@ def _write_robot(i: int, robot: PlacedRobot, arrays: Arrays) -> _Robot:
         # 0 stands for no limit.
         for name, values in (("limits", joints), ("caps", np.array(caps))):
             arrays[f"robot_{i}_{name}"] = np.where(np.isfinite(values), values, 0.0)
+    if robot.base_error:
+        error = robot.base_error.m, robot.base_error.rad
+        arrays[f"robot_{i}_base_error"] = np.array(error)
     known = model.name in ROBOTS
     return _Robot(
         name=robot.name,
@@ -268,12 +274,17 @@ def _read_robot(
         caps = _CAPS.read(f"{prefix}caps", arrays, sizes)
         rates, caps = (np.where(own > 0.0, own, np.inf) for own in (rates, caps))
         limits = MotionLimits(*rates, *caps.tolist())
+    error = NO_ERROR
+    if f"{prefix}base_error" in arrays:
+        off = _ERROR.read(f"{prefix}base_error", arrays, sizes)
+        error = PoseError(*off.tolist())
     return PlacedRobot(
         entry.name,
         replace(model, frames=dict(zip(entry.frames, poses, strict=True))),
         POSE.read(f"{prefix}base", arrays, sizes),
         Column(("joints",)).read(f"{prefix}home", arrays, sizes),
         limits=limits,
+        base_error=error,
     )
 
 

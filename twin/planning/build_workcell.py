@@ -161,6 +161,9 @@ def _robot(
         home = readonly((*stand, *home[3:]))
     base, first = build_transform(section.base), (*section.tools, section.tool)[0]
     robot = PlacedRobot(section.name, model, base, home, tool=first)
+    if section.base_error is not None:
+        error = section.base_error.planned
+        robot = dataclasses.replace(robot, base_error=error)
     if not section.tools:
         return robot
     changed = tuple(_rack_tool(robot, item, tools, folder) for item in section.outfits)

@@ -81,6 +81,10 @@ class ConstructionKind(AssemblyKind):
         """Yield what is joined that is not there, or to itself, or by a step."""
         from planning.construction.problem.site import GROUND
 
+        for i, robot in enumerate(cell.listed):
+            if robot.base_error is not None:
+                text = "a construction is planned without base_error: leave it out"
+                yield ("cell", "robots", i, "base_error"), text
         if self.section.joined == "neighbours":
             return
         parts = {part.name for part in self.parts}

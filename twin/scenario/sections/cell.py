@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from planning.cell.robot_model import ToolGrip
-from planning.cell.workcell import Clearances
+from planning.cell.workcell import Clearances, PoseError
 from planning.errors import ScenarioError
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration
@@ -191,6 +191,23 @@ class ParkedSection(Section):
     facing_deg: Coordinate = 0.0
 
 
+class PoseErrorSection(Section):
+    """How far a frame may be from where it is taken to be.
+
+    Attributes:
+        m: its origin is anywhere within.
+        rad: it is turned about any axis by up to this.
+    """
+
+    m: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    rad: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+
+    @property
+    def planned(self) -> PoseError:
+        """The same as planning has it."""
+        return PoseError(self.m, self.rad)
+
+
 class RobotSection(Section):
     """A robot of the cell.
 
@@ -214,6 +231,7 @@ class RobotSection(Section):
         frames: tool frames, each a pose in the flange frame; they replace the model's.
         repeatability_m: of its positioning, RP of ISO 9283, with which it puts parts where they
             fit; how often they do is not looked at when not given.
+        base_error: what calibration leaves of the base; all is planned with it.
     """
 
     name: Name
@@ -229,6 +247,7 @@ class RobotSection(Section):
     parked: ParkedSection | None = None
     frames: dict[Name, PoseSection] = Field(default_factory=dict)
     repeatability_m: Annotated[float, Field(ge=0, le=0.1)] | None = None
+    base_error: PoseErrorSection | None = None
 
     not_both = (("tool", "tools"), ("home_deg", "home_rad_or_m", "parked"))
 
