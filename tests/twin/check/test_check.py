@@ -156,7 +156,7 @@ def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
     "file",
     [
         # Its gears are meshes that are cut into convex pieces first.
-        pytest.param(file, marks=pytest.mark.expensive)
+        pytest.param(file, marks=pytest.mark.nightly)
         if file.stem == "gearbox"
         else file
         for file in SHIPPED
@@ -216,7 +216,7 @@ def test_a_run_ends_before_planning(tmp_path: Path) -> None:
     assert not out.exists()
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_a_run_keeps_warnings(tmp_path: Path) -> None:
     fast = "speed_model: l1, speed_rad_s: 5.0, shortcut_candidates: 0"
     file = written(tmp_path, CELL, ("speed_model: joint", fast))

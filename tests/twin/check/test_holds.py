@@ -96,7 +96,7 @@ def test_of_its_neighbours_the_check_says_nothing(case: str, tmp_path: Path) -> 
     assert [item.message for item in checked(file).findings] == []
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", SANE)
 def test_its_neighbours_are_planned_and_pass_the_audit(
     case: str, tmp_path: Path
@@ -104,7 +104,7 @@ def test_its_neighbours_are_planned_and_pass_the_audit(
     assert built(tmp_path, CELL, *SANE[case]).tpg.tasks
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 @pytest.mark.parametrize("case", PLANTED)
 def test_the_audit_sees_what_planning_would_not_have_seen(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

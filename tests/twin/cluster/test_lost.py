@@ -53,7 +53,7 @@ def _up(folder: Path, workers: int = 1) -> tuple[subprocess.Popen[str], Cluster]
     return process, Cluster(address, certificates)
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
     size = ("-n", "40000", "--policy", "asynchronous", "--shortcuts", "0", "-q")
     whole, lost = tmp_path / "whole", tmp_path / "lost"
@@ -143,7 +143,7 @@ def _die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_work_that_kills_every_worker_is_given_up(tmp_path: Path) -> None:
     scheduler, cluster = _up(tmp_path)
     with (

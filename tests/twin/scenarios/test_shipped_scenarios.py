@@ -30,8 +30,8 @@ BOARD, GEARBOX, SHAPES = "assembly/taskboard", "assembly/gearbox", "assembly/sha
     ("name", "pairs", "configurations", "share"),
     [
         (CLIFF, 100_000, 2_000, 0.75),
-        pytest.param(BOAT, 10_000, 4_000, 0.5, marks=pytest.mark.expensive),
-        (BOARD, 0, 0, 1.0),
+        pytest.param(BOAT, 10_000, 4_000, 0.5, marks=pytest.mark.nightly),
+        pytest.param(BOARD, 0, 0, 1.0, marks=pytest.mark.nightly),
         pytest.param(GEARBOX, 0, 0, 1.0, marks=pytest.mark.expensive),
         (SHAPES, 0, 500, 1.0),
     ],
@@ -66,7 +66,7 @@ def test_a_plan_is_proved_safe_and_its_run_clean(
     ("name", "seed", "stalls"),
     [
         *((CLIFF, seed, 20) for seed in (1, 2, 3)),
-        pytest.param(BOAT, 1, 10, marks=pytest.mark.expensive),
+        pytest.param(BOAT, 1, 10, marks=pytest.mark.nightly),
     ],
 )
 def test_stalls_neither_block_it_nor_make_anything_touch(
@@ -115,7 +115,7 @@ def test_a_robot_of_the_cliff_that_never_goes_on_is_not_run_into(
     assert report.violations == ()
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_three_arms_of_the_boat_share_seventeen_steps(shipped: ShippedRuns) -> None:
     choices = shipped(BOAT).planned.motions.task_plan.choices
     done = [choice.robot for choice in choices]
