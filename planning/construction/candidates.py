@@ -15,7 +15,6 @@ import numpy as np
 from planning.construction.problem.problem import ConstructionProblem, Part
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.world.fixed_world import Building
-from planning.statics.build_order import Fall
 from planning.transforms import Array
 
 Skeleton = tuple[str, ...]
@@ -86,8 +85,7 @@ def ready_at(
         part: placeable.
         placed: end of the skill that placed each part, in the order of planning [s].
     """
-    needed = problem.balance.needs(part, placed)
-    assert not isinstance(needed, Fall)
+    needed = problem.balance.ready(part, placed)
     return max((placed[p] for p in needed), default=0.0)
 
 

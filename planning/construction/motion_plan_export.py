@@ -29,7 +29,6 @@ from planning.construction.world.timeline import (
 from planning.construction.world.tracks import build_tracks, sweep_track
 from planning.errors import PlanInvariantError
 from planning.motion.known_motions import MotionPlan, TaskMotion
-from planning.statics.build_order import Fall
 from planning.steps.skill import NOTHING, gripped
 from planning.tasks.task import TRANSIT, AllowedContact, Task
 from planning.transforms import Array, Indices
@@ -58,6 +57,7 @@ def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
         [task for line in lines for task in _tasks(building, line)],
         rests_on=_rests_on(problem, building),
         covers=problem.graph.covers,
+        kept={part: keeping.last for part, keeping in building.kept.items()},
     )
 
 
@@ -76,6 +76,10 @@ def _tasks(building: Building, line: RobotTimeline) -> Iterator[PlannedTask]:
             yield _skill(line, work)
         at = work.end
         carried = work.object if work.holder == robot else None
+        keeping = building.kept.get(str(work.object))
+        if keeping is not None and (work.kind, work.robot) == ("place-down", robot):
+            # It stands until then; on its way back it leaves the part that it kept hold of.
+            at, carried = keeping.end, work.object
     if own:
         yield from _transit(line, (at, line.end), "HOME", own[-1], carried)
 
@@ -135,9 +139,7 @@ def _rests_on(
     out: dict[str, tuple[str, ...]] = {}
     before: dict[str, float] = {}
     for name, end in building.placed.items():
-        needed = problem.balance.needs(name, before)
-        if not isinstance(needed, Fall):
-            out[name] = tuple(sorted(needed))
+        out[name] = tuple(sorted(problem.balance.ready(name, before)))
         before[name] = end
     return out
 
@@ -148,6 +150,7 @@ def export_motion_plan(
     *,
     rests_on: Mapping[str, Iterable[str]] | None = None,
     covers: Mapping[str, Iterable[str]] | None = None,
+    kept: Mapping[str, str] | None = None,
 ) -> MotionPlan:
     """Return the motion plan of a space-time plan.
 
@@ -157,6 +160,8 @@ def export_motion_plan(
             where there is none it stands.
         rests_on: for an object those that must be in place before it is put down.
         covers: for an object those that must be taken before it is.
+        kept: for an object that is kept hold of in its place, the one that must be in place before
+            who placed it leaves.
 
     Raises:
         PlanInvariantError: two robots come too close at the same time; names both.
@@ -170,6 +175,15 @@ def export_motion_plan(
     taken = {h.object: k for h, k in reversed(handled)}
     edges = _object_order(tasks) | _one_after_another(placed, rests_on or {})
     edges |= _one_after_another(taken, covers or {})
+    for name, last in (kept or {}).items():
+        way = next(
+            k
+            for k, task in enumerate(tasks)
+            if task.kind == TRANSIT
+            and (task.robot, task.object) == (tasks[placed[name]].robot, name)
+            and task.start >= tasks[placed[name]].end - SAME
+        )
+        edges.add((placed[last], way))
     return MotionPlan(
         cell,
         tuple(

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.construction.candidates import Skeleton, rank_parts, skeletons
+from planning.construction.held_parts import place_held
 from planning.construction.problem.problem import (
     ConstructionProblem,
     Part,
@@ -388,15 +389,22 @@ class Rounds:
     def _plan(self, start: Building, size: int, turn: int, most_loss: float) -> Round:
         """Return a round, broken off when so much time is lost."""
         states: list[Building] = []
-        now, lost = start, 0.0
-        for _ in range(size):
+        now, lost, total = start, 0.0, len(self.search.problem.parts)
+        while len(now.placed) < min(len(start.placed) + size, total):
             parts = self.search.next_parts(now)
-            found = self.search.place_next(now, parts, turn, most_loss - lost)
+            if parts:
+                found = self.search.place_next(now, parts, turn, most_loss - lost)
+            else:
+                found = place_held(self.search.solver, now)
             if found is None:
-                return Round(states, lost, parts[0])
+                return Round(states, lost, parts[0] if parts else self._held(now))
             now, lost = found.building, lost + found.lost
             states.append(now)
-        if len(now.placed) == len(self.search.problem.parts):
+        if len(now.placed) == total:
             free = [now.world.free_from(robot) for robot in self.search.problem.team]
             lost += sum(max(free) - t for t in free)
         return Round(states, lost)
+
+    def _held(self, building: Building) -> Part:
+        problem = self.search.problem
+        return problem.part(next(problem.balance.held(building.placed))[0])

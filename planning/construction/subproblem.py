@@ -34,7 +34,7 @@ from planning.construction.problem.problem import (
 )
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.step_scenes import StepScenes
-from planning.construction.world.fixed_world import Building, FixedWorld
+from planning.construction.world.fixed_world import Building, FixedWorld, Keeping
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
 from planning.steps.skill import NOTHING, Pairs, gripped
 from planning.transforms import Array
@@ -201,6 +201,7 @@ class Attempt:
         low_effort: only paths that take little search are looked for.
         latest: the part must be in its place by then [s].
         lost: a way with which robots lose as much time as that is of no use [s].
+        keep: who places the part keeps hold of it.
     """
 
     part: Part
@@ -210,6 +211,7 @@ class Attempt:
     low_effort: bool = False
     latest: float = np.inf
     lost: float = np.inf
+    keep: bool = False
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,7 @@ class SubproblemSolver:
         hints = retreat_hints(world, team[0])
         for robot in team:
             world = world.without_way_out(robot)
-        building = Building(world, building.work, building.placed)
+        building = replace(building, world=world)
         scenes = StepScenes(self.problem, world, part, team)
         earliest_times = self.earliest_times(building, part)
         solver = KeyframeSolver(
@@ -356,9 +358,14 @@ class SubproblemSolver:
         opens = min(place.earliest for place in keyframes.places)
         late = start - max(opens, earliest - late)
         touching = gripped(robot, part.name) | problem.goal_contacts[part.name]
+        motion = place.motion.kept() if attempt.keep else place.motion
         building = building.worked(
-            place.motion, "place-down", part.name, start, None, part.goal, touching
+            motion, "place-down", part.name, start, None, part.goal, touching
         )
+        if attempt.keep:
+            keeping = Keeping(robot, place.motion.after)
+            kept = {**building.kept, part.name: keeping}
+            return Solution(replace(building, kept=kept), late, lost + more)
         done = legs.retreat(building, robot)
         return None if done is None else Solution(done, late, lost + more)
 

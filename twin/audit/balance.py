@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from planning.statics.standing import Standing, body_at, ground_of
 from twin.audit.case import AuditCase
 from twin.audit.places import PLACED, distance_of
+from twin.audit.supports import held_in_place
 from twin.audit.violation import Violation
 
 
@@ -23,7 +24,9 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
     bodies = {name: body_at(cell.object(name), pose) for name, pose in goals.items()}
     standing = Standing(bodies, ground_of(cell, bodies), rules)
     since: tuple[float, str, str] | None = None
-    for t, there in case.states():
+    kept = held_in_place(case)
+    ends = [until for _, until in kept.values() if 0.0 < until <= case.end]
+    for t, there in case.states(*ends):
         placed = [
             name
             for name, pose in goals.items()
@@ -31,7 +34,8 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
             and stay.holder is None
             and distance_of(cell.object(name), stay.pose, pose) <= PLACED
         ]
-        body = standing.falling(placed, joints=standing.joints)
+        held = [n for n in placed if n in kept and kept[n][0] <= t < kept[n][1]]
+        body = standing.falling(placed, joints=standing.joints, held=held)
         if since is not None and body != since[1]:
             yield _fallen(since, t)
             since = None

@@ -3,7 +3,8 @@
 Parts stand by friction on what they touch, and by joints (``planning.statics``). A part whose weight
 goes down to the ground through what it rests on alone, or through one neighbour, may come in any
 order after that. Any other part is looked at in the order in which parts are planned: it waits for
-all that it then needs, or it is not its turn yet.
+all that it then needs, or it is not its turn yet. What would fall whenever it comes may be kept hold of
+by who places it until the next part is in place, if both stand then.
 """
 
 from __future__ import annotations
@@ -55,16 +56,43 @@ class SiteBalance:
         choices = list(self._choices(part, dict(placed)))
         if self.standing is None:
             return choices[0]
-        before = self._waits(placed)
-        for below in choices:
-            if self._bears(self.standing, part, below, before):
-                return below
+        before, kept = self._waits(placed), self._kept(placed)
+        if not placed or placed[-1][0] not in kept:
+            for below in choices:
+                there = self._closure(below, before, kept)
+                if self._bears(self.standing, part, there):
+                    lasts = {kept[name] for name in there & kept.keys()}
+                    return below | {last for last in lasts if last is not None}
         found: frozenset[str] | Fall = frozenset()
         for below in choices:
-            found = self._together(self.standing, {**before, part: below})
+            found = self._together(self.standing, {**before, part: below}, kept)
             if not isinstance(found, Fall):
                 break
         return found
+
+    def _kept(self, placed: _Placed) -> dict[str, str | None]:
+        """Return what is kept hold of, as it would fall, until which part; None for the next one."""
+        names = [name for name, _ in placed]
+        return {
+            name: names[k + 1] if k + 1 < len(names) else None
+            for k, name in enumerate(names)
+            if isinstance(self._known.get((name, placed[:k])), Fall)
+        }
+
+    def _closure(
+        self,
+        below: Collection[str],
+        before: Mapping[str, frozenset[str]],
+        kept: Mapping[str, str | None],
+    ) -> set[str]:
+        """Return all that is there once some parts are, and nobody keeps hold of any."""
+        there, front = set[str](), list(below)
+        while front:
+            if (name := front.pop()) not in there:
+                there.add(name)
+                front += before.get(name, ())
+                front += [last for last in (kept.get(name),) if last is not None]
+        return there
 
     def _choices(
         self, part: str, placed: Mapping[str, float]
@@ -86,26 +114,19 @@ class SiteBalance:
             self._before[placed] = {**self._waits(first), last: own}
         return self._before[placed]
 
-    def _bears(
-        self,
-        standing: Standing,
-        part: str,
-        below: Collection[str],
-        before: Mapping[str, frozenset[str]],
-    ) -> bool:
+    def _bears(self, standing: Standing, part: str, below: Collection[str]) -> bool:
         """Tell whether what a part waits for bears it, whatever else is there."""
         if not all(joint.endless for joint in standing.joints):
             return False  # the forces of all parts together may be too much
-        there, front = {part}, list(below)
-        while front:
-            if (name := front.pop()) not in there:
-                there.add(name)
-                front += before.get(name, ())
+        there = {part, *below}
         falls = standing.falling(there, joints=standing.joints, weighing=[part])
         return falls is None
 
     def _together(
-        self, standing: Standing, before: Mapping[str, frozenset[str]]
+        self,
+        standing: Standing,
+        before: Mapping[str, frozenset[str]],
+        kept: Mapping[str, str | None],
     ) -> frozenset[str] | Fall:
         """Return what the last of some parts waits for where it needs more than what bears it."""
         number = {name: k for k, name in enumerate(before)}
@@ -114,13 +135,36 @@ class SiteBalance:
             ends = [name for name in joint.ends if name in standing.bodies]
             if ends and number.keys() >= set(ends):
                 joins[max(number[name] for name in ends)].append(joint)
-        steps = [BuildStep((n,), tuple(joins[k])) for n, k in number.items()]
+        until = {name: number[last or list(number)[-1]] for name, last in kept.items()}
+        steps = [
+            BuildStep((n,), tuple(joins[k]), until.get(n)) for n, k in number.items()
+        ]
         waits = {(number[a], number[b]) for b, own in before.items() for a in own}
         found = waits_for_balance(standing, steps, waits, keepable=())
         if isinstance(found, Fall):
             return found
         last, names = len(steps) - 1, list(number)
         return frozenset(names[a] for a, b in (waits | found.waits) if b == last)
+
+    def held(self, placed: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+        """Yield parts that would fall and must be kept hold of, each with the one that then comes next.
+
+        Args:
+            placed: see ``needs``.
+        """
+        for part in self._graph.placeable(placed, carried=self._carried):
+            if isinstance(self.needs(part, placed), Fall):
+                after = {**placed, part: max(placed.values(), default=0.0)}
+                for last in self.placeable(after):
+                    if part in self._graph.neighbours[last]:
+                        yield part, last
+
+    def ready(self, part: str, placed: Mapping[str, float]) -> frozenset[str]:
+        """Return what must be in place before a part, be it kept hold of or not; see ``needs``."""
+        found = self.needs(part, placed)
+        if isinstance(found, Fall):
+            return next(self._choices(part, placed))
+        return found
 
     def placeable(self, placed: Mapping[str, float]) -> tuple[str, ...]:
         """Return the parts that may be placed next, in the order of the graph.
@@ -137,8 +181,9 @@ class SiteBalance:
     def never_placeable(self) -> str | None:
         """Return why some part can never be placed because something would fall, None if all can."""
         placed: dict[str, float] = {}
-        while ready := self.placeable(placed):
-            placed[ready[0]] = float(len(placed))
+        while ready := self.placeable(placed) or next(self.held(placed), ()):
+            for part in ready[:1] if ready[0] in self.placeable(placed) else ready:
+                placed[part] = float(len(placed))
         for part in self._graph.placeable(placed, carried=self._carried):
             found = self.needs(part, placed)
             if isinstance(found, Fall) and self.standing is not None:

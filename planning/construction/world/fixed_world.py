@@ -225,6 +225,22 @@ class PlannedTask:
         return self.handlings[0].holder
 
 
+class Keeping(NamedTuple):
+    """A part that who placed it keeps hold of until another one is in place.
+
+    Attributes:
+        robot: who does; it stands.
+        way: on which it then leaves the part, shape (w, n).
+        last: the part that has to be in place before; empty as long as that is open.
+        end: when the robot lets go [s].
+    """
+
+    robot: str
+    way: Array
+    last: str = ""
+    end: float = np.inf
+
+
 @dataclass(frozen=True)
 class Building:
     """A state of the search. Never changed: planning on makes a new one.
@@ -233,11 +249,13 @@ class Building:
         world: everything that has been planned, fixed (eq. 2).
         work: all skills, in the order of planning.
         placed: part to the end of the skill that places it, in the order of planning [s].
+        kept: parts that are kept hold of in their places, or were.
     """
 
     world: FixedWorld
     work: tuple[PlannedTask, ...] = ()
     placed: Mapping[str, float] = field(default_factory=dict)
+    kept: Mapping[str, Keeping] = field(default_factory=dict)
 
     @property
     def step(self) -> int:
@@ -299,7 +317,10 @@ class Building:
         if holder is None:
             placed[part] = done.end
         return Building(
-            self.world.with_robot(line).with_object(item), (*self.work, done), placed
+            self.world.with_robot(line).with_object(item),
+            (*self.work, done),
+            placed,
+            self.kept,
         )
 
 

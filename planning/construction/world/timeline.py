@@ -356,6 +356,11 @@ class SkillMotion:
         """The way out, from the touch on."""
         return self.path[self.touch :]
 
+    def kept(self) -> SkillMotion:
+        """Return the motion up to the touch, as long, where the robot then stands and keeps hold."""
+        time = np.append(self.time[: self.touch], self.seconds)
+        return replace(self, path=self.before, time=time)
+
 
 def skill_motion(
     robot: PlacedRobot,

@@ -18,8 +18,12 @@ from planning.construction.problem.problem import ConstructionProblem, SkillSeco
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
+from scheduling.graph.plan_files import load_plan
 from tests.planted import rows
 from tests.twin.written import loaded, written
+from twin.audit import balance
+from twin.audit.audit import audit_run
+from twin.audit.motion.executed import read_recording
 from twin.cli import app
 from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch
@@ -89,6 +93,33 @@ def test_everybody_of_the_mixed_team_is_needed() -> None:
     }
     assert list(alone.values()) == [arms, arms + movers, movers, ("crane",), ()]
     assert bounds.chain(problem.part("rafter3")) == ("arm1", "crane")
+
+
+KEPT = """\
+    - {name: post, size_m: [0.3, 0.3, 0.4], goal: {xyz_m: [0, 0, 0.2]}, mass_kg: 5}
+    - {name: beam, size_m: [0.7, 0.2, 0.1], goal: {xyz_m: [0.22, 0, 0.45]}, mass_kg: 1}
+    - {name: weight, size_m: [0.2, 0.2, 0.2], goal: {xyz_m: [-0.05, 0, 0.6]}, mass_kg: 9}
+"""
+"""A beam that falls off its post unless a weight lies on its other end."""
+
+
+def test_a_run_in_which_a_part_is_kept_hold_of_stands_because_of_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    head, parts, _ = OWN.partition("  parts:\n")
+    scenario = loaded(tmp_path, head + parts + KEPT)
+    kind = assembly_kind(scenario.assembly)
+    file, folder = written(tmp_path, head + parts + KEPT), tmp_path / "run"
+    result = CliRunner().invoke(app, ["run", str(file), "--out", str(folder)])
+    assert result.exit_code == 0, result.output
+    wanted = kind.wanted(scenario.cell)
+    assert audit_run(folder, wanted=wanted).violations == ()
+    monkeypatch.setattr(balance, "held_in_place", lambda _case: {})
+    (fall,) = audit_run(folder, wanted=wanted).violations
+    assert (fall.kind, fall.first) == ("balance", "beam")
+    case = read_recording(folder, load_plan(folder).cell).objects
+    put = {row.object: row.t for row in case if row.holder is None and row.t > 0.0}
+    assert (fall.t_start, fall.t_end) == (put["beam"], put["weight"])
 
 
 def test_a_part_goes_over_three_where_fewer_cannot_bring_it(tmp_path: Path) -> None:

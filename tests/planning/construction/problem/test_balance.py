@@ -12,7 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from benchmarks.construction.fine_check.check import check_construction
 from planning.cell.workcell import Workcell
+from planning.construction.motion_plan_export import motion_plan
+from planning.construction.planner import plan_construction
 from planning.construction.problem.balance import SiteBalance
 from planning.construction.problem.models import (
     ModelPart,
@@ -204,7 +207,7 @@ def test_the_wall_and_the_pavilion_fall_where_nothing_is_joined() -> None:
     parts = wall(3)
     problem = site(parts)
     with pytest.raises(
-        ConstructionError, match="block2_3 would not stand once block2_3"
+        ConstructionError, match="block4_3 would not stand once block4_3"
     ):
         require_buildable(problem)
     ends = [p for p in parts if p.name in ("block1_3", "block2_3")]
@@ -231,6 +234,61 @@ def test_what_needs_a_counterweight_comes_after_it() -> None:
     assert balance.needs("tip", placed) == {"beam", "weight"}
     assert not stands([POST, BEAM, TIP])
     assert stands([POST, BEAM, TIP, WEIGHT])
+
+
+LONG = toy_part("long", (0.7, 0.2, 0.1), (0.22, 0.0, 0.45))
+END = toy_part("end", (0.1, 0.1, 0.1), (0.5, 0.0, 0.55))
+
+
+def test_what_would_fall_is_kept_hold_of_until_it_stands() -> None:
+    """The middle of the long beam is not above the post; the weight on its other end keeps it."""
+    parts = {p.name: p for p in (POST, LONG, WEIGHT, END)}
+    problem = site(tuple(parts.values()))
+    balance, placed = problem.balance, {"post": 1.0}
+    assert balance.never_placeable() is None
+    assert not stands([POST, LONG])
+    assert stands([POST, LONG, WEIGHT])
+    assert balance.placeable(placed) == ()
+    assert list(balance.held(placed)) == [("long", "weight")]
+    placed["long"] = 2.0
+    assert balance.placeable(placed) == ("weight",)
+    assert balance.needs("weight", placed) == {"long"}
+    placed["weight"] = 3.0
+    assert balance.placeable(placed) == ("end",)
+    assert balance.needs("end", placed) >= {"long", "weight"}
+    # On the far end it would tip, and no later part could hold that.
+    falls = site((POST, LONG, END)).balance.never_placeable()
+    assert falls is not None
+    assert falls.startswith("long would not stand once long")
+
+
+def test_two_robots_build_what_falls_while_one_of_them_lets_go() -> None:
+    alone = toy_problem((POST, LONG, WEIGHT, END), 2)
+    problem = replace(alone, statics=StandingRules(friction=FRICTION))
+    plan = plan_construction(problem)
+    ends = plan.building.placed
+    assert list(ends) == ["post", "long", "weight", "end"]
+    by = {w.object: w.robot for w in plan.building.work if w.kind == "place-down"}
+    keeping = plan.building.kept["long"]
+    assert (keeping.robot, keeping.last) == (by["long"], "weight")
+    assert by["weight"] != by["long"]
+    # It stands from the moment at which it puts the beam down until the weight is there.
+    line = plan.building.world.robots[keeping.robot]
+    held = [line.at(t) for t in np.linspace(ends["long"], ends["weight"], 20)]
+    assert np.ptp(held, axis=0).max() < 1e-9
+    assert keeping.end >= ends["weight"]
+    assert check_construction(plan).faults == ()
+    motions = motion_plan(problem, plan.building)
+    (let_go,) = (
+        task.index
+        for task in motions.tasks
+        if task.object == "long" and task.robot == by["long"] and not task.handlings
+        if motions.motions[task.index].time[0] > ends["long"] - 1e-9
+    )
+    placed = next(
+        t.index for t in motions.tasks if (t.kind, t.object) == ("place-down", "weight")
+    )
+    assert [placed, let_go] in motions.dependencies.tolist()
 
 
 def test_joints_that_bear_so_much_keep_the_order_of_planning() -> None:
