@@ -183,9 +183,11 @@ def quality(measured: Mapping[str, Measured], what: str = "Plans") -> list[str]:
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     for name, one in measured.items():
+        seeds = len(one.figures[SEQUENTIAL]["seeds"])
+        head = f"{name.removeprefix(PUBLISHED)}, {seeds} seed{'s' * (seeds > 1)}"
         for policy, row in one.figures.items():
             cells = (
-                name.removeprefix(PUBLISHED) if policy == SEQUENTIAL else "",
+                head if policy == SEQUENTIAL else "",
                 policy,
                 spread(row["makespan_s"]),
                 percent(row["relative_makespan"]),

@@ -16,6 +16,7 @@ from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.ordering.beam_search import reorder_tasks
 from scheduling.ordering.synchronous import (
@@ -125,22 +126,29 @@ def shorten(
         watch: measures the stage.
         candidates: shortcuts tried.
         seed: of their draws.
-        sidesteps: tried after them.
+        sidesteps: tried after them; where there are any, shortcuts are taken in the planned order
+            of tasks, too, and the plan that ends sooner is kept.
         keep_slots: leave the tasks in the slots of a synchronous plan, in their order.
     """
     with watch.stage("shortcut"):
         watch.report(SHORTCUTS, 0, candidates)
-        if not keep_slots:
-            tpg = reorder_tasks(tpg)
-        shorter = shorten_tpg(
-            tpg,
-            settings.speeds,
-            step=settings.step,
-            candidates=candidates,
-            seed=seed,
-            progress=watch.reporter(SHORTCUTS),
-            sidesteps=sidesteps,
-        )
+        orders = [tpg if keep_slots else reorder_tasks(tpg)]
+        if sidesteps and orders[0] is not tpg:
+            # What is sooner by way of HOME may be later past it.
+            orders.append(tpg)
+        found = [
+            shorten_tpg(
+                order,
+                settings.speeds,
+                step=settings.step,
+                candidates=candidates,
+                seed=seed,
+                progress=watch.reporter(SHORTCUTS),
+                sidesteps=sidesteps,
+            )
+            for order in orders
+        ]
+        shorter = min(found, key=lambda plan: earliest_times(plan).makespan)
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
 

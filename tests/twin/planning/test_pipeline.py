@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,18 @@ import pyarrow.parquet as pq
 import pytest
 
 from planning.lego.bricks.grid import box_pose
+from planning.motion.sequential import MotionSettings
+from planning.motion.speed import L1Speed
+from scheduling.build_tpg import build_tpg
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.task_edges import with_barriers
 from scheduling.verification.verify import verify_plan
+from tests.scheduling.mini_world import random_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
+from twin.host.progress import StageWatch
+from twin.planning import pipeline
 from twin.planning.goals import MOTION
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
@@ -101,3 +110,22 @@ def test_asynchronous_execution_is_between_its_bounds(trial: RunResult) -> None:
     assert summary["lower_bound_s"] <= summary["makespan_s"] + 1e-9
     assert summary["makespan_s"] < summary["makespan_sequential_s"]
     assert all(wait >= 0 for wait in summary["wait_s"].values())
+
+
+def test_with_sidesteps_the_planned_order_of_tasks_has_a_chance_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plan = random_plan(3, 8, rounds=10)
+    speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
+    settings, tpg = MotionSettings({}, speeds, 0.15, {}), build_tpg(plan)
+    # An order that is no better: everything one task after another.
+    worse = with_barriers(replace(tpg, slots=np.arange(len(tpg.tasks))))
+    monkeypatch.setattr(pipeline, "reorder_tasks", lambda tpg: worse)
+
+    def ends(sidesteps: int) -> float:
+        found = pipeline.shorten(
+            tpg, settings, StageWatch(), candidates=50, seed=0, sidesteps=sidesteps
+        )
+        return float(earliest_times(found).makespan)
+
+    assert ends(50) < 0.9 * ends(0)

@@ -108,8 +108,9 @@ class PlanningSection(Section):
         shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
         sidestep_candidates: most sidesteps tried after the shortcuts: ways that are no shorter, but on
-            which robots wait less for each other; ``auto`` tries them where robots only go to
-            goals, and none where something is built.
+            which robots wait less for each other; where there are any, shortcuts are taken in the
+            planned order of tasks, too, and what ends sooner is kept. ``auto`` tries them where
+            robots only go to goals, and none where something is built.
         improve_s: how long to search for a better choice of robots, objects, grips and supports
             [s]; what is found depends on the machine. 0 for no limit where there are tries.
         improve_tries: most plans tried in that search; on its own, it makes the same plan
