@@ -99,6 +99,10 @@ def table(measured: dict[str, list[Row]], seeds: int) -> list[str]:
         "processor, of shortcuts and of both. At most as many sidesteps as shortcuts, and they end when they stop paying.",
         "Folders of other names than those of `scenarios` hold tasks as published. Default: no sidesteps but for `goals`.",
         "",
+        "A plan in turns can end later than one in slots for two reasons, and each has a remedy that comes with",
+        "sidesteps. Where the makespan hangs on a wait, a shortcut helps only if it is shorter; a sidestep need not be. And",
+        "the order of tasks that is best by way of HOME may be worse past it; so the planned order is shortened, too.",
+        "",
         "| scenario | plan | shortcuts [s] | and sidesteps [s] | sooner | least | most | shortcuts [CPU s] | both [CPU s] |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
