@@ -193,11 +193,31 @@ class AssignmentProblem:
     def _number(self) -> dict[PrimaryCandidate, int]:
         return {item: k for k, item in enumerate(self.primaries)}
 
-    def windows(self) -> list[range]:
-        """Return the windows of N consecutive steps (from 1) that (7) and (8) balance."""
-        size = len(self.robots)
-        last = len(self.steps) - size + 1
-        return [range(j, j + size) for j in range(1, last + 1)]
+    @cached_property
+    def able(self) -> tuple[str, ...]:
+        """The robots that can do anything at all: among these work is balanced."""
+        named = {item.robot for item in (*self.primaries, *self.supports)}
+        named |= {item.partner for item in self.primaries if item.partner is not None}
+        return tuple(robot for robot in self.robots if robot in named)
+
+    def windows(self) -> list[tuple[range, float]]:
+        """Return the windows of consecutive steps (from 1) to balance, each with its weight.
+
+        A window adds its weight times lambda for every task that its busiest robot does above an
+        even share, among as many robots as the window has steps. Windows are of 2 to N steps, and
+        weighted so that one robot that does all steps of one costs two lambda, however long it is.
+        With two robots that is (7) and (8): Z^M - Z^m is twice what Z^M is above the half.
+
+        With more robots (8) would ask that nobody has less to do than the others. A robot that can
+        do little then makes it all the same to (8) whether the others take turns: any three steps
+        that two robots share have a spread of two.
+        """
+        steps = len(self.steps)
+        return [
+            (range(j, j + size), 2.0 / (size - 1))
+            for size in range(2, len(self.able) + 1)
+            for j in range(1, steps - size + 2)
+        ]
 
 
 def _by_step(steps: Iterable[int]) -> dict[int, list[int]]:

@@ -110,18 +110,29 @@ class _Program:
         return pulp.LpAffineExpression(terms)
 
     def _imbalance(self) -> Any:
-        """Return the sum of Z^M - Z^m, with constraints (7) and (8)."""
+        """Return what windows add, see ``AssignmentProblem.windows``; of two robots by (7) and (8).
+
+        That somebody does an even share or more is implied, but not known to the relaxed program.
+        """
         problem = self.problem
-        spread = []
-        for window in problem.windows():
-            most = self.model.add_variable(f"most{window.start}", 0, len(window))
-            least = self.model.add_variable(f"least{window.start}", 0, len(window))
-            spread.append(most - least)
-            for robot in problem.robots:
+        pair = len(problem.able) == 2
+        terms: list[Any] = []
+        for k, (window, weight) in enumerate(problem.windows(), start=1):
+            tasks = len(window) + sum(problem.needs_support[j - 1] for j in window)
+            even = 0 if pair else -(-tasks // len(problem.able))
+            most = self.model.add_variable(f"most{k}", even, len(window))
+            terms.append(most if pair else weight * most)
+            if pair:
+                least = self.model.add_variable(f"least{k}", 0, len(window))
+                terms.append(-least)
+            for robot in problem.able:
                 load = pulp.lpSum(v for step in window for v in self.busy[robot, step])
                 self.model += most >= load
-                self.model += least <= load
-        return pulp.lpSum(spread)
+                if pair:
+                    self.model += least <= load
+                else:
+                    terms.append(-weight / len(window) * load)
+        return pulp.lpSum(terms)
 
     def _changes(self) -> Any:
         """Return what changes of tools cost; a step is done with its tools on the robots."""

@@ -87,7 +87,7 @@ def _window(
         The problem, whose steps count from 1, and how many of them are settled.
     """
     open_from = len(settled) + 1
-    before = min(len(settled), len(problem.robots) - 1)
+    before = min(len(settled), len(problem.able) - 1)
     away = open_from - before - 1
     used = {choice.object for choice in settled} - problem.unlimited
     mounted = dict(problem.mounted)

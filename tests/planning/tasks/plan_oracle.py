@@ -50,12 +50,18 @@ def plan_violations(problem: AssignmentProblem, plan: TaskPlan) -> list[str]:
 
 
 def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
-    """Return (1), step by step: motion, spread of every window of N steps, and changes of tools."""
+    """Return (1), step by step: motion, the busiest robot of every window, and changes of tools."""
     total = sum(c.primary.cost for c in plan.choices)
     total += sum(c.support.cost for c in plan.choices if c.support)
-    n = len(problem.robots)
-    for start in range(len(plan.choices) - n + 1):
-        window = plan.choices[start : start + n]
+    able = {name for item in problem.primaries for name in (item.robot, item.partner)}
+    able = (able | {item.robot for item in problem.supports}) - {None}
+    count = len(plan.choices)
+    windows = [
+        plan.choices[start : start + size]
+        for size in range(2, len(able) + 1)
+        for start in range(count - size + 1)
+    ]
+    for window in windows:
         busy = [c.robot for c in window] + [
             c.support.robot for c in window if c.support
         ]
@@ -64,7 +70,9 @@ def objective(problem: AssignmentProblem, plan: TaskPlan) -> float:
             c.primary.partner for c in window if c.primary.partner and not c.support
         ]
         load = [busy.count(robot) for robot in problem.robots]
-        total += problem.balance_weight * (max(load) - min(load))
+        size = len(window)
+        excess = max(load) - len(busy) / size
+        total += problem.balance_weight * 2.0 / (size - 1) * excess
     on_it = dict(problem.mounted)
     for choice in plan.choices:
         for robot, tool in choice.tools:

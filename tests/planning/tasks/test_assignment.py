@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from planning.errors import InfeasibleStepError
 from planning.tasks.assignment import (
+    NO_TOOLS,
     AssignmentProblem,
     PrimaryCandidate,
     Rejection,
@@ -267,3 +268,43 @@ def test_same_problem_same_plan() -> None:
     ways = product((1, 2, 3), ROBOTS[:2], range(4))
     problem = plain(*(PrimaryCandidate(k, r, f"o{n}", 0, 1.0) for k, r, n in ways))
     assert len({assign_steps(problem) for _ in range(3)}) == 1
+
+
+@settings(max_examples=80, deadline=None)
+@given(problems(), st.data())
+def test_one_more_robot_never_makes_a_plan_worse(
+    problem: AssignmentProblem, data: st.DataObject
+) -> None:
+    """Worth of a step kept: whoever can do nothing changes nothing, any other only helps."""
+    try:
+        alone = assign_steps(problem)
+    except InfeasibleStepError:
+        return
+    idle = replace(problem, robots=(*problem.robots, "dan"))
+    assert objective(problem, assign_steps(idle)) == pytest.approx(
+        objective(problem, alone)
+    )
+    choice = data.draw(st.sampled_from(alone.choices)).primary
+    cost = float(data.draw(st.integers(0, 20)))
+    extra = replace(
+        choice, robot="dan", cost=cost, partner=None, tools=NO_TOOLS, after=frozenset()
+    )
+    more = replace(idle, primaries=(*problem.primaries, extra), balance=1.0)
+    if more.balance_weight > 0.0:
+        more = replace(more, balance=problem.balance_weight / more.balance_weight)
+    better = assign_steps(more)
+    assert objective(more, better) <= objective(more, alone) + 1e-6
+
+
+def test_robots_take_turns_whoever_else_is_there() -> None:
+    """An arm that can do one step of eight only leaves the others to take turns."""
+    ways = [
+        PrimaryCandidate(step, robot, f"{robot}{step}", 0, 1.0 + (robot == second))
+        for step in range(1, 9)
+        for robot, second in (("ada", "ada" if step % 4 in (0, 3) else "bob"),)
+        for robot in ("ada", "bob")
+    ]
+    third = PrimaryCandidate(5, "cy", "cy5", 0, 100.0)
+    problem = replace(plain(*ways, third), robots=ROBOTS)
+    names = [choice.robot for choice in assign_steps(problem).choices]
+    assert all(a != b for a, b in pairwise(names)), names
