@@ -196,7 +196,8 @@ class AssignmentProblem:
     @cached_property
     def able(self) -> tuple[str, ...]:
         """The robots that can do anything at all: among these work is balanced."""
-        named = {item.robot for item in (*self.primaries, *self.supports)}
+        named = {item.robot for item in self.primaries}
+        named |= {item.robot for item in self.supports}
         named |= {item.partner for item in self.primaries if item.partner is not None}
         return tuple(robot for robot in self.robots if robot in named)
 

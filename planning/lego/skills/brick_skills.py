@@ -6,6 +6,7 @@ the robot, the step and the grip (the place): their product is never checked pai
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -44,10 +45,13 @@ from planning.steps.skill import (
     Obstruction,
     Pairs,
     SkillContacts,
+    SkillPath,
     SkillTargets,
     Subgoal,
     ToolContact,
     gripped,
+    joint_distance,
+    skill_postures,
 )
 from planning.steps.skill_scene import ResolvedSkill, SkillScene, resolve_skill
 from planning.tasks.assignment import SupportCandidate
@@ -114,7 +118,14 @@ class BrickSkills:
         other = BrickSkills(world)
         number = {step: step + 1, step + 1: step}
         name = {goal_name(a): goal_name(b) for a, b in number.items()}
-        for kind, at in (("pick", None), ("place", 1), ("support", 1), ("handover", 2)):
+        for kind, at in (
+            ("pick", None),
+            ("place", 1),
+            ("support", 1),
+            ("handover", 2),
+            ("least_pick", None),
+            ("least_place", 1),
+        ):
             for key, found in self.known[kind].items():
                 if at is None or key[at] not in number:
                     moves = isinstance(found, ResolvedSkill)
@@ -254,10 +265,6 @@ class BrickSkills:
             standing=world.standing(step),
             tool=self._tool,
         )
-        attacks = [work.attack]
-        if work.press != press:
-            attacks.append(-work.attack)  # that of the step belongs to its own press
-        heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
         return _first_free(
             resolve_skill(
                 world.cell.robot(robot),
@@ -265,8 +272,49 @@ class BrickSkills:
                 scene,
                 world.loose_stock,
             )
-            for height, attack in product(heights, attacks)
+            for height, attack in product(*self._ways_to_place(step, grasp))
         )
+
+    @_once
+    def least_pick(self, robot: str, stock: str, grasp: int) -> float:
+        """Return the least joint distance from HOME to where a pick takes hold, whatever is in the way."""
+        return self._least(robot, [self.pick_targets(robot, stock, grasp)])
+
+    @_once
+    def least_place(self, robot: str, step: int, grasp: int) -> float:
+        """Return the least joint distance from HOME to where a place lets go, whatever is in the way."""
+        ways = product(*self._ways_to_place(step, grasp))
+        return self._least(
+            robot,
+            [
+                self.place_targets(robot, step, grasp, attack, height)
+                for height, attack in ways
+            ],
+        )
+
+    def _least(self, robot: str, ways: Iterable[SkillTargets]) -> float:
+        """Return the least cost of skills in any posture, infinite where there is none.
+
+        What comes after the contact may rule postures out, but adds none.
+        """
+        least = math.inf
+        for targets in ways:
+            assert targets.change_at is not None
+            begun = replace(targets, subgoals=targets.subgoals[: targets.change_at + 1])
+            for path in skill_postures(self.world.cell.robot(robot), begun):
+                if isinstance(path, SkillPath):
+                    least = min(least, joint_distance(self.home[robot], path.contact))
+        return least
+
+    def _ways_to_place(
+        self, step: int, grasp: int
+    ) -> tuple[tuple[float, ...], tuple[int, ...]]:
+        """Return the heights of the approach, and the sides it comes from, in the order to try."""
+        work = self.world.step(step)
+        # The side given belongs to the step's own press.
+        other = () if work.press == press_of(grasp) else (-work.attack,)
+        heights = (APPROACH_HEIGHT,) if work.up else (APPROACH_HEIGHT, HIGH_APPROACH)
+        return heights, (work.attack, *other)
 
     def supported(self, robot: str, step: int, choice: int) -> Pairs:
         """Return the allowed contacts of a supporting tool, the step's brick included."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 
@@ -21,8 +21,8 @@ from planning.tasks.assignment import (
     SupportCandidate,
 )
 
-_MANY_STEPS = 100
-"""Up to so many steps, second best grips and supports are worth the time to find them."""
+_SPARE = 2
+"""So many grips of a robot are never pruned: another way to go where no motion is found."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class LegoCandidates:
     world: BrickWorld
     problem: AssignmentProblem
     skills: BrickSkills = field(repr=False)
-    alternatives: int = 2
+    alternatives: int | None = None
 
 
 def find_candidates(
@@ -58,17 +58,14 @@ def find_candidates(
         cell: its objects are the stock of the assembly.
         assembly: the structure and its steps.
         alternatives: for each robot and step, at most so many grips, and so many supports, become
-            candidates; by default two, and one in assemblies of more than 100 steps. Grips are
-            tried in the order of their joint distance from HOME, supports in that of the step,
-            until enough work. The best plan may lie outside when a grip that is far for the
-            place is near for the pick.
+            candidates; by default all that may be in the cheapest plan, see ``BrickCollector``.
+            Grips are tried in the order of their joint distance from HOME, supports in that of
+            the step.
 
     Raises:
         ScenarioError: a step cannot be understood.
     """
     world = BrickWorld(cell, assembly)
-    if alternatives is None:
-        alternatives = 2 if len(assembly.steps) <= _MANY_STEPS else 1
     skills = BrickSkills(world)
     collector = BrickCollector(skills, alternatives)
     for number in range(1, len(assembly.steps) + 1):
@@ -96,9 +93,19 @@ def exchange_steps(
 
 
 class BrickCollector(CandidateCollector):
-    """Gathers the candidates of a LEGO assembly."""
+    """Gathers the candidates of a LEGO assembly.
 
-    def __init__(self, skills: BrickSkills, alternatives: int) -> None:
+    All supports become candidates. A way to use a brick is left out where that provably leaves the
+    least value of (1) as it is: let w be a candidate of the same step, robot, brick and giver,
+    which waits for no brick to be gone, goes with every support of another robot, and costs no
+    more. In any plan w can stand in for what is left out: (2) to (8) ask for step, robot and brick
+    only; nothing has to be used before w; no support is excluded by it; and the sum of costs does
+    not grow. That a grip costs more than w is known before its collisions are looked at, which is
+    what takes the time: the joint distances to where it picks and places are least in the best of
+    all postures that the skills could choose from, whatever is in their way.
+    """
+
+    def __init__(self, skills: BrickSkills, alternatives: int | None) -> None:
         super().__init__(skills.world.cell.robots)
         self._most = alternatives
         self.world, self.skills = skills.world, skills
@@ -136,10 +143,19 @@ class BrickCollector(CandidateCollector):
             else product(self.home, [None])
         )
         for robot, giver in ways:
-            count = 0
+            count, picker = 0, giver or robot
+            proven: dict[
+                str, float
+            ] = {}  # cost of what can stand in for any dearer grip
             for grasp in self._ordered_grasps(robot, step):
                 if count == self._most:
                     break
+                stocks = self.world.usable_stock(step)
+                if count >= _SPARE:
+                    least = self.skills.least_place(robot, step, grasp)
+                    stocks = self._promising(picker, grasp, stocks, least, proven)
+                    if not stocks:
+                        continue
                 place = self._place(robot, step, grasp, supports)
                 if place is None:
                     continue
@@ -153,8 +169,10 @@ class BrickCollector(CandidateCollector):
                     cost += self.cost(handover.give)
                     cost += joint_distance(self.home[robot], handover.receive)
                 first = len(self.primaries)
-                for stock in self.world.usable_stock(step):
-                    pick = self._pick(step, giver or robot, stock, grasp)
+                if count >= _SPARE:
+                    stocks = self._promising(picker, grasp, stocks, cost, proven)
+                for stock in stocks:
+                    pick = self._pick(step, picker, stock, grasp)
                     if pick is not None:
                         whole = cost + self.cost(pick.path)
                         after = self.skills.after(place) | self.skills.after(pick)
@@ -165,7 +183,35 @@ class BrickCollector(CandidateCollector):
                             )
                         )
                 count += len(self.primaries) > first
-                self._add_clashes(step, robot, grasp, supports, first)
+                clashes = self._add_clashes(step, robot, grasp, supports, first)
+                for item in () if clashes else self.primaries[first:]:
+                    if not item.after:
+                        known = proven.get(item.object, math.inf)
+                        proven[item.object] = min(item.cost, known)
+
+    def _promising(
+        self,
+        picker: str,
+        grasp: int,
+        stocks: Iterable[str],
+        cost: float,
+        proven: Mapping[str, float],
+    ) -> list[str]:
+        """Return the bricks that a grip may use for less than what can stand in for it.
+
+        Args:
+            picker: who picks the brick.
+            grasp: number of the grip.
+            stocks: the bricks.
+            cost: the least that all but the pick costs.
+            proven: by brick, the cost of what can stand in.
+        """
+        return [
+            stock
+            for stock in stocks
+            if stock not in proven
+            or cost + self.skills.least_pick(picker, stock, grasp) < proven[stock]
+        ]
 
     def _ordered_grasps(self, robot: str, step: int) -> list[int]:
         """Return the grips of a step, those whose place is near to HOME first."""
@@ -244,9 +290,9 @@ class BrickCollector(CandidateCollector):
         grasp: int,
         supports: dict[int, SupportCandidate],
         first: int,
-    ) -> None:
-        """Note which of the newest primary candidates do not go with which supports."""
-        newest = range(first, len(self.primaries))
+    ) -> bool:
+        """Note which supports the newest primary candidates do not go with; return whether there are any."""
+        newest, clashes = range(first, len(self.primaries)), False
         for index, item in supports.items():
             if item.robot == robot or not newest:
                 continue
@@ -256,6 +302,8 @@ class BrickCollector(CandidateCollector):
                 if self.accept(step, words, option) is not None:
                     continue
             self.incompatible.update((p, index) for p in newest)
+            clashes = True
+        return clashes
 
 
 def _grip(grasp: int) -> str:

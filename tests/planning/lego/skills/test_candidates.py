@@ -4,30 +4,49 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 
+from planning.cell.workcell import PlacedRobot
 from planning.errors import InfeasibleStepError
 from planning.kinematics.kinematics import frame_pose
-from planning.lego.bricks.assembly import BRICKS, Cell, LegoStep, Press, StockBrick
+from planning.lego.bricks.assembly import (
+    BRICKS,
+    Cell,
+    LegoAssembly,
+    LegoStep,
+    Plate,
+    Press,
+    StockBrick,
+    Support,
+)
 from planning.lego.bricks.brick_world import grasp_number, press_of
 from planning.lego.bricks.grid import grip_pose, presses
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import LegoCandidates, find_candidates
+from planning.lego.skills.targets import DEFAULT_TWIST
+from planning.robots.registry import robot_model
 from planning.steps.skill import Obstruction, SkillPath
 from planning.steps.skill_scene import ResolvedSkill
-from planning.tasks.assignment import SupportCandidate
+from planning.tasks.assignment import (
+    PrimaryCandidate,
+    StepChoice,
+    SupportCandidate,
+    TaskPlan,
+)
 from planning.tasks.highs_solver import assign_steps
+from planning.transforms import from_rpy, translation
 from tests.planning.importers.published_form import DATA, needs_data
 from tests.planning.lego.skills.overhang import (
     STEPS,
     STOCK,
+    facing_arms,
     found_overhang,
     overhang,
 )
-from tests.planning.tasks.plan_oracle import plan_violations
+from tests.planning.tasks.plan_oracle import objective, plan_violations
 
 found = pytest.fixture(scope="module")(found_overhang)
 
@@ -178,3 +197,122 @@ def test_the_published_cliff_gets_the_published_robots() -> None:
         (names[step["robot_id"]], names[step["sup_robot_id"]])
         for step in published.values()
     ]
+
+
+OPEN = (
+    replace(
+        STEPS[0],
+        presses=(),
+        supports=(Support(Cell(23, 21, 7), 0), Support(Cell(24, 21, 7), 3)),
+    ),
+    LegoStep(BRICKS["2x4"], Cell(16, 24, 1)),
+)
+"""A step with two supports, one for each arm, and one without; any grip will do for both."""
+
+
+def every_way(found: LegoCandidates, step: int) -> list[StepChoice]:
+    """Return all ways of a step with all grips and supports, one by one, nothing left out."""
+    skills, world = found.skills, found.world
+    home = {robot.name: robot.home for robot in world.cell.robots}
+
+    def cost(option: ResolvedSkill) -> float:
+        return float(np.abs(option.path.contact - home[option.path.robot]).sum())
+
+    helps: list[SupportCandidate | None] = [None]
+    if world.step(step).supports:
+        helps = [
+            SupportCandidate(step, robot, pose, cost(option))
+            for robot in home
+            for pose in range(len(world.step(step).supports))
+            for option in [skills.support(robot, step, pose)]
+            if isinstance(option, ResolvedSkill) and not skills.after(option)
+        ]
+    out = []
+    for robot, press in product(home, presses(world.step(step).brick)):
+        grasp = grasp_number(press)
+        beside = {
+            support: place
+            for support in helps
+            if support is None or support.robot != robot
+            for place in [skills.place(robot, step, grasp, support)]
+            if isinstance(place, ResolvedSkill)
+        }
+        for stock in world.usable_stock(step):
+            pick = skills.pick(robot, stock, grasp)
+            if not isinstance(pick, ResolvedSkill) or not beside:
+                continue
+            nearest = min(beside.values(), key=cost)
+            after = (skills.after(nearest) | skills.after(pick)) - {stock}
+            whole = cost(nearest) + cost(pick)
+            item = PrimaryCandidate(
+                step, robot, stock, grasp, whole, None, frozenset(after)
+            )
+            out += [StepChoice(item, support) for support in beside]
+    return out
+
+
+def test_the_cheapest_of_all_grips_and_supports_is_found() -> None:
+    """What is left out unseen is never in a plan that is cheaper than the one found."""
+    found = find_candidates(*overhang(steps=OPEN))
+    ways = [every_way(found, 1), every_way(found, 2)]
+    grips = {(c.step, c.robot, c.object, c.grasp) for way in ways for c in way}
+    kept = {(c.step, c.robot, c.object, c.grasp) for c in found.problem.primaries}
+    assert kept < grips, "nothing was left out, so that nothing is tested"
+    assert len({c.support for c in ways[0]}) >= 2
+    assert {s.pose for s in found.problem.supports} == {0, 1}
+    plans = (TaskPlan(pair) for pair in product(*ways) if _allowed(pair))
+    least = min(objective(found.problem, plan) for plan in plans)
+    assert objective(found.problem, assign_steps(found.problem)) == pytest.approx(least)
+
+
+def _allowed(pair: tuple[StepChoice, ...]) -> bool:
+    first, second = pair
+    used_once = first.object != second.object
+    return (
+        used_once and not first.primary.after and second.primary.after <= {first.object}
+    )
+
+
+def test_no_skill_costs_less_than_its_bound() -> None:
+    found = find_candidates(*overhang(steps=OPEN))
+    skills, checked = found.skills, 0
+    for item in found.problem.primaries:
+        pick = skills.least_pick(item.robot, item.object, item.grasp)
+        place = skills.least_place(item.robot, item.step, item.grasp)
+        assert pick + place <= item.cost + 1e-9
+        checked += 1
+    assert checked > 20
+
+
+def _three_arms(*stations: tuple[str, Cell]) -> LegoCandidates:
+    """Return six bricks in a row between three arms, and a station at some places."""
+    stock = tuple(
+        StockBrick(name, BRICKS["2x4"], at, station=True) for name, at in stations
+    )
+    steps = tuple(LegoStep(BRICKS["2x4"], Cell(23, 14 + 4 * k, 1)) for k in range(6))
+    plate = Plate(translation(0.44, 0.0, 1.1145))
+    assembly = LegoAssembly(plate, stock, steps, DEFAULT_TWIST)
+    cell = facing_arms(assembly)
+    front = from_rpy((0.44, -0.44, 0.9246), (0, 0, np.pi / 2))
+    gp4 = robot_model("gp4")
+    third = PlacedRobot("front", gp4, front, gp4.home)
+    return find_candidates(replace(cell, robots=(*cell.robots, third)), assembly)
+
+
+LEFT, RIGHT = ("a", Cell(3, 17, 1)), ("b", Cell(43, 17, 1))
+
+
+def test_three_arms_around_a_plate_take_turns() -> None:
+    found = _three_arms(LEFT, RIGHT, ("c", Cell(17, 3, 1, turned=True)))
+    robots = [choice.robot for choice in assign_steps(found.problem).choices]
+    assert all(len(set(robots[k : k + 3])) == 3 for k in range(4)), robots
+
+
+def test_an_arm_that_reaches_no_brick_leaves_the_others_as_they_were() -> None:
+    found = _three_arms(("a", Cell(3, 40, 1)), ("b", Cell(43, 40, 1)))
+    problem = found.problem
+    assert problem.able == ("left", "right")
+    two = replace(problem, robots=("left", "right"))
+    assert assign_steps(problem) == assign_steps(two)
+    robots = [choice.robot for choice in assign_steps(problem).choices]
+    assert all(a != b for a, b in pairwise(robots)), robots
