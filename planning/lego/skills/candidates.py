@@ -197,7 +197,7 @@ class BrickCollector(CandidateCollector):
         cost: float,
         proven: Mapping[str, float],
     ) -> list[str]:
-        """Return the bricks that a grip may use for less than what can stand in for it.
+        """Return the bricks that a grip reaches, perhaps for less than what can stand in for it.
 
         Args:
             picker: who picks the brick.
@@ -209,8 +209,8 @@ class BrickCollector(CandidateCollector):
         return [
             stock
             for stock in stocks
-            if stock not in proven
-            or cost + self.skills.least_pick(picker, stock, grasp) < proven[stock]
+            if cost + self.skills.least_pick(picker, stock, grasp)
+            < proven.get(stock, math.inf)
         ]
 
     def _ordered_grasps(self, robot: str, step: int) -> list[int]:
