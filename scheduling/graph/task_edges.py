@@ -10,7 +10,6 @@ robots stand while tools close and open.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
@@ -20,6 +19,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.tasks.task import SUPPLY_KINDS, Actuation
+from planning.tasks.task_graph import TaskGraph, task_graph
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import (
@@ -76,16 +76,15 @@ def dependency_edges(tpg: TemporalPlanGraph) -> Indices:
             names a task that is not there.
     """
     nodes = {own.task: own for chain in task_nodes(tpg.chains) for own in chain}
-    before = _prerequisites(tpg)
-    ends = _last_nodes(before, nodes)
-    known = {task.index for task in tpg.tasks}
+    graph = task_graph(tpg.tasks, tpg.dependencies)
+    ends = _last_nodes(graph, nodes)
     edges: set[tuple[int, int, int, int]] = set()
-    for b, sources in before.items():
+    for b in graph:
         if b not in nodes:
             continue
         target = nodes[b]
-        for a in sources:
-            if a not in known:
+        for a in graph.predecessors(b):
+            if "task" not in graph.nodes[a]:
                 raise PlanInvariantError(
                     f"task {b} depends on task {a}, which is not there"
                 )
@@ -100,26 +99,14 @@ def dependency_edges(tpg: TemporalPlanGraph) -> Indices:
     return np.array(sorted(edges), dtype=np.int64).reshape(-1, 4)
 
 
-def _prerequisites(tpg: TemporalPlanGraph) -> dict[int, list[int]]:
-    """Return the tasks before each task: its dependencies, and its robot's task before it."""
-    before: dict[int, list[int]] = defaultdict(list)
-    for a, b in tpg.dependencies.tolist():
-        before[b].append(a)
-    previous: dict[str, int] = {}
-    for task in tpg.tasks:
-        if task.robot in previous:
-            before[task.index].append(previous[task.robot])
-        previous[task.robot] = task.index
-    return before
-
-
 def _last_nodes(
-    before: dict[int, list[int]], nodes: dict[int, TaskNodes]
+    graph: TaskGraph, nodes: dict[int, TaskNodes]
 ) -> dict[int, frozenset[tuple[int, int]]]:
     """Return, by task, the nodes (chain, node) whose completion says that it is complete."""
     ends = {task: frozenset([(own.chain, own.stop - 1)]) for task, own in nodes.items()}
-    mentioned = {task for a, sources in before.items() for task in (a, *sources)}
-    empty = {task: before.get(task, []) for task in mentioned - nodes.keys()}
+    empty = {
+        task: list(graph.predecessors(task)) for task in graph if task not in nodes
+    }
     try:
         for task in TopologicalSorter(empty).static_order():
             if task in empty:

@@ -24,6 +24,7 @@ from planning.motion.speed import path_duration
 from planning.motion.transit import RrtConnect
 from planning.progress import Progress, no_progress
 from planning.tasks.task import TRANSIT, apply_handlings, move_robot
+from planning.tasks.task_graph import task_graph
 from planning.transforms import Indices
 from scheduling.build_tpg import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -424,12 +425,11 @@ def _prerequisites(plan: MotionPlan) -> dict[int, set[int]]:
 
     Those it depends on, the one before it of its robot, and those that handled its object.
     """
-    before: dict[int, set[int]] = {task.index: set() for task in plan.tasks}
-    for a, b in np.asarray(plan.dependencies).reshape(-1, 2).tolist():
-        before[b].add(a)
-    last: dict[tuple[str, str], int] = {}
+    graph = task_graph(plan.tasks, plan.dependencies)
+    before = {task.index: set(graph.predecessors(task.index)) for task in plan.tasks}
+    last: dict[str, int] = {}
     for task in plan.tasks:
-        keys = [("robot", task.robot), *(("object", h.object) for h in task.handlings)]
-        before[task.index].update(last[key] for key in keys if key in last)
-        last.update(dict.fromkeys(keys, task.index))
+        names = [handling.object for handling in task.handlings]
+        before[task.index].update(last[name] for name in names if name in last)
+        last.update(dict.fromkeys(names, task.index))
     return before

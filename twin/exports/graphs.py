@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import networkx as nx
 import numpy as np
 
+from planning.tasks import task_graph as planned_tasks
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -178,7 +179,8 @@ def task_graph_files(run: RunResult) -> Mapping[str, bytes]:
 def task_graph(tpg: TemporalPlanGraph, name: str = "") -> Graph:
     """Return the task graph of a plan, with plain values as attributes.
 
-    Nodes are tasks (``type`` task, with the attributes of the temporal plan graph's) and the
+    Nodes are tasks (``type`` task, with the attributes of the temporal plan graph's, and the
+    configuration at which the robot ends it as ``target_rad_or_m``) and the
     stays of objects (``type`` object: at the start, in the hands of whom it is given to, in its
     place), with ``object``, ``holder`` and the position ``x_m``, ``y_m``, ``z_m`` in the world or
     in the holder's flange. Edges have a ``kind``: ``order`` between consecutive tasks of a robot,
@@ -191,15 +193,14 @@ def task_graph(tpg: TemporalPlanGraph, name: str = "") -> Graph:
         name: of the graph.
     """
     graph: Graph = nx.DiGraph(name=name)
-    last: dict[str, str] = {}
-    for task in tpg.tasks:
-        node = _task_name(task.index)
-        graph.add_node(node, type="task", **_task_attributes(tpg, task.index))
-        if task.robot in last:
-            graph.add_edge(last[task.robot], node, kind="order")
-        last[task.robot] = node
-    for first, second in tpg.dependencies.tolist():
-        graph.add_edge(_task_name(first), _task_name(second), kind="dependency")
+    tasks = planned_tasks.task_graph(tpg.tasks, tpg.dependencies)
+    for index, data in tasks.nodes(data=True):
+        target = data["target"]
+        told = "" if target is None else " ".join(map(repr, target.tolist()))
+        about = {**_task_attributes(tpg, index), "target_rad_or_m": told}
+        graph.add_node(_task_name(index), type="task", **about)
+    for first, second, data in tasks.edges(data=True):
+        graph.add_edge(_task_name(first), _task_name(second), kind=data["kind"])
     _add_objects(graph, tpg)
     return graph
 

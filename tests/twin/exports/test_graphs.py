@@ -201,5 +201,8 @@ def test_every_task_and_object_of_a_run_comes_back(tmp_path: Path) -> None:
     kinds = nx.get_node_attributes(graph, "type")
     tasks = {name for name, kind in kinds.items() if kind == "task"}
     assert tasks == {f"task {item.index}" for item in run.tpg.tasks}
+    for item in run.tpg.tasks:
+        target = graph.nodes[f"task {item.index}"]["target_rad_or_m"]
+        assert [float(x) for x in target.split()] == item.path[-1].tolist()
     objects = {graph.nodes[n]["object"] for n in graph if kinds[n] == "object"}
     assert objects == {item.name for item in run.tpg.cell.objects}
