@@ -111,8 +111,9 @@ def table(measured: dict[str, list[Row]], seeds: int) -> list[str]:
             ends = np.array([row["ends_s"][plan] for row in own])
             spent = np.mean([row["shortcut_s"][plan] for row in own], axis=0)
             saved = 100 * (1 - ends[:, 1] / ends[:, 0])
+            head = f"{name}, {len(own)} seed{'s' * (len(own) > 1)}"
             out.append(
-                f"| {name if plan == 'turns' else ''} | {plan} | {ends[:, 0].mean():.2f} "
+                f"| {head if plan == 'turns' else ''} | {plan} | {ends[:, 0].mean():.2f} "
                 f"| {ends[:, 1].mean():.2f} | **{saved.mean():.2f} %** | {saved.min():.2f} % "
                 f"| {saved.max():.2f} % | {spent[0]:.1f} | {spent[1]:.1f} |"
             )
