@@ -6,12 +6,14 @@ straightened. It is taken when it is free, when it can be ordered with everyone 
 when the plan does not end later. Only runs that the makespan hangs on are drawn: elsewhere a robot
 would move less only to wait more. Each is first smoothed as a whole, then in parts. What a candidate
 does not change is not worked out again. The search ends when candidates do not pay any more, or
-after a number of them, never by the clock: the same seed gives the same plan. Sidesteps may follow.
+after a number of them, so that the same seed gives the same plan; or, if that is asked for, it goes
+on for a time, as in the paper. Sidesteps may follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -80,6 +82,8 @@ def shorten_tpg(
     seed: int = 0,
     progress: Progress = no_progress,
     sidesteps: int = 0,
+    seconds: float = 0.0,
+    clock: Callable[[], float] = time.monotonic,
 ) -> TemporalPlanGraph:
     """Return a graph with runs of transit nodes replaced by shorter ones.
 
@@ -93,16 +97,22 @@ def shorten_tpg(
         seed: of the draws.
         progress: told candidates done and in all.
         sidesteps: most sidesteps drawn after that, see ``take_sidesteps``.
+        seconds: how long candidates are drawn, whether they pay or not; the one that is looked at
+            then is the last. 0 for as long as they pay [s].
+        clock: returns the time [s].
 
     Raises:
         PlanInvariantError: the result breaks the invariant, a fault of this program.
     """
     board = Board(tpg, speeds, step)
     rng = np.random.default_rng(seed)
-    since, before = 0, board.makespan
+    since, before, begin = 0, board.makespan, clock()
     for done in range(candidates):
+        spent = clock() - begin
+        if seconds and spent >= seconds:
+            break
         if since == board.window:
-            if not board.worth(before):
+            if not seconds and not board.worth(before):
                 break
             since, before = 0, board.makespan
         searched = board.searched
@@ -110,7 +120,7 @@ def shorten_tpg(
         # Every run is smoothed as a whole in any case.
         since, before = (since + 1, before) if searched else (0, board.makespan)
         if done % 16 == 0:
-            progress(done, candidates)
+            progress(*((spent, seconds) if seconds else (done, candidates)))
     progress(candidates, candidates)
     if sidesteps:
         take_sidesteps(board, sidesteps, seed, progress)

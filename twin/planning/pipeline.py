@@ -116,6 +116,7 @@ def shorten(
     candidates: int,
     seed: int,
     sidesteps: int = 0,
+    seconds: float = 0.0,
     keep_slots: bool = False,
 ) -> TemporalPlanGraph:
     """Put tasks into a better order and take shortcuts; the stage is shortcut.
@@ -128,6 +129,7 @@ def shorten(
         seed: of their draws.
         sidesteps: tried after them; where there are any, shortcuts are taken in the planned order
             of tasks, too, and the plan that ends sooner is kept.
+        seconds: for which shortcuts are tried, 0 for as long as they pay [s].
         keep_slots: leave the tasks in the slots of a synchronous plan, in their order.
     """
     with watch.stage("shortcut"):
@@ -145,12 +147,17 @@ def shorten(
                 seed=seed,
                 progress=watch.reporter(SHORTCUTS),
                 sidesteps=sidesteps,
+                seconds=seconds / len(orders),
             )
             for order in orders
         ]
         shorter = min(found, key=lambda plan: earliest_times(plan).makespan)
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
+
+
+MOST_CANDIDATES = 10_000_000
+"""Shortcuts tried where only time limits them."""
 
 
 def planned_shortcuts(scenario: Scenario) -> int:
@@ -161,6 +168,8 @@ def planned_shortcuts(scenario: Scenario) -> int:
     candidates = scenario.planning.shortcut_candidates
     if candidates != "auto":
         return candidates
+    if scenario.planning.shortcut_s > 0.0:
+        return MOST_CANDIDATES
     slots = scenario.execution.policy == "synchronous"
     return 0 if slots else default_shortcuts(scenario)
 

@@ -148,6 +148,7 @@ class CoordinatedPlans:
                     candidates=self._candidates,
                     seed=self._scenario.seed,
                     sidesteps=planned_sidesteps(self._scenario),
+                    seconds=self._scenario.planning.shortcut_s,
                     keep_slots=self._keep_slots,
                 )
             elif name == IN_SLOTS:

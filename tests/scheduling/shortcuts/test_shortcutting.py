@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import itertools
+import time
 import weakref
 from pathlib import Path
 
@@ -47,6 +49,48 @@ def _shorten(
     return shorten_tpg(
         build_tpg(plan), speeds, step=step, candidates=candidates, seed=seed
     )
+
+
+@pytest.mark.parametrize(("robots", "seed"), CASES[:3])
+def test_after_any_time_the_graph_is_whole_and_no_longer(
+    robots: int, seed: int
+) -> None:
+    """A clock that counts how often it is asked: once before, once before each candidate."""
+    plan = random_plan(robots, seed, rounds=9, step=0.5)
+    speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
+    before = build_tpg(plan)
+    longest = earliest_times(before).makespan
+    for budget in (0, 1, 2, 7, 40, 200):
+        drawn: list[float] = []
+        tpg = shorten_tpg(
+            before,
+            speeds,
+            step=0.5,
+            candidates=10**6,
+            seconds=budget + 0.5,
+            clock=itertools.count().__next__,
+            progress=lambda done, total, out=drawn: out.append(done / total),
+        )
+        check_invariant(DerivedTpg(tpg))
+        check_conflicts_are_ordered(tpg)
+        assert earliest_times(tpg).makespan <= longest + 1e-9
+        # As many were drawn as there was time for: the same as with a limit of their number.
+        counted = shorten_tpg(before, speeds, step=0.5, candidates=budget)
+        if budget <= 40:
+            assert [c.waypoints.tobytes() for c in counted.chains] == [
+                c.waypoints.tobytes() for c in tpg.chains
+            ]
+        assert drawn[-1] == 1.0
+
+
+def test_a_budget_in_seconds_is_kept() -> None:
+    plan = random_plan(3, 3, rounds=9, step=0.5)
+    speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
+    tpg = build_tpg(plan)
+    shorten_tpg(tpg, speeds, step=0.5, candidates=20)
+    begin = time.monotonic()
+    shorten_tpg(tpg, speeds, step=0.5, candidates=10**9, seconds=0.5)
+    assert 0.5 <= time.monotonic() - begin < 5.0
 
 
 @given(st.integers(2, 5), st.integers(0, 10_000), st.integers(0, 100))

@@ -107,6 +107,8 @@ class PlanningSection(Section):
             slot, as APEX-MR's synchronous baseline does.
         shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
+        shortcut_s: how long shortcuts are tried, whether they pay or not [s]; what is found depends
+            on the machine. 0 for as long as they pay.
         sidestep_candidates: most sidesteps tried after the shortcuts: ways that are no shorter, but on
             which robots wait less for each other; where there are any, shortcuts are taken in the
             planned order of tasks, too, and what ends sooner is kept. ``auto`` tries them where
@@ -131,6 +133,7 @@ class PlanningSection(Section):
     sidestep_candidates: (
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
+    shortcut_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     improve_tries: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     improve_order: bool = True
@@ -240,10 +243,11 @@ class Scenario(Section):
                 "policy 'synchronous' needs a plan in slots: set the planning's"
                 " coordination to 'synchronous'"
             )
-        if self.planning.shortcut_candidates not in ("auto", 0):
+        tried = self.planning.shortcut_candidates not in ("auto", 0)
+        if tried or self.planning.shortcut_s:
             raise ValueError(
                 "policy 'synchronous' executes the slots as they were planned: leave"
-                " shortcut_candidates away, or choose policy 'asynchronous'"
+                " shortcut_candidates and shortcut_s away, or choose policy 'asynchronous'"
             )
         return self
 
