@@ -196,7 +196,7 @@ def study(
         deadline_s: how likely is the run over by then [s]?
         antithetic: draw replications in mirrored pairs.
         sobol: points of the sample for Sobol indices, such as 128; 0 for none.
-        audited: open-loop replications that are checked for collisions.
+        audited: replications that are checked for collisions: open-loop ones, and all where bases are off.
         audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
             is installed, else coal.
         shortcuts: most shortcuts tried on each plan, in place of the scenario's.

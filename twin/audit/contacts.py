@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from operator import itemgetter
@@ -57,6 +58,7 @@ class Contacts:
         allowed: contacts of its plan.
         exempt: pairs of one robot's shapes that are not checked.
         within: robots further apart than this are not measured [m].
+        taken_up: whether contacts that are allowed may be of any depth.
 
     Attributes:
         least: distance of two robots, with what they carry, where they are not meant to touch [m].
@@ -72,8 +74,11 @@ class Contacts:
         allowed: Allowed,
         exempt: frozenset[tuple[int, int]],
         within: float,
+        *,
+        taken_up: bool = False,
     ) -> None:
         self._case, self._allowed, self._exempt = case, allowed, exempt
+        self._taken_up = taken_up
         self._tools = {f"{robot}/tool": robot for robot in case.robots}
         self._tasks_at = cache(partial(tasks_at, case.tpg, case.robots))
         self.least = self.bound = within
@@ -150,6 +155,8 @@ class Contacts:
         ]
         if not now:
             return SLACK
+        if self._taken_up:
+            return math.inf
         if all(contact.grazing for contact in now):
             return self.tolerance + SLACK
         said = self._case.wanted.overlaps_m.get(frozenset(pair), 0.0)

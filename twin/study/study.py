@@ -13,6 +13,8 @@ import numpy as np
 from planning.errors import RequestError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
+from twin.audit.motion.executed import read_recording
+from twin.audit.off_bases import audit_off_bases
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.model import NANOSECONDS
@@ -66,9 +68,10 @@ from twin.study.tables import (
     write_tables,
 )
 from twin.trial.simulation import skill_durations
+from twin.uncertainty.base_errors import drawn_base
 from twin.uncertainty.disturbances import Speed
 
-CHECKING = "open-loop audit"
+CHECKING = "audit of replications"
 """Name of the stage for progress displays."""
 
 
@@ -207,31 +210,41 @@ def _audits(
     loads: Sequence[Workload],
     progress: Report,
 ) -> dict[int, list[int]]:
-    """Return the collisions in audited replications of each open-loop cell."""
-    cells = [k for k, (p, _) in enumerate(experiment.cells) if p == OPEN_LOOP]
+    """Return the collisions in audited replications of each cell that is open-loop, or off."""
+    drawn: dict[int, Workload] = {}
+    for cell, (policy, variant) in enumerate(experiment.cells):
+        tpg = plans[plan_key(variant, NAMED_POLICIES[policy].plan)]
+        load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
+        if policy == OPEN_LOOP or _bases_off(load):
+            drawn[cell] = load
     count = experiment.audited
     if experiment.replications is not None:
         count = min(count, experiment.replications)
     found: dict[int, list[int]] = {}
-    if not (cells and count):
+    if not (drawn and count):
         return found
     engine = engine_named(experiment.audit_engine)
-    for k, cell in enumerate(cells):
+    for k, (cell, load) in enumerate(drawn.items()):
         found[cell] = []
-        key = plan_key(experiment.cells[cell][1], NAMED_POLICIES[OPEN_LOOP].plan)
-        drawn = replace(loads[cell], tpg=plans[key])
         place = folder / AUDITS / str(cell)
-        for collisions in _audit_open_loop(drawn, place, count, engine):
+        for collisions in _audit_cell(load, place, count, engine):
             found[cell].append(collisions)
-            progress(CHECKING, k * count + len(found[cell]), len(cells) * count)
+            progress(CHECKING, k * count + len(found[cell]), len(drawn) * count)
     return found
 
 
-def _audit_open_loop(
+def _bases_off(load: Workload) -> bool:
+    """Tell whether a robot's base may be elsewhere than the plan has it."""
+    disturbances = load.execution.disturbances
+    return any(disturbances.base_error_of(robot) for robot in load.tpg.cell.robots)
+
+
+def _audit_cell(
     load: Workload, folder: Path, count: int, engine: Engine
 ) -> Iterator[int]:
     """Yield how many collisions the audit finds in each of the first replications.
 
+    Where bases may be off, each replication has its own, and contacts alone are looked at.
     What was found is kept, one small file a replication, so an interrupted study goes on.
     Replications that come to no end are left out. The work has the geometry of its plan.
     """
@@ -250,7 +263,20 @@ def _audit_open_loop(
             replay.mkdir()
             save_plan(load.tpg, replay)
         write_motion(replay, load.tpg, run)
-        report = audit_run(replay, ordered=False, engine=engine)
+        if _bases_off(load):
+            recording = read_recording(replay, load.tpg.cell)
+            bases = {
+                robot.name: drawn_base(
+                    robot,
+                    load.execution.disturbances.base_error_of(robot),
+                    seed=load.seed,
+                    replication=replication,
+                )
+                for robot in load.tpg.cell.robots
+            }
+            report = audit_off_bases(load.tpg, recording, bases, engine)
+        else:
+            report = audit_run(replay, ordered=False, engine=engine)
         least = report.min_distance_m
         found = {
             "replication": replication,

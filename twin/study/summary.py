@@ -15,7 +15,7 @@ from planning.transforms import Array
 from twin.audit.worlds.engines import engine_and_version, engine_named
 from twin.durations.model import NANOSECONDS
 from twin.planning.kind import assembly_kind
-from twin.run.policies import PLAIN_POLICIES
+from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.line import LineSummary, line_summary, product_times
@@ -96,9 +96,10 @@ class CellSummary(Figures):
         if self.collided is None:
             return ""
         count = self.collided.count
+        off = "" if self.policy == OPEN_LOOP else ", bases off as drawn,"
         return (
             f"{round(self.collided.estimate * count)} of {count} replications audited with"
-            f" {self.audit_engine} collided"
+            f" {self.audit_engine}{off} collided"
         )
 
 

@@ -8,11 +8,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from planning.cell.workcell import PlacedRobot, PoseError
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.lifetimes import AnyDuration
 from twin.durations.model import DurationModel, Factor, Skill
 from twin.durations.normal import Lognormal
 from twin.scenario.document.section import Name, Section, Two
+from twin.uncertainty.base_errors import PoseErrorSection
 
 
 class _FactorSection(Section):
@@ -231,6 +233,8 @@ class Disturbances(Section):
         failures: of attempts at a skill, by skill.
         emergency_stops: at given times.
         machines: breakdowns and stalls of machines, by name.
+        base_error: how far the base of every robot may be off, drawn anew for each replication whose
+            motion is audited; default: what the cell says of each.
     """
 
     speed: Speed = Speed()
@@ -240,11 +244,17 @@ class Disturbances(Section):
     failures: dict[Skill, SkillFailure] = Field(default_factory=dict)
     emergency_stops: tuple[EmergencyStop, ...] = ()
     machines: dict[Name, MachineDisturbances] = Field(default_factory=dict)
+    base_error: PoseErrorSection | None = None
 
     @property
     def at_absolute_times(self) -> bool:
         """True if some disturbance happens at absolute times of the run's clock."""
         return bool(self.emergency_stops) or self.breaks_by_clock
+
+    def base_error_of(self, robot: PlacedRobot) -> PoseError:
+        """Return how far the base of a robot may be off."""
+        own = self.base_error
+        return robot.base_error if own is None else own.planned
 
     @property
     def breaks_by_clock(self) -> bool:
@@ -295,6 +305,7 @@ class Disturbances(Section):
             speed=self.speed,
             breakdowns=self.breakdowns,
             emergency_stops=self.emergency_stops,
+            base_error=self.base_error,
         ).changed(
             jitter=read(self.jitter),
             stalls=happening(self.stalls),

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from planning.cell.robot_model import ToolGrip
-from planning.cell.workcell import Clearances, PoseError
+from planning.cell.workcell import Clearances
 from planning.errors import ScenarioError
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration
@@ -23,6 +23,7 @@ from twin.scenario.sections.shapes import (
     PoseSection,
     ShapedSection,
 )
+from twin.uncertainty.base_errors import PoseErrorSection
 
 Opening = Annotated[float, Field(ge=0, le=10)]
 JointName = Annotated[str, Field(min_length=1, max_length=256)]
@@ -189,23 +190,6 @@ class ParkedSection(Section):
 
     at_m: Vector2
     facing_deg: Coordinate = 0.0
-
-
-class PoseErrorSection(Section):
-    """How far a frame may be from where it is taken to be.
-
-    Attributes:
-        m: its origin is anywhere within.
-        rad: it is turned about any axis by up to this.
-    """
-
-    m: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    rad: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-
-    @property
-    def planned(self) -> PoseError:
-        """The same as planning has it."""
-        return PoseError(self.m, self.rad)
 
 
 class RobotSection(Section):

@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 
 from twin.drawing.markup import breakable, bullets, paragraph, table, text
+from twin.run.policies import OPEN_LOOP
 from twin.study.gains.candidates import task_names
 from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
 from twin.study.replications.block_results import TaskTally
@@ -277,13 +278,17 @@ def differences(summary: StudySummary) -> str:
 
 
 def collided(summary: StudySummary) -> str:
-    """Return a list of what happens when nobody waits for anybody; nothing if not studied."""
-    texts = [
-        f"{cell.label}: {cell.collisions}, {_span(cell.collided, '{:.0f} %', 100.0)}"
-        for cell in summary.cells
-        if cell.collided is not None
-    ]
-    return bullets("When nobody waits for anybody", texts)
+    """Return lists of what collides when nobody waits, and when bases are off, if that was studied."""
+    titles = {True: "When nobody waits for anybody", False: "When bases are off"}
+    out = ""
+    for is_open, title in titles.items():
+        texts = [
+            f"{cell.label}: {cell.collisions}, {_span(cell.collided, '{:.0f} %', 100.0)}"
+            for cell in summary.cells
+            if cell.collided is not None and (cell.policy == OPEN_LOOP) == is_open
+        ]
+        out += bullets(title, texts)
+    return out
 
 
 def estimate(found: Interval | None, *, percent: bool = False) -> str:
