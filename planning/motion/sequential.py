@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class MotionSettings:
             of a skill with a nominal duration are within it.
         attempts: seeds tried for a transit before another grasp is.
         seed: of the whole plan.
+        paths: what finds paths in space and time, of all robots at once: ``auto`` or ``rrt``.
     """
 
     planners: Mapping[str, TransitPlanner]
@@ -71,6 +72,7 @@ class MotionSettings:
     seed: int = 0
     skill_exceptions: Mapping[ExceptionKey, float] = field(default_factory=dict)
     actuation_seconds: Mapping[ActuationKey, float] = field(default_factory=dict)
+    paths: Literal["auto", "rrt"] = "auto"
 
     def seconds_of(self, cell: Workcell, task: Task) -> float | None:
         """Return the nominal duration of a skill [s], None to follow its reference path."""

@@ -157,13 +157,15 @@ class ConstructionKind(AssemblyKind):
         """Plan in space and time; the stages are checks, keyframes, path and search."""
         from planning.construction.motion_plan_export import motion_plan
         from planning.construction.planner import plan_construction
+        from planning.construction.problem.problem import PlannerSettings
         from planning.tasks.assignment import TaskPlan
 
         with watch.stage("checks", CHECKS):
             problem = self.problem(cell, settings)
         watch.report(PARTS, 0, len(problem.parts))
         with watch.stage("search"):
-            plan = plan_construction(problem, progress=watch.reporter(PARTS))
+            effort = PlannerSettings().finding(settings.paths)
+            plan = plan_construction(problem, effort, watch.reporter(PARTS))
             motions = motion_plan(problem, plan.building)
         watch.seconds |= plan.seconds
         watch.seconds["search"] -= sum(plan.seconds.values())

@@ -219,6 +219,7 @@ def motion_settings(scenario: Scenario, cell: Workcell, folder: Path) -> MotionS
             key: model.located(folder).mean
             for key, model in scenario.actuations.items()
         },
+        paths=section.paths,
     )
 
 

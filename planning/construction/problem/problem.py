@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -257,6 +257,13 @@ class ConstructionProblem:
 _EASY_S = 15.0
 """An arrival so much later than possible is not looked for where others may be asked."""
 
+_EASY_SHARE = 10
+"""Where there is no other search than by samples, one in so many of them is drawn then."""
+
+
+PathFinder = Literal["auto", "rrt"]
+"""What finds paths: what needs least search first, or the bi-directional RRT of IV-C alone."""
+
 
 class RrtSettings(NamedTuple):
     """Effort of the search for one path. It never looks at a clock: a seed means one path.
@@ -302,6 +309,15 @@ class RrtSettings(NamedTuple):
     most_loss_s: float = 60.0
     shortcuts: int = 60
 
+    @property
+    def samples_only(self) -> bool:
+        """True if all paths are of the bi-directional search."""
+        return self.direct == 0 and self.checks == 0
+
+    def rrt_alone(self) -> RrtSettings:
+        """Return the settings with which the bi-directional search finds all paths, as in IV-C."""
+        return self._replace(direct=0, drives=0, checks=0)
+
 
 @dataclass(frozen=True)
 class KeyframeSettings:
@@ -342,7 +358,11 @@ class SubproblemSettings:
 
     def low_effort(self) -> SubproblemSettings:
         """Return the settings with which only paths that are easy to find are looked for."""
-        rrt = self.rrt._replace(iterations=0, patience=0, most_loss_s=_EASY_S)
+        rrt = self.rrt
+        few = rrt.iterations // _EASY_SHARE if rrt.samples_only else 0
+        rrt = rrt._replace(
+            iterations=few, patience=min(rrt.patience, few), most_loss_s=_EASY_S
+        )
         return replace(self, rrt=rrt, holds=1)
 
     def harder(self, effort: int) -> SubproblemSettings:
@@ -408,3 +428,10 @@ class PlannerSettings:
 
     search: SearchSettings = field(default_factory=SearchSettings)
     subproblem: SubproblemSettings = field(default_factory=SubproblemSettings)
+
+    def finding(self, paths: PathFinder) -> PlannerSettings:
+        """Return the settings with which paths are found in another way."""
+        if paths == "auto":
+            return self
+        rrt = self.subproblem.rrt.rrt_alone()
+        return replace(self, subproblem=replace(self.subproblem, rrt=rrt))

@@ -105,6 +105,8 @@ class PlanningSection(Section):
         joint_planning: which transits of a plan in slots are planned as one robot: ``conflicts``
             those that would collide, where that saves time; ``always`` all that are in one
             slot, as APEX-MR's synchronous baseline does.
+        paths: what finds the paths of a construction: ``auto`` tries straight ways first, then a
+            roadmap, and the space-time RRT where these fail; ``rrt`` that alone, as Hartmann et al.
         shortcut_candidates: most shortcuts tried on the temporal plan graph, after its tasks were
             put into a better order; 0 leaves it as planned, ``auto`` goes by the number of steps.
         shortcut_s: how long shortcuts are tried, whether they pay or not [s]; what is found depends
@@ -127,6 +129,7 @@ class PlanningSection(Section):
     attempts: Annotated[int, Field(ge=1, le=1000)] = 5
     coordination: Literal["sequential", "synchronous"] = "sequential"
     joint_planning: Literal["conflicts", "always"] = "conflicts"
+    paths: Literal["auto", "rrt"] = "auto"
     shortcut_candidates: (
         Annotated[int, Field(ge=0, le=10_000_000)] | Literal["auto"]
     ) = "auto"
@@ -233,6 +236,16 @@ class Scenario(Section):
                 model = actuation_model(given, suction=suction)
                 found[act, robot.name, robot.tool] = model
         return found
+
+    @model_validator(mode="after")
+    def _paths_of_constructions(self) -> Scenario:
+        kind = self.assembly.kind
+        if self.planning.paths != "auto" and kind != "construction":
+            raise ValueError(
+                f"planning.paths says how the paths of a construction are found: leave it out"
+                f" for kind {kind!r}, or set it to 'auto'"
+            )
+        return self
 
     @model_validator(mode="after")
     def _slots_to_execute(self) -> Scenario:
