@@ -36,7 +36,6 @@ from planning.construction.planner import plan_construction
 from planning.construction.problem.problem import PlannerSettings, RrtSettings
 from planning.errors import ConstructionError
 
-
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "benchmarks" / ".measured" / "construction_ablations"
 RESULT = ROOT / "benchmarks" / "results" / "construction_ablations.md"
@@ -137,9 +136,13 @@ def report(rows: Mapping[tuple[str, str, int], Row]) -> str:
                 f"{mean(own[n][s][key] for s in same):.{digits}f}" if good[n] else "-"
                 for n in names
             ]
-            lines.append(f"| {model} | {team} | {seeds} | {what} | {' | '.join(cells)} |")
+            lines.append(
+                f"| {model} | {team} | {seeds} | {what} | {' | '.join(cells)} |"
+            )
         cells = [f"{len(good[n])} of {len(own[n])}" for n in names]
         lines.append(f"| {model} | {team} | all | planned | {' | '.join(cells)} |")
+    missing = [model for model in TEAMS if not any(k[0] == model for k in rows)]
+    lines += ["", f"Not measured: {', '.join(missing)}."] if missing else []
     bad = [(k, row["reason"]) for k, row in rows.items() if not row["ok"]]
     lines += [""] if bad else []
     lines += [f"- {m}, {n}, seed {s}: {reason}" for (m, n, s), reason in bad]
@@ -173,7 +176,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if row is not None:
             rows[model, name, seed] = row
     if rows:
-        RESULT.write_text(report(rows), encoding="utf-8")
+        # What was left out before stands below, with the commit that it was measured of.
+        _, mark, before = RESULT.read_text(encoding="utf-8").partition("\n## ")
+        RESULT.write_text(report(rows) + mark + before, encoding="utf-8")
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from itertools import pairwise, permutations
 from pathlib import Path
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -12,9 +13,14 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.construction.fine_check.check import check_construction
+from planning.construction import planner
 from planning.construction.motion_plan_export import motion_plan
-from planning.construction.planner import plan_construction
-from planning.construction.problem.problem import ConstructionProblem, SkillSeconds
+from planning.construction.planner import ConstructionPlan, plan_construction
+from planning.construction.problem.problem import (
+    ConstructionProblem,
+    RrtSettings,
+    SkillSeconds,
+)
 from planning.construction.problem.reach_bounds import reach_bounds
 from planning.errors import RobotModelError, ScenarioError
 from planning.motion.sequential import MotionSettings
@@ -81,6 +87,32 @@ def test_shipped_constructions_can_be_built(name: str, parts: int, robots: int) 
     assert len(problem.parts) == len(problem.cell.objects) == parts
     assert len(problem.team) == robots
     assert [item.mass > 0.0 for item in problem.cell.objects] == [True] * parts
+
+
+def test_a_scenario_says_that_the_rrt_finds_all_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "\nassembly:\n  kind: construction\n  model: {name: tower, levels: 1}\n"
+    text = OWN[: OWN.index("\nassembly:")] + text
+    found: list[tuple[int, int]] = []
+
+    def planned(*args: Any, **given: Any) -> ConstructionPlan:
+        effort = args[1].subproblem.rrt
+        found.append((effort.direct, effort.checks))
+        return plan_construction(*args, **given)
+
+    monkeypatch.setattr(planner, "plan_construction", planned)
+    for more in ("", "planning: {paths: rrt}\n"):
+        scenario = loaded(tmp_path, text + more)
+        cell = build_workcell(scenario)
+        kind = assembly_kind(scenario.assembly)
+        kind.plan(cell, motion_settings(scenario, cell, tmp_path), StageWatch())
+    usual = RrtSettings()
+    assert found == [(usual.direct, usual.checks), (0, 0)]
+    goals = "assembly: {kind: goals, moves: []}\nplanning: {paths: rrt}\n"
+    text = OWN[: OWN.index("assembly:")] + goals
+    with pytest.raises(ScenarioError, match=r"planning.paths.*kind 'goals'"):
+        loaded(tmp_path, text)
 
 
 def test_everybody_of_the_mixed_team_is_needed() -> None:

@@ -9,12 +9,18 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
+from benchmarks.construction.fine_check.check import check_construction
 from planning.cell.robot_model import RobotModel
 from planning.construction.checks.checker import SpaceTimeChecker
+from planning.construction.paths import rrt
 from planning.construction.paths.direct_paths import SpaceTimePath
+from planning.construction.planner import plan_construction
+from planning.construction.problem.models import tower
+from planning.construction.problem.problem import PlannerSettings
 from planning.construction.world.fixed_world import FixedWorld
 from planning.construction.world.timeline import RobotTimeline
 from planning.transforms import Array
+from tests.planning.construction.toy_sites import toy_problem
 from tests.planning.construction.toy_tasks import PLAIN, find_path
 from tests.planning.construction.toy_teams import SPEED, fixture, placed, slider, team
 
@@ -230,3 +236,28 @@ def test_hints_lead_where_chance_does_not() -> None:
     found = find_path(checker, goal, hints=hints, settings=few)
     assert found is not None
     check_path(checker, found, goal)
+
+
+def test_the_rrt_alone_finds_all_paths_of_a_construction(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    effort = PlannerSettings()
+    assert effort.finding("auto") is effort
+    calls = dict.fromkeys(("direct_paths", "search_roadmap", "base_path", "grow"), 0)
+
+    def counted(name: str) -> None:
+        own = getattr(rrt, name)
+
+        def call(*args: object) -> object:
+            calls[name] += 1
+            return own(*args)
+
+        monkeypatch.setattr(rrt, name, call)
+
+    for name in calls:
+        counted(name)
+    plan = plan_construction(toy_problem(tower(3), 2), effort.finding("rrt"))
+    # To each part, to its place and away again.
+    assert calls.pop("grow") >= 3 * 3
+    assert not any(calls.values())
+    assert not check_construction(plan).faults
