@@ -109,7 +109,8 @@ def test_a_scenario_says_that_the_rrt_finds_all_paths(
         kind.plan(cell, motion_settings(scenario, cell, tmp_path), StageWatch())
     usual = RrtSettings()
     assert found == [(usual.direct, usual.checks), (0, 0)]
-    goals = "assembly: {kind: goals, moves: []}\nplanning: {paths: rrt}\n"
+    move = "{robot: mover1, to: {xyz_m: [1, 0, 0.5]}}"
+    goals = f"assembly: {{kind: goals, moves: [{move}]}}\nplanning: {{paths: rrt}}\n"
     text = OWN[: OWN.index("assembly:")] + goals
     with pytest.raises(ScenarioError, match=r"planning.paths.*kind 'goals'"):
         loaded(tmp_path, text)
