@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -172,6 +173,10 @@ class Standing:
                 joints.append(Joint(*pair, gap=room))
         self.joints = tuple(joints)
         """Everything that is joined where all bodies are there."""
+
+    def __reduce__(self) -> tuple[type[Standing], tuple[Any, ...]]:
+        """Return what it is made of again in another process; solvers and what they found stay here."""
+        return Standing, (self.bodies, self._ground, self.rules)
 
     def touching(self) -> nx.Graph[str]:
         """Return which bodies touch each other in their places, the ground left out."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import numpy as np
 import pybullet
@@ -64,6 +65,17 @@ def test_a_box_slides_when_the_slope_is_steeper_than_friction(
     world = Standing({"block": block}, ramp, StandingRules(friction, tilt=0.0))
     # The direction of the slide is an edge of the pyramid of friction or between two of them.
     assert (world.falling(["block"]) is None) == (share < 1.0)
+
+
+def test_other_processes_are_told_the_same() -> None:
+    """What has been asked already, and the solver behind it, does not go with it."""
+    world = standing(LOW, BEAM, WEIGHT)
+    assert world.falling(["low", "beam"]) == "beam"
+    other = pickle.loads(pickle.dumps(world))
+    assert other.falling(["low", "beam"]) == "beam"
+    assert other.falling(["low", "beam", "weight"]) is None
+    assert other.joints == world.joints
+    assert other.patches.keys() == world.patches.keys()
 
 
 def test_an_upright_rod_is_balanced_but_does_not_stand_a_tilt() -> None:
