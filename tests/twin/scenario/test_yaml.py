@@ -155,5 +155,6 @@ def test_shipped_scenarios_survive_with_short_lines(path: Path) -> None:
     assert read_yaml(path, text).data == content
     assert max(len(line) for line in text.splitlines()) <= 130
     assert yaml.safe_load(text)["name"] == content["name"]
-    # People wrote these files by hand; ours may not be much longer.
-    assert len(text.splitlines()) < 2 * len(path.read_text().splitlines())
+    # People wrote these files by hand, some in long lines; ours may not be much longer.
+    by_hand = sum(1 + len(line) // 60 for line in path.read_text().splitlines())
+    assert len(text.splitlines()) < 2 * by_hand
