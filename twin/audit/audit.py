@@ -215,12 +215,9 @@ class Auditor(AbstractContextManager["Auditor"]):
             finished: whether it came to its end, so that all processes must be done.
             spans: when nodes were started and completed, by robot or machine, where a log says so.
         """
-        world, tpg = self._world, self._tpg
-        case = AuditCase(world, tpg, recording, self._wanted, spans)
+        case = AuditCase(self._world, self._tpg, recording, self._wanted, spans)
         contacts = Contacts(case, self._allowed, self._exempt, within)
-        for stretch in stretches(world, case):
-            contacts.look(stretch)
-            progress(AUDIT, float(stretch.t[-1]), recording.end)
+        self._look(case, contacts, progress)
         rules: list[Callable[[AuditCase], Iterable[Violation]]] = [jump_violations]
         if self._wanted is not None:
             rules += [hanging_violations, balance_violations, grip_violations]
@@ -230,9 +227,34 @@ class Auditor(AbstractContextManager["Auditor"]):
                 if ordered and spans:
                     rules.append(rest_violations)
         found = [violation for look in rules for violation in look(case)]
-        found += joint_violations(recording.robots, world.limits)
+        found += joint_violations(recording.robots, self._world.limits)
         if ordered:
-            found += edge_violations(tpg, case.moved, "trajectory.parquet")
+            found += edge_violations(self._tpg, case.moved, "trajectory.parquet")
+        return self._report(contacts, found)
+
+    def audit_contacts(self, recording: Recording) -> AuditReport:
+        """Measure every distance of an execution, and look at nothing else.
+
+        Contacts that the plan means to make are no violation, however deep.
+
+        Args:
+            recording: what was executed.
+        """
+        case = AuditCase(self._world, self._tpg, recording)
+        contacts = Contacts(case, self._allowed, self._exempt, math.inf, taken_up=True)
+        self._look(case, contacts)
+        return self._report(contacts)
+
+    def _look(
+        self, case: AuditCase, contacts: Contacts, progress: Report = report_nothing
+    ) -> None:
+        for stretch in stretches(self._world, case):
+            contacts.look(stretch)
+            progress(AUDIT, float(stretch.t[-1]), case.end)
+
+    def _report(
+        self, contacts: Contacts, found: Iterable[Violation] = ()
+    ) -> AuditReport:
         return AuditReport(
             contacts.configurations,
             contacts.least,

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.audit import AuditReport
-from twin.audit.case import AuditCase
-from twin.audit.contacts import Contacts, allowed_contacts
+from twin.audit.audit import Auditor, AuditReport
 from twin.audit.motion.executed import Recording
-from twin.audit.motion.sampling import stretches
-from twin.audit.worlds.engines import Engine, engine_and_version, open_world
-from twin.audit.worlds.world import overlapping_at_home
+from twin.audit.worlds.engines import Engine
 
 
 def audit_off_bases(
@@ -38,22 +33,5 @@ def audit_off_bases(
     cell = tpg.cell
     robots = tuple(replace(r, base=bases.get(r.name, r.base)) for r in cell.robots)
     off = replace(tpg, cell=replace(cell, robots=robots))
-    world = open_world(off.cell, engine)
-    try:
-        case = AuditCase(world, off, recording)
-        exempt = overlapping_at_home(world)
-        contacts = Contacts(
-            case, allowed_contacts(off), exempt, math.inf, taken_up=True
-        )
-        for stretch in stretches(world, case):
-            contacts.look(stretch)
-    finally:
-        world.close()
-    found = sorted(contacts.violations(), key=lambda v: (v.t_start, v.first, v.second))
-    return AuditReport(
-        contacts.configurations,
-        contacts.least,
-        contacts.bound,
-        tuple(found),
-        engine_and_version(engine),
-    )
+    with Auditor(off, engine) as auditor:
+        return auditor.audit_contacts(recording)
