@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -73,6 +74,19 @@ class AuditCase(ReplayedRun):
         self.moved = moved_spans(tpg, self.robots)
         self.shapes = shapes_by_entity((*world.fixtures, *world.objects))
         self.numbers = {robot.name: k for k, robot in enumerate(self.cell.robots)}
+
+    @cached_property
+    def reaches(self) -> Mapping[str, float]:
+        """How far each fixture and object reaches from its frame at most, by name [m]."""
+        return {
+            name: max(
+                float(np.linalg.norm(shape.at(np.eye(4))[:3, 3]))
+                + float(np.linalg.norm(shape.centre))
+                + shape.radius
+                for shape in shapes
+            )
+            for name, shapes in self.shapes.items()
+        }
 
     def flange(self, robot: str, t: float) -> Transform:
         """Return where the flange of a robot is at a time [s]."""

@@ -179,7 +179,7 @@ def _met(
         return None
     ways = grasp.ways(sides)
     for other, where in _around(case, robot, t):
-        if np.linalg.norm(where[:3, 3] - at[:3, 3]) > _NEAR + _size(case, other):
+        if np.linalg.norm(where[:3, 3] - at[:3, 3]) > _NEAR + case.reaches[other]:
             continue
         beside = replace(grasp, held=case.put(other, where), pose=where)
         for first, way in zip(beside.ways(sides, ways), ways, strict=True):
@@ -202,15 +202,6 @@ def _around(case: AuditCase, robot: str, t: float) -> Iterator[tuple[str, Transf
             yield item.name, stay.pose
         elif stay.holder in case.robots:
             yield item.name, case.flange(stay.holder, t) @ stay.pose
-
-
-def _size(case: AuditCase, name: str) -> float:
-    """Return how far a fixture or an object reaches from its frame at most [m]."""
-    reaches = (
-        np.linalg.norm(s.at(np.eye(4))[:3, 3]) + np.linalg.norm(s.centre) + s.radius
-        for s in case.shapes[name]
-    )
-    return float(max(reaches))
 
 
 _Sides = tuple[list[WatchedShape], list[WatchedShape]]
