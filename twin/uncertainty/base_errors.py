@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
 from planning.cell.workcell import PlacedRobot, PoseError
 from planning.transforms import Array, Transform
@@ -48,13 +49,8 @@ def drawn_base(
     names, kinds = [robot.name] * 6, ["base"] * 6
     u = uniforms(seed, [replication], names, 0, kinds, "pose error", range(6))[:, 0]
     out = np.array(robot.base, dtype=np.float64)
-    turn = _in_ball(u[3:], error.rad)
-    angle = float(np.linalg.norm(turn))
-    if angle > 0.0:
-        cross = np.cross(np.eye(3), turn / angle)
-        turned = np.eye(3) + math.sin(angle) * cross
-        turned += (1.0 - math.cos(angle)) * cross @ cross
-        out[:3, :3] = turned @ robot.base[:3, :3]
+    turned = Rotation.from_rotvec(_in_ball(u[3:], error.rad))
+    out[:3, :3] = turned.as_matrix() @ robot.base[:3, :3]
     out[:3, 3] += _in_ball(u[:3], error.m)
     return out
 
