@@ -179,6 +179,8 @@ class PartAssembly:
         balance: friction and joints under which it must stand; None if that is not looked at.
         overlaps: how deep parts that are joined may be in each other.
         supply: what comes up and leaves meanwhile.
+        alike: groups of parts any of which may go where another one of its group has its goal; those
+            without a goal stay where they are.
     """
 
     goals: Mapping[str, Transform]
@@ -189,6 +191,7 @@ class PartAssembly:
     balance: StandingRules | None = None
     overlaps: Overlaps = field(default_factory=Overlaps)
     supply: Supply = field(default_factory=Supply)
+    alike: tuple[tuple[str, ...], ...] = ()
 
     def handling(self, part: str) -> PartHandling:
         """Return how a part is gripped and led."""

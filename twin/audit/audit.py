@@ -38,6 +38,7 @@ from twin.audit.order import NodeSpans, edge_violations, logged_spans
 from twin.audit.places import (
     helpers_left,
     jump_violations,
+    named_places,
     place_violations,
     start_violations,
     tool_violations,
@@ -216,6 +217,7 @@ class Auditor(AbstractContextManager["Auditor"]):
             spans: when nodes were started and completed, by robot or machine, where a log says so.
         """
         case = AuditCase(self._world, self._tpg, recording, self._wanted, spans)
+        case.wanted = named_places(case, case.wanted)
         contacts = Contacts(case, self._allowed, self._exempt, within)
         self._look(case, contacts, progress)
         rules: list[Callable[[AuditCase], Iterable[Violation]]] = [jump_violations]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -135,18 +136,37 @@ def helpers_left(replay: ReplayedRun, wanted: Wanted) -> tuple[str, ...]:
     return tuple(box.name for box in replay.cell.objects if helps(box))
 
 
+def named_places(replay: ReplayedRun, wanted: Wanted) -> Wanted:
+    """Return what is wanted with the name of whatever came to each place for which any of some will do."""
+    if not any(place.any_of for place in wanted.places):
+        return wanted
+    filled = taken(replay.cell, replay.at(), wanted.places)
+    places = (
+        replace(place, object=name) if place.any_of else place
+        for place, name in zip(wanted.places, filled, strict=True)
+    )
+    return replace(wanted, places=tuple(places))
+
+
 def taken(
     cell: Workcell, there: Mapping[str, Stay], places: Sequence[Place]
 ) -> list[str | None]:
-    """Return the object of each place: the one of its name, or the nearest of its kind.
+    """Return the object of each place: the one of its name, or the nearest of those that will do.
 
-    Objects of a kind are shared out so that the sum of distances is least.
+    Objects are shared out so that the sum of distances is least.
     """
     out: list[str | None] = [p.object if p.object in there else None for p in places]
-    for kind in dict.fromkeys(p.kind for p in places if p.object is None):
-        which = [k for k, p in enumerate(places) if p.kind == kind and p.object is None]
-        own = [b.name for b in cell.objects if b.kind == kind and b.name in there]
-        own = [name for name in own if name not in out]
+    groups = dict.fromkeys((p.kind, p.any_of) for p in places if p.object is None)
+    for kind, names in groups:
+        which = [
+            k
+            for k, p in enumerate(places)
+            if (p.kind, p.any_of) == (kind, names) and p.object is None
+        ]
+        fits = (
+            b for b in cell.objects if (b.name in names if names else b.kind == kind)
+        )
+        own = [b.name for b in fits if b.name in there and b.name not in out]
         if not own:
             continue
         at = np.array([_spot(there[name]) for name in own])

@@ -29,7 +29,8 @@ class Place:
         words: what it is, for people.
         pose: of the object's centre in the world.
         kind: of the object.
-        object: its name; None if any of its kind will do, turned by half a turn or not.
+        object: its name; None if any of its kind will do, turned by half a turn or not, or any of some.
+        any_of: names of those any of which will do, if that is not all of the kind.
         held: whether another robot must hold what it is put on or under meanwhile.
         temporary: whether it only helps there, and is no part of what is built.
         name: of the step that puts it there, where others refer to it.
@@ -44,6 +45,7 @@ class Place:
     temporary: bool = False
     name: str | None = None
     after: tuple[str, ...] = ()
+    any_of: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)

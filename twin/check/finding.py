@@ -15,6 +15,7 @@ from planning.parts.part_steps import KnownStep, part_steps
 from planning.steps.tool_changes import rack_tools, with_every_tool
 from twin.planning.build_workcell import build_workcell
 from twin.planning.kind import AssemblyKind, assembly_kind
+from twin.planning.part_assembly.alike import listed_steps
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
@@ -32,12 +33,24 @@ class OrderedParts:
     cell: Workcell
     section: PartsSection
 
+    @property
+    def count(self) -> int:
+        """Number of its steps; of those of a product where several are made."""
+        return len(listed_steps(self.section))
+
     @cached_property
     def listed(self) -> PartAssembly:
         """The assembly with its steps as the file lists them."""
         from twin.planning.part_assembly.built import build_assembly
 
         return build_assembly(self.section)
+
+    @cached_property
+    def there(self) -> Workcell:
+        """The cell as steps find it: parts that are alike are nowhere, as each may come from anywhere."""
+        from planning.parts.goal_ends import from_nowhere
+
+        return from_nowhere(self.cell, self.listed)
 
     @cached_property
     def found(self) -> PartAssembly | str:
@@ -47,7 +60,7 @@ class OrderedParts:
         if self.section.order != "find":
             return self.listed
         try:
-            return in_found_order(self.cell, self.listed)
+            return in_found_order(self.there, self.listed)
         except (ConstructionError, InfeasibleStepError) as error:
             return error.message
 
@@ -57,7 +70,7 @@ class OrderedParts:
         if isinstance(self.found, str):
             return None
         try:
-            return part_steps(self.cell, self.found)
+            return part_steps(self.there, self.found)
         except InfeasibleStepError:
             return None
 
@@ -173,22 +186,26 @@ class Subject:
     def step_at(self, number: int, *keys: str) -> KeyPath:
         """Return where a step is in the file, by its number from 1; all products share theirs."""
         assert self.parts is not None
-        count = len(self.parts.section.steps)
-        return ("assembly", "steps", (number - 1) % count, *keys)
+        listed = listed_steps(self.parts.section)
+        return ("assembly", "steps", listed[(number - 1) % len(listed)], *keys)
 
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
         """Return where an object or a fixture is in the file; where it begins may be its source."""
         places, known = self._places, name
         while known not in places and "." in known:
-            known = known.rpartition(".")[0]  # of products, NAME.1
+            known = known.rpartition(".")[0]  # of products, and of what is alike
         path = places.get(known, ("assembly",))
         if path[-1] != "name":
             return path
         section = self.scenario.assembly
-        if key == "start" and isinstance(section, PartsSection):
-            sources = {part.name: part.source for part in section.parts}
-            if (source := sources.get(known)) is not None:
-                return ("assembly", "sources", source, "pose")
+        if isinstance(section, PartsSection) and path[:2] == ("assembly", "parts"):
+            number = path[2]
+            assert isinstance(number, int)
+            part = section.parts[number]
+            if key == "start" and part.source is not None:
+                return ("assembly", "sources", part.source, "pose")
+            if part.several and key in ("start", "goal"):
+                key += "s"
         return (*path[:-1], key)
 
     @cached_property

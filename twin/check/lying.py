@@ -90,7 +90,7 @@ def check_starts(subject: Subject) -> Findings:
 @of_parts
 def check_goals(subject: Subject, parts: OrderedParts) -> Findings:
     """Yield parts of an assembly that overlap, or hang in the air, in their places."""
-    cell, section, assembly = subject.cell, parts.section, parts.found
+    cell, section, assembly = parts.there, parts.section, parts.found
     if isinstance(assembly, str):
         yield Finding(("assembly", "steps"), assembly, error=True)
         return
@@ -266,7 +266,7 @@ def check_works(subject: Subject, parts: OrderedParts) -> Findings:
     Some tools do work at a distance, and their processes say at which (``distance_m``).
     """
     for number, known, step, robots in parts.works():
-        if number > len(parts.section.steps):
+        if number > parts.count:
             continue  # of another product
         lying = standing(subject.cell) | known.others
         there = {name: lying[name] for name in known.touched} or lying

@@ -52,6 +52,11 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
     section = subject.scenario.assembly
     if subject.parts is not None:
         assembly, cell = subject.parts.listed, subject.cell
+        words = {
+            name: f"{name.rpartition('.')[0]} goal {number}"
+            for group in assembly.alike
+            for number, name in enumerate(group, start=1)
+        }
         stops = [
             (step.part, spot_pose(cell, step.stop))
             for step in assembly.steps
@@ -59,7 +64,7 @@ def goal_boxes(subject: Subject) -> Iterator[tuple[str, Array]]:
         ]
         for name, pose in (*assembly.goals.items(), *stops):
             for piece in cell.object(name).shape.pieces:
-                yield name, placed_points(piece.vertices, pose)
+                yield words.get(name, name), placed_points(piece.vertices, pose)
     elif isinstance(section, LegoSection):
         yield from _bricks(section)
     else:

@@ -109,8 +109,26 @@ def _check_parts(subject: Subject, parts: OrderedParts) -> Findings:
     yield from _check_works(subject, parts)
     if len(robots) < len(cell.robots):
         return  # said elsewhere: a robot has no such frame
-    for leg in _legs(subject, parts):
-        yield from _check_leg(leg, robots, assembly.frame)
+    legs = list(_legs(subject, parts))
+    for leg in legs:
+        found = list(_check_leg(leg, robots, assembly.frame))
+        group = next((own for own in assembly.alike if leg.part.name in own), ())
+        if found and group:
+            from_others = [replace(leg, part=cell.object(name)) for name in group]
+            to_others = [
+                replace(other, part=leg.part)
+                for other in legs
+                if other.part.name in group
+            ]
+            ways = [from_others]
+            if len(group) == len(to_others):  # else it may stay where it is
+                ways.append(to_others)
+            if all(
+                any(not list(_check_leg(own, robots, assembly.frame)) for own in others)
+                for others in ways
+            ):
+                continue
+        yield from found
 
 
 def _check_leg(leg: _PartLeg, everybody: list[PlacedRobot], frame: str) -> Findings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,12 @@ from twin.durations.lifetimes import SkillOverride
 from twin.host.progress import StageWatch
 from twin.planning.build_workcell import build_shape
 from twin.planning.kind import AssemblyKind, PlannedMotions
+from twin.planning.part_assembly.alike import (
+    alike_parts,
+    listed_steps,
+    of_each,
+    with_named_parts,
+)
 from twin.planning.part_assembly.built import (
     assembly_of,
     joined_pairs,
@@ -58,16 +65,20 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps."""
-        return len(self.section.steps)
+        return len(listed_steps(self.section))
 
     def supply(self) -> str:
         """Return in words what there is to build with."""
-        return f"{len(self.section.parts)} parts"
+        return f"{len(with_named_parts(self.section).parts)} parts"
 
     def names(self) -> Iterator[tuple[KeyPath, str]]:
         """Yield the names of the parts, each with its key."""
         for i, part in enumerate(self.section.parts):
             yield ("assembly", "parts", i, "name"), part.name
+        where = {part.name: i for i, part in enumerate(self.section.parts)}
+        for own in alike_parts(self.section):
+            for name in own.names:
+                yield ("assembly", "parts", where[own.kind], "name"), name
         yield from machine_names(self.section)
 
     def problems(self, cell: CellSection) -> Found:
@@ -110,20 +121,22 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Find the candidates, choose, and plan one task after another."""
+        from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
         from planning.parts.expansion import part_work
-        from planning.parts.order import find_ordered_candidates
+        from planning.parts.order import find_ordered_candidates, in_found_order
         from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
         line = written_out(self.section)
         assembly = assembly_of(line)
         with watch.stage("assignment", ASSIGNMENT):
-            found = (
-                find_ordered_candidates(cell, assembly, watch.reporter(ORDERS))
-                if self.section.order == "find"
-                else find_candidates(cell, assembly)
-            )
+            if self.section.order == "find":
+                find = partial(find_ordered_candidates, progress=watch.reporter(ORDERS))
+                found = find_alike_candidates(cell, assembly, find, in_found_order)
+            else:
+                found = find_alike_candidates(cell, assembly, find_candidates)
             work = part_work(found)
+        assembly = found.assembly if assembly.alike else assembly
         return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
@@ -146,6 +159,12 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
     if section.order == "find":  # then all is done at parts in their places
         where |= {name: assembly.goals[name] for name in assembly.placed}
     places, processes, rests = [], [], []
+    goals = {
+        name: (own, number)
+        for own in line.alike
+        if line.section.products is None
+        for number, name in enumerate(own.with_goals, start=1)
+    }
     for k, step in enumerate(assembly.steps, start=1):
         known: Any = {"name": step.name or f"step {k}", "after": step.after}
         if isinstance(step, Work):
@@ -162,11 +181,17 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
         else:
             where[step.part] = assembly.goals[step.part]
             if step.part not in gone:
+                words, kind = f"goal of step {k}", parts[step.part].shape_words
+                of: tuple[str, ...] = ()
+                if step.part in goals:
+                    own, number = goals[step.part]
+                    words, kind, of = own.goal(number), own.kind, own.names
                 place = WantedPlace(
-                    f"goal of step {k}",
+                    words,
                     assembly.goals[step.part],
-                    parts[step.part].shape_words,
-                    step.part,
+                    kind,
+                    None if of else step.part,
+                    any_of=frozenset(of),
                     held=step.hold is not None,
                     name=step.name,
                     after=step.after,
@@ -183,8 +208,11 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
             name for name in assembly.goals if assembly.handling(name).grips.suction
         ),
         processes=tuple(processes),
-        joined=joined_pairs(section),
-        overlaps_m=overlaps_of(line.section).said,
+        joined=of_each(joined_pairs(section), line.alike),
+        overlaps_m={
+            **overlaps_of(line.section).said,
+            **of_each(overlaps_of(section).said, line.alike),
+        },
         rests=tuple(rests),
         doors=frozenset(job.door for job in line.jobs.values() if job.door),
         tools=tuple(_changed_tools(cell)),
@@ -263,12 +291,13 @@ def _part(part: PartSection, line: Line, folder: Path) -> CellObject:
     shape = build_shape(part.name, part.described, folder)
     if part.centre_of_mass_m is not None:
         shape = replace(shape, own_centre=readonly(part.centre_of_mass_m))
+    spare = [name for own in line.alike if own.goals for name in own.names]
     return as_planned(
         CellObject,
         part,
         kind=part.shape_words,
         shape=shape,
         mass=part.mass_kg or (part.density_kg_m3 or 0.0) * shape.volume,
-        fixed=part.name not in line.section.placed and part.name not in line.numbers,
+        fixed=not {*line.section.placed, *line.numbers, *spare} & {part.name},
         later=part.name in line.later,
     )

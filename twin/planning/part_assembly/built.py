@@ -70,6 +70,7 @@ def assembly_of(line: Line) -> PartAssembly:
         balance=_balance(section),
         overlaps=overlaps_of(section),
         supply=line.supply,
+        alike=tuple(own.names for own in line.alike if own.goals and not own.sourced),
     )
 
 

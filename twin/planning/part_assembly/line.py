@@ -5,26 +5,28 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TypeVar
 
-import numpy as np
-
 from planning.tasks.work import Leaving, Lying, Refill, Supply
-from planning.transforms import Transform, quat_wxyz, readonly, translation
+from planning.transforms import Transform, readonly, translation
 from scheduling.repeat import numbered
 from twin.durations.lifetimes import AnyDuration, SkillOverride
+from twin.planning.part_assembly.alike import (
+    AlikeParts,
+    alike_parts,
+    with_named_parts,
+)
 from twin.scenario.sections.joints import FitSection, JoinedSection
 from twin.scenario.sections.line import (
     ConveyorSection,
-    GridSection,
     SourceSection,
     StackSection,
     TraySection,
 )
 from twin.scenario.sections.parts import PartSection, PartsSection, StepSection
-from twin.scenario.sections.shapes import PoseSection, build_transform
+from twin.scenario.sections.shapes import build_transform, pose_section
 
 Pair = TypeVar("Pair", JoinedSection, FitSection)
 
@@ -92,6 +94,7 @@ class Line:
         period: how many are written out.
         numbers: part and product by name of a numbered part.
         jobs: what does the steps that no robot does, by their numbers from 1.
+        alike: parts that are alike, kind by kind; of products by their names without numbers.
     """
 
     section: PartsSection
@@ -101,6 +104,7 @@ class Line:
     period: int = 1
     numbers: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
+    alike: tuple[AlikeParts, ...] = ()
 
     def machines(self) -> tuple[str, ...]:
         """Return the machines that have something to do."""
@@ -118,11 +122,13 @@ def written_out(section: PartsSection, *, whole: bool = False) -> Line:
         section: passed its checks.
         whole: write out all products, however many they are.
     """
-    return (
-        _written_out(section.model_dump_json(), whole)
-        if _has_line(section)
-        else Line(section, jobs=machine_jobs(section, 1))
+    named = with_named_parts(section)
+    line = (
+        _written_out(named.model_dump_json(), whole)
+        if _has_line(named)
+        else Line(named, jobs=machine_jobs(named, 1))
     )
+    return line if named is section else replace(line, alike=alike_parts(section))
 
 
 @lru_cache(maxsize=8)
@@ -160,16 +166,11 @@ def slots(source: SourceSection) -> tuple[Transform, ...]:
     """Return where the parts of a full source lie, in the order in which they are taken."""
     pose = build_transform(source.pose)
     if isinstance(source, TraySection):
-        return tuple(readonly(pose @ at) for at in _grid(source.grid))
+        return tuple(readonly(pose @ at) for at in source.grid.places())
     if isinstance(source, StackSection):
         down = [translation(0.0, 0.0, -k * source.pitch_m) for k in range(source.count)]
         return tuple(readonly(pose @ at) for at in down)
     return (readonly(pose),)
-
-
-def _grid(grid: GridSection) -> list[Transform]:
-    (nx, ny), (dx, dy) = grid.counts, grid.pitch_m
-    return [translation(i * dx, j * dy, 0.0) for j in range(ny) for i in range(nx)]
 
 
 class _Writer:
@@ -186,7 +187,7 @@ class _Writer:
             if (source := self.parts[name].source) is not None:
                 self.taken[source].append(name)
         grid = None if products is None else products.places
-        self.places = [translation(0.0, 0.0, 0.0)] if grid is None else _grid(grid)
+        self.places = [translation(0.0, 0.0, 0.0)] if grid is None else grid.places()
         self.period = self.products if whole else self._period()
 
     def line(self) -> Line:
@@ -278,11 +279,13 @@ class _Writer:
         part = self.parts[name]
         update: dict[str, object] = {"name": self._name(name, product)}
         if slot is not None:
-            update |= {"source": None, "start": _pose(slot)}
+            update |= {"source": None, "start": pose_section(slot)}
         if part.goal is not None:
             goal = build_transform(part.goal)
             place = self.places[(product - 1) % len(self.places)]
-            update["goal"] = _pose(place @ goal) if len(self.places) > 1 else part.goal
+            update["goal"] = (
+                pose_section(place @ goal) if len(self.places) > 1 else part.goal
+            )
         return part.model_copy(update=update)
 
     def _refill(self, source: str, first: int) -> Refill:
@@ -362,10 +365,3 @@ def _elsewhere(steps: Sequence[StepSection]) -> frozenset[int]:
         if (step.place or (step.at and step.at.part)) in on_the_way:
             found.add(number)
     return frozenset(found)
-
-
-def _pose(transform: Transform) -> PoseSection:
-    return PoseSection(
-        xyz_m=tuple(np.asarray(transform[:3, 3]).tolist()),
-        quat_wxyz=tuple(np.asarray(quat_wxyz(transform)).tolist()),
-    )

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import networkx as nx
 
+from twin.planning.part_assembly.alike import find_alike_problems
 from twin.planning.part_assembly.line import OUTFEED, presenter
 from twin.scenario.document.validation import Found, unknown_name, unless_known
 from twin.scenario.document.yaml_text import KeyPath
@@ -20,6 +21,7 @@ def find_part_problems(section: PartsSection, cell: CellSection) -> Found:
         section: passed the checks of its single values.
         cell: around it.
     """
+    yield from find_alike_problems(section)
     yield from _check_steps(section)
     yield from _check_line(section)
     yield from _check_work(section, cell)
@@ -92,11 +94,13 @@ def _check_step(section: PartsSection, step: StepSection, at: KeyPath) -> Found:
     parts = {part.name: part for part in section.parts}
     process = section.processes.get(step.process or "")
     yield from unless_known((*at, "place"), "part", step.place, parts)
-    if step.place in parts and parts[step.place].goal is None:
+    own = parts.get(step.place or "")
+    if own is not None and own.goal is None and own.goals is None:
         yield (*at, "place"), f"{step.place} has no goal"
     none = f"there is no process {step.process!r}: give processes one"
-    own = (*at, "process")
-    yield from unless_known(own, "process", step.process, section.processes, none)
+    yield from unless_known(
+        (*at, "process"), "process", step.process, section.processes, none
+    )
     yield from unless_known((*at, "hold"), "part", step.hold, parts)
     if step.hold is not None and step.hold == step.place and step.hold in parts:
         words = f"{step.hold} is in the hand of who places it: hold another part"

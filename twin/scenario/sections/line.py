@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from planning.transforms import Transform, readonly, translation
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration
 from twin.durations.model import PositiveSeconds, Seconds
-from twin.scenario.document.section import Section, Several, Two
-from twin.scenario.sections.shapes import PoseSection
+from twin.scenario.document.section import Section, Several, Two, with_tuples
+from twin.scenario.sections.shapes import PoseSection, build_transform
 
 Count = Annotated[int, Field(ge=1, le=100)]
+Amount = Annotated[int, Field(ge=1, le=1000)]
 Pitch = Annotated[float, Field(ge=-100, le=100)]
 
 
@@ -31,6 +33,49 @@ class GridSection(Section):
     def size(self) -> int:
         """Number of places."""
         return self.counts[0] * self.counts[1]
+
+    def places(self) -> list[Transform]:
+        """Return the places, along x first."""
+        (nx, ny), (dx, dy) = self.counts, self.pitch_m
+        at = ((i * dx, j * dy) for j in range(ny) for i in range(nx))
+        return [translation(x, y, 0.0) for x, y in at]
+
+
+class PlacesSection(PoseSection):
+    """A pose, or places in rows and columns, the first of which is there.
+
+    Attributes:
+        grid: the places, in the frame of the pose, along x first; the pose alone when not given.
+    """
+
+    grid: GridSection | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of places."""
+        return 1 if self.grid is None else self.grid.size
+
+    def places(self) -> list[Transform]:
+        """Return the places in the world."""
+        pose = build_transform(self)
+        inside = (
+            [translation(0.0, 0.0, 0.0)] if self.grid is None else self.grid.places()
+        )
+        return [readonly(pose @ at) for at in inside]
+
+
+def _listed(places: Any) -> Any:
+    """Return places as a list: one entry alone is the only one."""
+    return with_tuples([places] if isinstance(places, dict) else places)
+
+
+Places = Annotated[
+    Several[PlacesSection],
+    BeforeValidator(
+        _listed, json_schema_input_type=PlacesSection | Several[PlacesSection]
+    ),
+]
+"""One entry, or a list of them."""
 
 
 class _Refilled(Section):

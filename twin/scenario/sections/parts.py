@@ -10,7 +10,12 @@ from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, with_tuples
 from twin.scenario.sections.cell import ActuationTime
 from twin.scenario.sections.joints import FitSection, JoinedParts
-from twin.scenario.sections.line import ProductsSection, SourceSection
+from twin.scenario.sections.line import (
+    Amount,
+    Places,
+    ProductsSection,
+    SourceSection,
+)
 from twin.scenario.sections.shapes import (
     Colour,
     Mass,
@@ -80,6 +85,11 @@ class PartSection(ShapedSection):
             source; of a box, its centre.
         source: name of the source that it is taken from.
         goal: pose of that frame once it is in place; a part without one stays where it is.
+        count: how many there are that are alike; as many as ``starts`` has places, or ``goals`` where
+            they come from a source, when not given.
+        starts: in place of ``start``, where parts that are alike lie: poses, or places in rows and columns.
+        goals: in place of ``goal``, places each of which one of them comes to, whichever; what is left
+            over stays where it is.
         mass_kg: its mass.
         density_kg_m3: in place of it, what a cubic metre of it weighs.
         centre_of_mass_m: its centre of mass in the frame of its shape; that of a body that is
@@ -98,6 +108,9 @@ class PartSection(ShapedSection):
     start: PoseSection | None = None
     source: Name | None = None
     goal: PoseSection | None = None
+    count: Amount | None = None
+    starts: Places | None = None
+    goals: Places | None = None
     mass_kg: Mass = 0.0
     density_kg_m3: Annotated[float, Field(gt=0, le=1e5)] | None = None
     centre_of_mass_m: Vector3 | None = None
@@ -109,15 +122,24 @@ class PartSection(ShapedSection):
     insert: Direction = (0.0, 0.0, -1.0)
     take_out: Direction = (0.0, 0.0, 1.0)
 
-    not_both = (("mass_kg", "density_kg_m3"),)
+    not_both = (("mass_kg", "density_kg_m3"), ("start", "starts"), ("goal", "goals"))
 
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> PartSection:
-        if (self.start is None) == (self.source is None):
+        if (self.start is None and self.starts is None) == (self.source is None):
             raise ValueError(
                 "where does it come from? Give start, a pose, or source, the name of one"
             )
+        if self.several and (self.start or self.goal):
+            key = "start" if self.start else "goal"
+            words = f"{key} is of one part, and this says of several: give {key}s"
+            raise ValueError(words)
         return self
+
+    @property
+    def several(self) -> bool:
+        """Whether it stands for parts that are alike."""
+        return self.count is not None or bool(self.starts) or bool(self.goals)
 
     @property
     def weight_told(self) -> bool:
@@ -349,7 +371,7 @@ class PartsSection(Section):
 
     Attributes:
         kind: ``assembly``.
-        parts: everything that can be handled.
+        parts: everything that can be handled; one entry may stand for several that are alike.
         sources: where parts come from that have no ``start`` of their own, by name.
         products: how many products are made, one after another; one when not given.
         processes: what robots do besides placing parts, and what machines do, by name.
@@ -396,7 +418,11 @@ class PartsSection(Section):
                 "key 'steps' is missing: name the parts in the order in which they are put in"
                 " place, or write 'order: find'"
             )
-        found = tuple(StepSection(place=part.name) for part in self.parts if part.goal)
+        found = tuple(
+            StepSection(place=part.name)
+            for part in self.parts
+            if part.goal or part.goals
+        )
         if not found:
             raise ValueError("no part has a 'goal', so nothing is put in place")
         # Sections do not change once they are made; this one is being made.

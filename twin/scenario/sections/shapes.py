@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,7 +24,13 @@ from planning.lego.bricks.drawing import (
     read_elevation,
     read_layer,
 )
-from planning.transforms import Transform, from_quat_wxyz, from_rpy, readonly
+from planning.transforms import (
+    Transform,
+    from_quat_wxyz,
+    from_rpy,
+    quat_wxyz,
+    readonly,
+)
 from twin.scenario.document.section import Name, Section, Several, Three, Two
 from twin.scenario.document.validation import unknown_name
 from twin.scenario.document.yaml_text import KeyPath
@@ -71,6 +77,14 @@ def build_transform(pose: PoseSection) -> Transform:
         return from_quat_wxyz(pose.xyz_m, pose.quat_wxyz)
     rpy = np.deg2rad(pose.rpy_deg or (0.0, 0.0, 0.0))
     return from_rpy(pose.xyz_m, rpy.tolist())
+
+
+def pose_section(transform: Transform) -> PoseSection:
+    """Return a transform as a pose of the scenario."""
+    return PoseSection(
+        xyz_m=tuple(np.asarray(transform[:3, 3]).tolist()),
+        quat_wxyz=tuple(np.asarray(quat_wxyz(transform)).tolist()),
+    )
 
 
 def as_planned(model: type[Planned], section: Section, **own: Any) -> Planned:
@@ -205,7 +219,7 @@ class ShapedSection(Section):
     size_m: Size3 | None = None
     shape: ShapeSection | None = None
 
-    not_both = (("size_m", "shape"),)
+    not_both: ClassVar[tuple[tuple[str, ...], ...]] = (("size_m", "shape"),)
 
     @model_validator(mode="after")
     def _some_shape(self) -> Self:
