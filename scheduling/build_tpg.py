@@ -72,6 +72,7 @@ def build_nodes(plan: MotionPlan) -> TemporalPlanGraph:
         tuple(handling for _, handling in handlings),
         plan.allowed,
         np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2),
+        windows=plan.windows,
     )
 
 

@@ -28,6 +28,7 @@ import numpy.typing as npt
 from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
 from planning.tasks.task import AllowedContact, Handling, Task
+from planning.tasks.time_window import TimeWindow
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -153,6 +154,7 @@ class _Copies:
             tuple(a for k in self._copies() for a in self._allowed(k)),
             self._dependencies(),
             products=self.products,
+            windows=tuple(w for k in self._copies() for w in self._windows(k)),
         )
 
     def _copies(self) -> range:
@@ -263,6 +265,14 @@ class _Copies:
                     contact.grazing,
                     contact.depth,
                 )
+
+    def _windows(self, copy: int) -> Iterator[TimeWindow]:
+        index = self.index[copy]
+        for window in self.tpg.windows:
+            begun, done, due = index[[window.begun, window.done, window.due]].tolist()
+            if min(begun, done, due) >= 0:
+                words = f"{window.words}, copy {copy + 1}"
+                yield replace(window, begun=begun, done=done, due=due, words=words)
 
     def _dependencies(self) -> Indices:
         within = np.insert(self.tpg.dependencies, 2, 0, axis=1)

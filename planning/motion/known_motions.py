@@ -17,6 +17,7 @@ from planning.cell.workcell import Attachment, CellObject, Workcell, WorldState
 from planning.errors import TransitError
 from planning.files import KeptAnswers
 from planning.tasks.task import AllowedContact, Handling, Task
+from planning.tasks.time_window import TimeWindow
 from planning.transforms import Array, Indices
 
 Pairs = frozenset[frozenset[str]]
@@ -235,6 +236,7 @@ class MotionPlan:
         motions: one per task, same order. A skill's ``path[k]`` is waypoint k of its handlings.
         dependencies: pairs (a, b), shape (e, 2): task a must be complete before b starts.
         allowed: who may touch whom, and when.
+        windows: of time between tasks.
     """
 
     cell: Workcell
@@ -242,3 +244,4 @@ class MotionPlan:
     motions: tuple[TaskMotion, ...]
     dependencies: Indices
     allowed: tuple[AllowedContact, ...]
+    windows: tuple[TimeWindow, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, Protocol
@@ -38,6 +38,7 @@ from planning.tasks.task import (
     still_borders,
     strongest_exception,
 )
+from planning.tasks.time_window import TimeWindow
 from planning.transforms import Array
 
 MARGIN = 0.0005
@@ -103,6 +104,7 @@ def plan_sequential(
     settings: MotionSettings,
     progress: Progress = no_progress,
     known: KnownMotions | None = None,
+    windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = lambda _: (),
 ) -> MotionPlan:
     """Plan the paths of all steps in order.
 
@@ -118,6 +120,7 @@ def plan_sequential(
         progress: called with the steps done and the steps in all.
         known: what was found for other plans of the same cell and settings; what is found here
             is added. The plan is the same with it and without.
+        windows: returns the windows of time between tasks, once every step is settled.
 
     Raises:
         TransitError: no expansion of a step has a collision-free plan; names the task, the
@@ -147,7 +150,8 @@ def plan_sequential(
         progress(number + 1, len(expansions))
     tasks = tuple(task for step in steps for task in step.tasks)
     allowed = tuple(contact for step in steps for contact in step.allowed)
-    return MotionPlan(cell, tasks, tuple(motions), link_steps(steps), allowed)
+    links, times = link_steps(steps), tuple(windows(steps))
+    return MotionPlan(cell, tasks, tuple(motions), links, allowed, times)
 
 
 def _plan_step(

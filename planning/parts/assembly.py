@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from planning.contacts.interference import Overlaps
 from planning.grips.grip import DOWN, UP, GripRules
 from planning.statics.standing import Joint, StandingRules
+from planning.tasks.time_window import TimeLag
 from planning.tasks.work import Supply
 from planning.transforms import Transform
 
@@ -37,12 +38,14 @@ class Step(ABC):
     Attributes:
         name: what other steps call it, None if they cannot.
         after: names of the steps that must be complete before it.
+        lags: least and greatest times after some of them.
         robots: who may do it, None for anyone.
         hold: part that another robot grips where it lies meanwhile, None for nothing.
     """
 
     name: str | None = None
     after: tuple[str, ...] = ()
+    lags: tuple[TimeLag, ...] = ()
     robots: tuple[str, ...] | None = None
     hold: str | None = None
 

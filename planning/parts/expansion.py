@@ -34,6 +34,7 @@ from planning.tasks.task import (
     ARRIVE,
     GONE,
     HOLD,
+    LAG,
     LEAVE,
     PRESENT,
     STRAIGHT,
@@ -43,6 +44,7 @@ from planning.tasks.task import (
     door_shut,
     is_done_to_a_product,
 )
+from planning.tasks.time_window import TimeWindow
 from planning.tasks.work import AssemblyWork, Supply, TaskHistory
 from planning.transforms import Transform
 
@@ -67,6 +69,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
         candidates.problem,
         lambda plan, step, first: _Expansion(candidates, plan, step, first).tasks(),
         partial(_waiting_tasks, candidates),
+        windows=partial(_time_windows, candidates.steps),
     )
 
 
@@ -101,6 +104,11 @@ class _Expansion:
         for robot, tool in sorted(self._choice.tools):
             if before[robot] != tool:
                 changes.change(build, robot, before[robot], tool)
+        for lag in step.lags:
+            if lag.machine is not None:
+                build.unmoved(
+                    lag.machine, LAG, f"{lag.least:g} s after {lag.step}", None
+                )
         if isinstance(self._known, PartStep):
             done = write_placement(build, self._placement(self._known))
         elif isinstance(step, Work):
@@ -313,6 +321,10 @@ def _waits_of_step(
     """
     begins, ends = _begin_and_end(step, tasks)
     yield from history.before(begins, _DONE, *step.step.after)
+    for lag in step.step.lags:
+        for passes in (task for task in tasks.tasks if task.robot == lag.machine):
+            yield from history.before(passes, _DONE, lag.step)
+            yield passes, begins
     yield from history.before(begins, _MACHINED, *step.touched)
     for hold in (task for task in tasks.tasks if task.kind == HOLD):
         assert step.held is not None
@@ -357,6 +369,24 @@ def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
         return work, work
     pairs = pairwise(tasks.tasks)
     return next(pair for pair in pairs if pair[1].kind == step.process.name)
+
+
+def _time_windows(
+    known: Sequence[KnownStep], steps: Sequence[StepTasks]
+) -> Iterator[TimeWindow]:
+    """Yield the windows of time between the tasks of steps.
+
+    They end where the process itself begins, or the straight motion with which a part is put down.
+    """
+    named: dict[str, tuple[Task, Task]] = {}
+    for step, tasks in zip(known, steps, strict=True):
+        begins, ends = _begin_and_end(step, tasks)
+        for lag in step.step.lags:
+            words = f"{step.step.name or step.step.words} after {lag.step}"
+            begun, done = (task.index for task in named[lag.step])
+            yield TimeWindow(begun, done, ends.index, lag.least, lag.most, words)
+        if step.step.name is not None:
+            named[step.step.name] = begins, ends
 
 
 def _stock_contacts(steps: Sequence[KnownStep]) -> Mapping[str, frozenset[str]]:

@@ -177,7 +177,11 @@ PRESENT = "present"
 LEAVE = "leave"
 """Kind of the task after which a finished product is gone."""
 
-SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE)
+LAG = "lag"
+"""Kind of the task that lets the least time between two steps pass, see ``TimeWindow``."""
+
+SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE, LAG)
+"""Kinds of the tasks of machines that work at no part."""
 
 
 def is_done_to_a_product(task: Task) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 
 from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
 from planning.tasks.task import StepTasks, Task
+from planning.tasks.time_window import TimeWindow
 from planning.transforms import Indices, Transform
 
 _MOST_WAYS = 12
@@ -27,6 +28,7 @@ class AssemblyWork:
         expand: returns the tasks of a step of a plan: given the plan, the step (from 1) and the
             index of its first task.
         waits: yields pairs of tasks, given those of all steps: the second waits for the first.
+        windows: yields the windows of time between them, given the same.
         assembly: what is built, such as a ``LegoAssembly``, with its steps in their order; None
             where nobody asks.
         order: of the steps, by the numbers that they had at first; empty for that order itself.
@@ -40,6 +42,7 @@ class AssemblyWork:
     assembly: Any = None
     order: tuple[int, ...] = ()
     exchanged: Callable[[int], AssemblyWork | None] = lambda _: None
+    windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = lambda _: ()
 
     def in_this_order(self) -> AssemblyWork:
         """Return the same work without any other order of its steps."""

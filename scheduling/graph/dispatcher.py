@@ -52,6 +52,7 @@ class Dispatcher:
             self._sources.setdefault(target, []).append(source)
             self._unmet[target] += 1
         self._done = [0] * len(self._length)
+        self._lifted: frozenset[tuple[int, int]] = frozenset()
 
     def copy(self) -> Dispatcher:
         """Return a dispatcher in the same state; both go on independently."""
@@ -118,6 +119,8 @@ class Dispatcher:
         number = self._first[robot] + done
         self._done[robot] = done + 1
         targets = self._successors.get(number, [])
+        if self._lifted:
+            targets = [t for t in targets if (number, t) not in self._lifted]
         if done + 1 < self._length[robot]:
             targets = [number + 1, *targets]
         safe = []
@@ -127,12 +130,20 @@ class Dispatcher:
                 safe.append(self._node(target))
         return safe
 
+    def lift(self, source: Node, target: Node) -> None:
+        """Let a node wait no longer for one that is not complete; nothing happens where it is."""
+        pair = self._number(*source), self._number(*target)
+        if source[1] >= self._done[source[0]] and pair not in self._lifted:
+            self._lifted = self._lifted | {pair}
+            self._unmet[pair[1]] -= 1
+
     def waits_for(self, robot: int, node: int) -> list[Node]:
         """Return the incomplete sources of a node's type-2 edges: what it still waits for."""
         out = []
-        for source in self._sources.get(self._number(robot, node), ()):
+        number = self._number(robot, node)
+        for source in self._sources.get(number, ()):
             r, u = self._node(source)
-            if u >= self._done[r]:
+            if u >= self._done[r] and (source, number) not in self._lifted:
                 out.append((r, u))
         return out
 

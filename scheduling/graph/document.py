@@ -23,7 +23,9 @@ from planning.tasks.task import (
     Handling,
     Task,
 )
+from planning.tasks.time_window import TimeWindow
 from scheduling.graph.columns import (
+    LONGEST_S,
     POSES,
     Arrays,
     Column,
@@ -49,6 +51,7 @@ from scheduling.graph.temporal_plan_graph import (
 )
 
 _NUMBERS = Column(("rows",), np.int64, least=0)
+Seconds = Annotated[float, Field(ge=0, le=LONGEST_S)]
 _SHAPES = Column(("rows", 2), np.int64, least=0, most=10**6)
 
 
@@ -94,6 +97,15 @@ class _Allowed(Entry):
         return {k: v for k, v in write(self).items() if v is not None}
 
 
+class _Window(Entry):
+    begun: Index
+    done: Index
+    due: Index
+    least: Seconds = Field(alias="least_s")
+    most: Seconds | None = Field(alias="most_s")
+    words: str
+
+
 class PlanDocument(Entry):
     """What plan.json says, but for format, version and the sum of the arrays."""
 
@@ -102,6 +114,11 @@ class PlanDocument(Entry):
     chains: tuple[str, ...]
     handlings: tuple[_NodeHandling, ...]
     allowed: tuple[_Allowed, ...]
+    windows: tuple[_Window, ...] = ()
+
+    @model_serializer(mode="wrap")
+    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if k != "windows" or v}
 
     def check_names(self) -> None:
         """Check that every name is known, and given once.
@@ -129,6 +146,9 @@ class PlanDocument(Entry):
             handlings += [(f"tasks.{k}.handlings", h) for h in task.handlings]
             for act in task.actuations:
                 _check_name(f"tasks.{k}.actuations", act.robot, robots & chains)
+        for k, window in enumerate(self.windows):
+            if max(window.begun, window.done, window.due) >= len(self.tasks):
+                raise OutputError(f"windows.{k}: is of a task that there is not")
         for place, handling in handlings:
             _check_name(f"{place}.object", handling.object, objects)
             if handling.holder not in (None, GONE):
@@ -208,6 +228,7 @@ def read_graph(
         chains=chains,
         handlings=tuple(made(NodeHandling, h, pose=pose) for h, pose in pairs),
         allowed=tuple(made(AllowedContact, contact) for contact in document.allowed),
+        windows=tuple(made(TimeWindow, window) for window in document.windows),
         **own,
     )
 

@@ -16,9 +16,13 @@ import numpy.typing as npt
 
 from planning.cell.workcell import Workcell
 from planning.tasks.task import AllowedContact, Task
+from planning.tasks.time_window import TimeWindow
 from planning.transforms import Array, Indices, Transform
 from scheduling.graph.columns import SECONDS, Column
 from scheduling.graph.drive import Drive, RoundedCorners
+
+EVER = 2**61
+"""Patience of an edge that holds until its source is complete [ns]."""
 
 TASK_DEPENDENCY = 0
 MOTION_CONFLICT = 1
@@ -143,6 +147,9 @@ class TemporalPlanGraph:
             empty otherwise.
         products: the product that each task is for where there are several, from 1, 0 for none,
             shape (tasks,); empty otherwise.
+        windows: of time between tasks.
+        patience: how long after the begin of its source each edge holds at most, met or not, shape (e,) [ns];
+            empty where every edge holds until its source is complete, as in all plans that are kept.
     """
 
     cell: Workcell
@@ -159,6 +166,8 @@ class TemporalPlanGraph:
         default_factory=lambda: np.empty(0, dtype=np.int64)
     )
     products: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    windows: tuple[TimeWindow, ...] = ()
+    patience: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
     def chain_index(self) -> dict[str, int]:

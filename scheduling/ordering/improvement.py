@@ -110,6 +110,7 @@ class PlanRater:
                 work.link,
                 self._settings,
                 known=self._motions,
+                windows=work.windows,
             )
             return self.rate_motions(work, steps.plan, motions, worst_s)
         except (TransitError, PlanInvariantError):

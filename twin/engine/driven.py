@@ -109,6 +109,7 @@ class DrivenExecution(Execution):
             passage.rest(self.now_ns if stops is None else stops.after(self.now_ns))
         late = 0 if opens else lag
         self.start[chain][node] = passage.now_ns + late
+        self._count_patience(chain, node, late + passage.now_ns - self.now_ns)
         self._tell(late + passage.now_ns - self.now_ns, "started", chain, node)
         given = self._given[chain].get(node, ())
         stood = passage.go(node, self._cleared(chain, node), given, stops)

@@ -85,9 +85,12 @@ class ExecutionModel:
             nobody, so that robots may collide.
         messages: between robots and dispatcher.
         disturbances: what may go wrong.
+        hold: what opens a window of time is held back until the later step will be in time with this
+            probability; 0 for not at all.
     """
 
     durations: SkillDurations
     policy: Policy = "asynchronous"
     messages: Messages = field(default_factory=Messages)
     disturbances: Disturbances = field(default_factory=Disturbances)
+    hold: float = 0.0

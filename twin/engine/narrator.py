@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from planning.tasks.task import DOOR, GONE
+from planning.tasks.time_window import TimeWindow
+from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import window_nodes
 from twin.durations.model import NANOSECONDS
 from twin.recorders.observers import Observers
 from twin.run.events import Event, EventKind, waypoint_offsets_ns
+from twin.run.windows import broken_words
 from twin.uncertainty.node_times import NodeTimes, Standstill
 from twin.uncertainty.stops import Stops
 
@@ -42,6 +46,13 @@ class Narrator:
             for entry in stands:
                 self.standstills.setdefault((chain, entry.node), []).append(entry)
         self._holder: dict[str, str] = {}
+        self._ends: dict[Node, int] = {}
+        self._due: dict[Node, list[tuple[Node, TimeWindow]]] = {}
+        number = [(k, n) for k, own in enumerate(tpg.chains) for n in range(len(own))]
+        for (_, done, due), window in zip(
+            window_nodes(tpg).tolist(), tpg.windows, strict=True
+        ):
+            self._due.setdefault(number[due], []).append((number[done], window))
         self._doors = {item.name for item in tpg.cell.objects if item.kind == DOOR}
 
     def emit(
@@ -59,6 +70,13 @@ class Narrator:
         robot = self._tpg.chains[chain].robot if chain >= 0 else ""
         task = self._task[chain][node] if node >= 0 else -1
         self._observers.record(Event(when, robot, kind, task, node, name, detail))
+        if kind == "completed" and self._due:
+            self._ends[chain, node] = when
+        for opens, window in self._due.get((chain, node), ()):
+            # By a planned clock it may begin before.
+            words = broken_words(window, when - self._ends.get(opens, when))
+            if kind == "started" and words:
+                self.emit("window_broken", chain, node, detail=words, t_ns=when)
 
     def close(self) -> None:
         """Tell that there is no more to come."""

@@ -11,9 +11,9 @@ import numpy as np
 import simpy
 from simpy.events import EventPriority
 
-from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.task_edges import machine_chains, sequential_order
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
@@ -26,6 +26,17 @@ _LAST = EventPriority(9)
 """Priority of what happens after everything else at the same time."""
 
 Steps = Generator[simpy.Event, Any, None]
+
+
+def _impatient_edges(
+    tpg: TemporalPlanGraph,
+) -> dict[Node, list[tuple[Node, int]]]:
+    """Return where edges lead that hold for some time at most, by source, with that time [ns]."""
+    found: dict[Node, list[tuple[Node, int]]] = {}
+    for k in np.flatnonzero(tpg.patience < EVER).tolist():
+        a, u, b, v = tpg.edges[k].tolist()
+        found.setdefault((a, u), []).append(((b, v), int(tpg.patience[k])))
+    return found
 
 
 class Execution:
@@ -82,8 +93,10 @@ class Execution:
         self.released = [0] * len(tpg.chains)
         self.machines = machine_chains(tpg)
         self.turns = self._turns() if sequential and self.machines else None
+        self.impatient = _impatient_edges(tpg)
         self.failed: list[int] = []
-        self.reports: list[tuple[int, int]] = []
+        self.reports: list[Node] = []
+        self.lifts: list[tuple[Node, Node]] = []
         self.report_arrived = self.env.event()
 
     @property
@@ -156,6 +169,7 @@ class Execution:
             yield self.env.timeout(stop)
         failed = node == self.times.failed[chain]
         self.start[chain][node] = int(self.env.now)
+        self._count_patience(chain, node)
         if self.narrator is not None:
             yield from self._execute_watched(self.narrator, chain, node)
         else:
@@ -306,6 +320,17 @@ class Execution:
         if not self.report_arrived.triggered:
             self.report_arrived.succeed()
 
+    def _count_patience(self, chain: int, node: int, late_ns: int = 0) -> None:
+        """Begin to count how long edges from a node hold that holds for some time at most."""
+        for target, patience in self.impatient.get((chain, node), ()):
+            delay = late_ns + patience + self.messages.report_ns
+            self._after(delay, self._lift, (chain, node), target)
+
+    def _lift(self, source: Node, target: Node) -> None:
+        self.lifts.append((source, target))
+        if not self.report_arrived.triggered:
+            self.report_arrived.succeed()
+
     def _enqueue(self, chain: int, node: int) -> None:
         self.queue[chain].append(node)
         arrival, self.idle[chain] = self.idle[chain], None
@@ -323,6 +348,9 @@ class Execution:
                 self.dispatcher.complete(chain, node)
                 self.outstanding[chain] -= 1
             self.reports.clear()
+            for source, target in self.lifts:
+                self.dispatcher.lift(source, target)
+            self.lifts.clear()
 
     def _release_safe(self) -> None:
         """Release what has become safe and fits into the queues."""

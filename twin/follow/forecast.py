@@ -19,6 +19,7 @@ from twin.durations.measured import Measured
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
+from twin.engine.holding import held_back
 from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
@@ -86,7 +87,7 @@ class Forecaster:
             samples: futures to draw.
         """
         self._tpg = tpg
-        self._graph = policy_graph(tpg, model.policy)
+        self._graph = policy_graph(held_back(tpg, model), model.policy)
         self._messages = model.messages.under(model.policy)
         self._disturbances = model.disturbances
         self._least = least_ns(tpg)

@@ -121,6 +121,11 @@ def plan_in_turns(
         steps = StepExpansions(work, task_plan)
         watch.report(MOTION, 0, len(task_plan.choices))
         motion_plan = plan_sequential(
-            cell, steps.callables(), work.link, settings, watch.reporter(MOTION)
+            cell,
+            steps.callables(),
+            work.link,
+            settings,
+            watch.reporter(MOTION),
+            windows=work.windows,
         )
     return PlannedMotions(cell, assembly, steps.plan, motion_plan, settings, work=work)

@@ -33,6 +33,7 @@ EventKind = Literal[
     "stopped",
     "failed",
     "retried",
+    "window_broken",
     "finished",
 ]
 

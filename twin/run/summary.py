@@ -26,6 +26,7 @@ from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.policies import ASYNCHRONOUS, IN_TURNS, SEQUENTIAL, policy_name
 from twin.run.throughput import line_summary
+from twin.run.windows import window_rows, window_summary
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ def summarise(
         "actuations": _actuations(tpg, run),
         "machines": _machines(tpg, run),
         "slowed": slowed_motions(tpg),
+        "windows": window_summary(tpg, run),
         "line": line_summary(tpg, run, due_s, start_up),
     }
     return {
@@ -263,6 +265,7 @@ def summary_rows(
                 + (f", {within}" if own["within_skills"] else ""),
             )
         )
+    rows += window_rows(summary.get("windows", ()))
     rows += _slowed_rows(summary.get("slowed", {}))
     if summary.get("raised_skills"):
         rows.append(

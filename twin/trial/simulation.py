@@ -32,12 +32,14 @@ from twin.check.fits import PLACE, place_misses
 from twin.durations.measured import packaged_timings
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
+from twin.engine.holding import held_back
 from twin.host.progress import Report, report_nothing
 from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder
 from twin.run.events import DeadlockError, ExecutionRecord, Policy
 from twin.run.policies import SHORTENED
 from twin.run.summary import Preparation, summarise
+from twin.run.windows import window_doubts
 from twin.scenario.manifest import MANIFEST, load_scenario, manifest_base, read_manifest
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.plan_result import PlanResult
@@ -73,6 +75,7 @@ def scenario_execution(
             execution.queue_depth, execution.report_s, execution.release_s
         ),
         disturbances=disturbances.with_misses(PLACE, misses),
+        hold=execution.windows.hold,
     )
 
 
@@ -92,6 +95,22 @@ def doubts_about_stalls(scenario: Scenario, tpg: TemporalPlanGraph) -> tuple[str
                 f" {len(chain)} nodes and stalls once at each of them"
             )
     return tuple(found)
+
+
+def doubts_about_windows(
+    scenario: Scenario, tpg: TemporalPlanGraph, base: Path
+) -> tuple[str, ...]:
+    """Return which windows of time a plan does not keep at nominal times, and by how much."""
+    if not any(window.most is not None for window in tpg.windows):
+        return ()
+    model = scenario_execution(scenario, base)
+    held = held_back(tpg, model)
+    nominal = ExecutionModel(SkillDurations({}), model.policy, model.messages)
+    try:
+        run = Simulator(held, nominal).run(seed=scenario.seed)
+    except DeadlockError:
+        return ()
+    return tuple(window_doubts(tpg, run, held=held is not tpg))
 
 
 def followed_execution(
@@ -176,7 +195,8 @@ def execute(
         DeadlockError: no robot could go on.
     """
     model = scenario_execution(scenario, base, policy=policy)
-    return Simulator(tpg, model).run(seed=scenario.seed, recorders=recorders)
+    held = held_back(tpg, model)
+    return Simulator(held, model).run(seed=scenario.seed, recorders=recorders)
 
 
 def prepare(
@@ -198,6 +218,9 @@ def prepare(
         warnings=(
             *plan.warnings,
             *doubts_about_stalls(plan.scenario.sections, plan.tpg),
+            *doubts_about_windows(
+                plan.scenario.sections, plan.tpg, plan.scenario.folder
+            ),
             *overloads(plan.tpg),
         ),
         fits=plan.fits,

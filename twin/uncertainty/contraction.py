@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.transforms import Indices
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds, to_nanoseconds
 from twin.uncertainty.stops import Stops
 
@@ -99,6 +99,9 @@ def contract(
         opens[0] = True
         opens[tpg.edges[tpg.edges[:, 2] == k, 3]] = True
         opens[tpg.edges[tpg.edges[:, 0] == k, 1] + 1] = True
+        if len(tpg.patience):  # it counts from the begin of the node itself
+            counts = (tpg.edges[:, 0] == k) & (tpg.patience < EVER)
+            opens[tpg.edges[counts, 1]] = True
         opens[1:-1] |= np.diff(chain.task) != 0
         first = np.flatnonzero(opens[:-1])
         chains.append(_contract_chain(chain, first))

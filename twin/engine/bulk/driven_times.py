@@ -13,12 +13,12 @@ import numpy as np
 from planning.kernels import inner_kernel, kernel
 from planning.timing.stretch import braked, exit_bound, pass_through
 from planning.transforms import Array, Indices
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from twin.durations.model import Nanoseconds
 from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.passage import DriveTimes, drive_times
 
-_NEVER = 2**62
+_NEVER = 2**61
 
 
 def joined_drives(tpg: TemporalPlanGraph, graph: PrecedenceArrays) -> DriveTimes:
@@ -68,7 +68,7 @@ def driven_times(
     passed, speed = np.empty(chains), np.empty(chains)
     pending = np.empty(chains, np.int64)
     for r in range(len(motion_ns)):
-        end[r] = _NEVER
+        start[r] = end[r] = _NEVER
         for n in range(len(top)):
             # What takes less than at full speed is a shorter way.
             length[n] = drive.length[n]
@@ -81,7 +81,8 @@ def driven_times(
             base[k], due[k], pending[k] = 0, -1, 0
             passed[k], speed[k] = 0.0, 0.0
         while True:
-            k = _next(graph, drive, end[r], node, base, passed, speed, due, ahead)
+            times = start[r], end[r]
+            k = _next(graph, drive, times, node, base, passed, speed, due, ahead)
             if k < 0:
                 break
             n, now = node[k], due[k]
@@ -93,7 +94,7 @@ def driven_times(
             else:
                 if speed[k] <= 0.0:
                     base[k], passed[k] = now, 0.0
-                last = _cleared(graph, drive, end[r], n, now, ahead)
+                last = _cleared(graph, drive, times, n, now, ahead)
                 stop = _settled(own, n, last)
                 while node[k] <= stop:
                     n = node[k]
@@ -124,7 +125,7 @@ def driven_times(
 def _next(
     graph: PrecedenceArrays,
     drive: DriveTimes,
-    end: Nanoseconds,
+    times: tuple[Nanoseconds, Nanoseconds],
     node: Indices,
     base: Nanoseconds,
     passed: Array,
@@ -141,7 +142,7 @@ def _next(
         if due[k] < 0:
             ready = base[k] + np.int64(np.rint(passed[k]))
             if speed[k] <= 0.0:
-                ready = max(ready, _clear(graph, end, n, graph.first[k], ahead))
+                ready = max(ready, _clear(graph, times, n, graph.first[k], ahead))
                 opens = n == graph.first[k] or drive.last[n - 1] != drive.last[n]
                 if opens:
                     ready = max(ready, graph.not_before[n])
@@ -156,12 +157,20 @@ def _next(
 
 @inner_kernel
 def _clear(
-    graph: PrecedenceArrays, end: Nanoseconds, n: int, first: int, ahead: int
+    graph: PrecedenceArrays,
+    times: tuple[Nanoseconds, Nanoseconds],
+    n: int,
+    first: int,
+    ahead: int,
 ) -> np.int64:
     """Return when a node is cleared, as far as it is known."""
+    start, end = times
     t = np.int64(0)
     for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-        t = max(t, end[graph.source[e]])
+        met = end[graph.source[e]]
+        if len(graph.patience) > 0 and graph.patience[e] < EVER:
+            met = min(met, start[graph.source[e]] + graph.patience[e])
+        t = max(t, met)
     if n - ahead >= first:
         t = max(t, end[n - ahead])
     return t
@@ -171,14 +180,14 @@ def _clear(
 def _cleared(
     graph: PrecedenceArrays,
     drive: DriveTimes,
-    end: Nanoseconds,
+    times: tuple[Nanoseconds, Nanoseconds],
     n: int,
     now: int,
     ahead: int,
 ) -> int:
     """Return the last node of a stretch that a robot may enter as far as it knows."""
     last, first = n, graph.first[graph.chain[n]]
-    while last < drive.last[n] and _clear(graph, end, last + 1, first, ahead) <= now:
+    while last < drive.last[n] and _clear(graph, times, last + 1, first, ahead) <= now:
         last += 1
     return last
 

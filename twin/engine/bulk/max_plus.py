@@ -38,12 +38,15 @@ from scheduling.graph.task_edges import (
     turn_edges,
     with_barriers,
 )
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.total_order import flatten, planned_ranks
+from scheduling.graph.windows import in_some_order
 from twin.durations.model import Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.run.events import Policy
 from twin.uncertainty.skill_durations import nominal_ns
+
+_NONE = np.empty(0, dtype=np.int64)
 
 OTHER = 2
 """Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
@@ -57,6 +60,8 @@ class PrecedenceArrays(NamedTuple):
         cause: why, by edge, shape (edges,).
         not_before: no node starts before this, shape (nodes,) [ns].
         last: of each chain the node with which it is done, -1 for none, shape (chains,).
+        patience: how long after the begin of its source each edge holds at most, shape (edges,) [ns]; empty
+            where every edge holds until its source is complete.
     """
 
     first: Indices
@@ -67,6 +72,7 @@ class PrecedenceArrays(NamedTuple):
     cause: npt.NDArray[np.uint8]
     not_before: Nanoseconds
     last: Indices
+    patience: Nanoseconds
 
 
 def policy_graph(tpg: TemporalPlanGraph, policy: Policy) -> PrecedenceArrays:
@@ -104,7 +110,9 @@ def precedence_arrays(
         tpg: the graph.
         not_before_ns: no node starts before this, shape (nodes,) [ns]; 0 by default.
     """
-    flat = flatten(planned_ranks(tpg.chains), tpg.edges)
+    ranks = planned_ranks(tpg.chains)
+    # What is held back may wait for what was planned later.
+    flat = in_some_order(flatten(ranks, tpg.edges), np.concatenate([*ranks, _NONE]))
     return PrecedenceArrays(
         flat.first,
         flat.chain,
@@ -114,6 +122,7 @@ def precedence_arrays(
         tpg.cause[flat.row],
         np.zeros_like(flat.order) if not_before_ns is None else not_before_ns,
         np.where(np.diff(flat.first) > 0, flat.first[1:] - 1, -1),
+        tpg.patience[flat.row] if len(tpg.patience) else tpg.patience,
     )
 
 
@@ -237,6 +246,7 @@ def completions(
 @kernel
 def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
     end = np.empty_like(busy)
+    patient = len(graph.patience) > 0
     for low in range(0, busy.shape[1], _BLOCK):
         high = min(low + _BLOCK, busy.shape[1])
         for n in graph.order:
@@ -248,6 +258,11 @@ def _end_times(graph: PrecedenceArrays, busy: Nanoseconds) -> Nanoseconds:
                     end[n, r] = max(end[n, r], end[own, r])
             for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
                 source = graph.source[e]
+                if patient and graph.patience[e] < EVER:
+                    for r in range(low, high):
+                        lifted = end[source, r] - busy[source, r] + graph.patience[e]
+                        end[n, r] = max(end[n, r], min(end[source, r], lifted))
+                    continue
                 for r in range(low, high):
                     end[n, r] = max(end[n, r], end[source, r])
             for r in range(low, high):
@@ -281,7 +296,14 @@ def _message_end_times(
             if ahead >= graph.first[chain]:
                 t = max(t, end[ahead, r] + messages.report_ns)
             for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-                t = max(t, end[graph.source[e], r] + messages.report_ns)
+                source = graph.source[e]
+                met = end[source, r]
+                if len(graph.patience) > 0 and graph.patience[e] < EVER:
+                    begun = past.start_ns[source]
+                    if begun < 0:
+                        begun = met - busy_ns[source, r]
+                    met = min(met, begun + graph.patience[e])
+                t = max(t, met + messages.report_ns)
             released[n, r] = t
             t += messages.release_ns
             if own >= 0:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from planning.parts.assembly import (
 )
 from planning.statics.standing import Joint, StandingRules
 from planning.tasks.task import ARRIVE, LEAVE, PRESENT, Task, is_done_to_a_product
+from planning.tasks.time_window import TimeLag
 from planning.transforms import Transform, readonly
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.repeat import Pattern, numbered, repeat_graph
@@ -62,7 +64,7 @@ def assembly_of(line: Line) -> PartAssembly:
             if part.goal is not None
         },
         steps=tuple(
-            _step(section, step, line.jobs.get(number))
+            _step(section, step, line.jobs.get(number), line.lags.get(number, ()))
             for number, step in enumerate(section.steps, start=1)
         ),
         usual=usual,
@@ -131,18 +133,24 @@ def _unit(direction: Sequence[float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _step(section: PartsSection, step: StepSection, job: MachineJob | None) -> AnyStep:
+def _step(
+    section: PartsSection,
+    step: StepSection,
+    job: MachineJob | None,
+    lags: tuple[TimeLag, ...],
+) -> AnyStep:
     at = step.at
+    when: Any = {"after": tuple(x.step for x in step.follows), "lags": lags}
     if step.place is not None:
         stop = None if at is None else _spot(section, at)
         own = {"name": step.known_as, "part": step.place}
-        return as_planned(PlacePart, step, stop=stop, **own)
+        return as_planned(PlacePart, step, stop=stop, **own, **when)
     assert at is not None
     if job is not None:
         own = {"machine": job.machine, "part": at.part, "door": job.door}
-        return as_planned(MachineWork, step, **own)
+        return as_planned(MachineWork, step, **own, **when)
     return as_planned(
-        Work, step, process=_process(section, step), spot=_spot(section, at)
+        Work, step, process=_process(section, step), spot=_spot(section, at), **when
     )
 
 

@@ -6,12 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
+from planning.tasks.task import LAG
+from planning.tasks.time_window import TimeLag
 from planning.tasks.work import Leaving, Lying, Refill, Supply
 from planning.transforms import Transform, readonly, translation
 from scheduling.repeat import numbered
+from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.planning.part_assembly.alike import (
     AlikeParts,
@@ -106,12 +109,32 @@ class Line:
     jobs: Mapping[int, MachineJob] = field(default_factory=dict)
     alike: tuple[AlikeParts, ...] = ()
 
+    @cached_property
+    def lags(self) -> Mapping[int, tuple[TimeLag, ...]]:
+        """How long after others steps come that say so, by their numbers from 1."""
+        found: dict[int, tuple[TimeLag, ...]] = {}
+        taken: Counter[str] = Counter()
+        for number, step in enumerate(self.section.steps, start=1):
+            own: list[TimeLag] = []
+            for x in step.follows:
+                machine = None
+                if x.at_least_s > 0.0:
+                    machine = f"{x.step[:40]}.lag"
+                    taken[machine] += 1
+                    machine += str(taken[machine]) if taken[machine] > 1 else ""
+                if machine is not None or x.within_s is not None:
+                    own.append(TimeLag(x.step, x.at_least_s, x.within_s, machine))
+            if own:
+                found[number] = tuple(own)
+        return found
+
     def machines(self) -> tuple[str, ...]:
         """Return the machines that have something to do."""
         refills = list(self.supply.refills.values())
         names = [item.arrivals for item in refills] + [item.machine for item in refills]
         names += [item.machine for item in self.supply.leaves.values()]
         names += [item.machine for item in self.jobs.values()]
+        names += [lag.machine for own in self.lags.values() for lag in own]
         return tuple(dict.fromkeys(name for name in names if name is not None))
 
 
@@ -151,6 +174,10 @@ def machine_durations(section: PartsSection) -> tuple[SkillOverride, ...]:
             found.append(("present", name, source.refill_time))
     if section.products is not None:
         found.append(("leave", OUTFEED, section.products.leave_time))
+    for own in written_out(section).lags.values():
+        for lag in own:
+            if lag.machine is not None:
+                found.append((LAG, lag.machine, Fixed(value_s=lag.least)))
     return tuple(
         SkillOverride(skill=skill, robot=machine, duration=duration)
         for skill, machine, duration in found
@@ -339,7 +366,10 @@ class _Writer:
         if self.section.products is None:
             return step
         update: dict[str, object] = {
-            "after": tuple(numbered(name, product) for name in step.after)
+            "after": tuple(
+                x.model_copy(update={"step": numbered(x.step, product)})
+                for x in step.follows
+            )
         }
         for key in ("place", "hold", "name", "until"):
             if (name := getattr(step, key)) is not None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import networkx as nx
 
 from twin.planning.part_assembly.alike import find_alike_problems
-from twin.planning.part_assembly.line import OUTFEED, presenter
+from twin.planning.part_assembly.line import OUTFEED, Line, presenter
 from twin.scenario.document.validation import Found, unknown_name, unless_known
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.cell import CellSection
@@ -182,10 +182,11 @@ def _check_placed_once(section: PartsSection) -> Found:
 
 def _check_order(section: PartsSection, names: dict[str, int]) -> Found:
     """Steps come after steps that there are, and not after themselves."""
+    at: KeyPath
     after: nx.DiGraph[int] = nx.DiGraph()
     for k, step in enumerate(section.steps):
-        for i, name in enumerate(step.after):
-            at: KeyPath = ("assembly", "steps", k, "after", i)
+        for i, own in enumerate(step.follows):
+            name, at = own.step, ("assembly", "steps", k, "after", i)
             yield from unless_known(at, "step", name, names)
             if name not in names:
                 continue
@@ -235,6 +236,10 @@ def machine_names(section: PartsSection) -> Found:
     for name, process in section.processes.items():
         if process.unattended:
             yield ("assembly", "processes", name), name
+    for number, own in Line(section).lags.items():
+        for lag in own:
+            if lag.machine is not None:
+                yield ("assembly", "steps", number - 1, "after"), lag.machine
     if section.products is not None:
         yield ("assembly", "products"), OUTFEED
 
@@ -242,7 +247,7 @@ def machine_names(section: PartsSection) -> Found:
 def disturbed_machines(section: PartsSection) -> Iterator[str]:
     """Yield the names of the machines that may be disturbed; what nobody does is none."""
     for at, machine in machine_names(section):
-        if at[1] != "processes":
+        if at[1] not in ("processes", "steps"):
             yield machine
 
 

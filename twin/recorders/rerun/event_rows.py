@@ -133,6 +133,7 @@ _LEVELS = {
     "released": _QUIET,
     "stalled": _WARNING,
     "retried": _WARNING,
+    "window_broken": _WARNING,
     "failed": _ERROR,
     "stopped": _ERROR,
 }

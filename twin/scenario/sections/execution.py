@@ -13,6 +13,7 @@ from twin.durations.lifetimes import Distribution, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.windows import WindowsSection
 from twin.uncertainty.disturbances import Disturbances
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
@@ -47,6 +48,7 @@ class ExecutionSection(Disturbances):
             what it says itself, a skill of an assembly of parts its motions and what the tool takes
             to close or to open, and skills elsewhere the packaged synthetic timings.
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
+        windows: how windows of time between steps are kept.
     """
 
     policy: Literal["asynchronous", "sequential", "synchronous", "open-loop"] = (
@@ -58,6 +60,7 @@ class ExecutionSection(Disturbances):
     release_latency_s: Latency | None = None
     skills: dict[Skill, SkillSection] = Field(default_factory=dict)
     skill_overrides: tuple[SkillOverride, ...] = ()
+    windows: WindowsSection = WindowsSection()
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
         """Return the duration model of every skill, without exceptions.

@@ -23,6 +23,7 @@ from twin.scenario.sections.shapes import (
     ShapedSection,
     Vector3,
 )
+from twin.scenario.sections.windows import AfterSection
 
 
 class BalanceSection(Section):
@@ -306,7 +307,7 @@ class StepSection(Section):
         at: where it is done; for a part, where it is put down on its way: its frame comes there.
         name: what other steps call it in ``after``; the name of the part that it puts in place.
         after: names of steps that must be complete before its part is put down, or its process
-            begins.
+            begins; in place of a name, a mapping says how long after that at least, and at most.
         robots: who may do it; anyone when not given.
         hold: part that another robot grips, where it lies, for as long as this is done.
         until: name of a later step; whoever places the part keeps hold of it until that one is
@@ -319,7 +320,7 @@ class StepSection(Section):
     process: Name | None = None
     at: PlaceOfWork | None = None
     name: Name | None = None
-    after: tuple[Name, ...] = ()
+    after: tuple[AfterSection | Name, ...] = ()
     robots: Several[Name] | None = None
     hold: Name | None = None
     until: Name | None = None
@@ -348,6 +349,12 @@ class StepSection(Section):
             if self.place is not None and getattr(self, key) is not None:
                 raise ValueError(f"{key} is of a process, and this step places a part")
         return self
+
+    @property
+    def follows(self) -> tuple[AfterSection, ...]:
+        """The steps after which it comes."""
+        own = (AfterSection(step=x) if isinstance(x, str) else x for x in self.after)
+        return tuple(own)
 
     @property
     def known_as(self) -> str | None:

@@ -1,0 +1,270 @@
+"""Windows of time between tasks: how long was passed, what cannot be kept, and whom to hold back.
+
+A window opens when a node is complete, and another one is due in it. What opens it is held back by edges
+of time that lead to its first node, from nodes of other robots that the due node needs as well: from the
+last of each robot from the begin of which the way to the due node may take too long. Such an edge holds
+until so much of that way has passed that the rest will fit, or its source is complete. It never comes from a
+node that waits for what it would hold back, so there is no cycle: every run ends, whatever the delays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+import numpy.typing as npt
+
+from planning.errors import PlanInvariantError
+from planning.kernels import kernel
+from planning.transforms import Indices
+from scheduling.graph.temporal_plan_graph import EVER, Causes, TemporalPlanGraph
+from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
+
+Times = npt.NDArray[np.int64]
+
+_NO_WAY = -1
+"""Length of the way from a node that does not lead to the one that is asked for."""
+
+
+def window_nodes(tpg: TemporalPlanGraph) -> Indices:
+    """Return the nodes of each window, numbered through chain by chain, shape (windows, 3).
+
+    The first node of the work that opens it, the last one, and the one that is due. That is the same for
+    a contracted graph, whose nodes are of one task each.
+    """
+    first: dict[int, int] = {}
+    last: dict[int, int] = {}
+    tasks = [chain.task for chain in tpg.chains]
+    for number, task in enumerate(np.concatenate(tasks).tolist() if tasks else ()):
+        first.setdefault(task, number)
+        last[task] = number
+    rows = [(first[w.begun], last[w.done], first[w.due]) for w in tpg.windows]
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
+
+
+def window_gaps(
+    tpg: TemporalPlanGraph, start: npt.NDArray[np.generic], end: npt.NDArray[np.generic]
+) -> npt.NDArray[np.generic]:
+    """Return the time that passed from the opening of each window to what was due in it.
+
+    Args:
+        tpg: the graph.
+        start, end: of every node, chain by chain, shape (nodes, ...).
+
+    Returns:
+        Shape (windows, ...), in the unit of the times.
+    """
+    nodes = window_nodes(tpg)
+    gaps: npt.NDArray[np.generic] = np.subtract(start[nodes[:, 2]], end[nodes[:, 1]])
+    return gaps
+
+
+def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
+    """Return the time that passes in each window however late it is opened, shape (windows, r).
+
+    Args:
+        tpg: the graph.
+        busy: duration of every node in r cases, chain by chain, shape (nodes, r).
+    """
+    graph = flatten(planned_ranks(tpg.chains), tpg.edges)
+    ever = np.full(len(tpg.edges), EVER, dtype=np.int64)
+    rows = []
+    for _, done, due in window_nodes(tpg).tolist():
+        way = _ways_to(graph, ever, busy, due, -1)
+        rows.append(way[done] - busy[done])
+    return np.array(rows, dtype=np.int64).reshape(-1, busy.shape[1])
+
+
+def with_holds(
+    tpg: TemporalPlanGraph, busy: Times, share: float, cause: int
+) -> TemporalPlanGraph:
+    """Return a graph with edges that hold back what opens windows, its own ones first.
+
+    What is held back for one window counts for the others: all are looked at from the last to the first,
+    and once more from the first to the last. Each robot that the due node needs gets an equal part of the
+    probability that it is too late.
+
+    Args:
+        tpg: the graph.
+        busy: durations of every node that were drawn, chain by chain, shape (nodes, draws) [ns].
+        share: of the draws in which what is due is to be in time.
+        cause: of the waits that are added.
+    """
+    ranks = planned_ranks(tpg.chains)
+    place = np.concatenate([*ranks, np.empty(0, dtype=np.int64)])
+    nodes = window_nodes(tpg)
+    timed = [k for k, window in enumerate(tpg.windows) if window.most is not None]
+    timed.sort(key=lambda k: (int(place[nodes[k, 0]]), k))
+    own: dict[int, tuple[Indices, Indices]] = {}
+
+    def graph() -> tuple[FlatGraph, TemporalPlanGraph]:
+        held = _with_patience(tpg, own, cause)
+        flat = in_some_order(flatten(ranks, held.edges), place)
+        return flat, held
+
+    for k in (*reversed(timed), *timed):
+        own.pop(k, None)
+        flat, held = graph()
+        most = 1e9 * (tpg.windows[k].most or 0.0)
+        waits = held.patience[flat.row]
+        late = _last_late(flat, waits, busy, nodes[k], most, share)
+        if late:
+            rows = _as_edges(flat, list(late), int(nodes[k, 0]))
+            own[k] = rows, np.array(list(late.values()), dtype=np.int64)
+    return graph()[1]
+
+
+def _with_patience(
+    tpg: TemporalPlanGraph, more: Mapping[int, tuple[Indices, Indices]], cause: int
+) -> TemporalPlanGraph:
+    """Return a graph with more edges, and how long they hold at most."""
+    edges = np.concatenate([tpg.edges, *(rows for rows, _ in more.values())])
+    causes: Causes = np.full(len(edges) - len(tpg.edges), cause, dtype=np.uint8)
+    ever = np.full(len(tpg.edges), EVER, dtype=np.int64)
+    return replace(
+        tpg,
+        edges=edges,
+        cause=np.concatenate([tpg.cause, causes]),
+        patience=np.concatenate([ever, *(times for _, times in more.values())]),
+    )
+
+
+def in_some_order(graph: FlatGraph, place: Indices) -> FlatGraph:
+    """Return a graph whose order its edges follow: the planned one as far as they do.
+
+    Args:
+        graph: edges may go against its order.
+        place: of each node in the planned order.
+
+    Raises:
+        PlanInvariantError: the edges form a cycle.
+    """
+    target = np.repeat(np.arange(len(place)), np.diff(graph.edge_first))
+    if np.all(place[graph.source] < place[target]):
+        return graph
+    unmet = np.diff(graph.edge_first) + 1
+    unmet[graph.first[:-1][np.diff(graph.first) > 0]] -= 1
+    after = np.argsort(graph.source, kind="stable")
+    begin = np.searchsorted(graph.source[after], np.arange(len(place) + 1))
+    ready = [(int(place[n]), int(n)) for n in np.flatnonzero(unmet == 0)]
+    heapify(ready)
+    ends = set((graph.first[1:] - 1).tolist())
+    order = []
+    while ready:
+        _, n = heappop(ready)
+        order.append(n)
+        targets = target[after[begin[n] : begin[n + 1]]].tolist()
+        for m in targets if n in ends else [*targets, n + 1]:
+            unmet[m] -= 1
+            if unmet[m] == 0:
+                heappush(ready, (int(place[m]), m))
+    if len(order) < len(place):
+        raise PlanInvariantError("nodes wait for each other in a circle")
+    return graph._replace(order=np.array(order, dtype=np.int64))
+
+
+def _last_late(
+    graph: FlatGraph,
+    patience: Times,
+    busy: Times,
+    window: Indices,
+    most: float,
+    share: float,
+) -> dict[int, int]:
+    """Return the last node of each chain with which the way may be too long, and after how long it fits.
+
+    Args:
+        graph: its order follows its edges.
+        patience: of its edges.
+        busy: of every node in some draws.
+        window: its nodes, see ``window_nodes``.
+        most: time that may pass in it.
+        share: of the draws in which it is to be kept.
+    """
+    begun, done, due = window.tolist()
+    own = busy[begun : done + 1].sum(axis=0)
+    before, after = _reached(graph, begun)
+    free = ~(before | after)
+    # Ways by what is held back do not count: who holds it back is done by then.
+    way = _ways_to(graph, patience, busy, due, begun)
+    free &= way[:, 0] != _NO_WAY
+    free[due] = False
+    chains = np.unique(graph.chain[free]).tolist()
+    late = 1.0 - (1.0 - share) / max(len(chains), 1)
+    found = {}
+    for chain in chains:
+        nodes = np.flatnonzero(free & (graph.chain == chain))
+        # What comes before a node that is in time is later still: one look at the last that is not.
+        low, high = 0, len(nodes)
+        while low < high:
+            middle = (low + high) // 2
+            need = np.quantile(way[nodes[middle]] - own, late, method="higher")
+            if need > most:
+                low, found[int(nodes[middle])] = middle + 1, int(need - most)
+            else:
+                high = middle
+        for node in nodes[: max(low - 1, 0)].tolist():
+            found.pop(node, None)
+    return found
+
+
+def _as_edges(graph: FlatGraph, sources: list[int], begun: int) -> Indices:
+    first, to = graph.first, int(graph.chain[begun])
+    rows = [
+        (k, node - int(first[k]), to, begun - int(first[to]))
+        for node in sources
+        for k in [int(graph.chain[node])]
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, 4)
+
+
+@kernel
+def _reached(
+    graph: FlatGraph, node: int
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return which nodes come before a node, and which after it, itself in both."""
+    before = np.zeros(len(graph.order), np.bool_)
+    after = np.zeros(len(graph.order), np.bool_)
+    before[node] = after[node] = True
+    for n in graph.order:
+        if n > graph.first[graph.chain[n]] and after[n - 1]:
+            after[n] = True
+        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+            if after[graph.source[e]]:
+                after[n] = True
+    for n in graph.order[::-1]:
+        if before[n]:
+            if n > graph.first[graph.chain[n]]:
+                before[n - 1] = True
+            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+                before[graph.source[e]] = True
+    return before, after
+
+
+@kernel
+def _ways_to(
+    graph: FlatGraph, patience: Times, busy: Times, due: int, but: int
+) -> Times:
+    """Return the longest way from the start of each node to the start of one, shape (nodes, r).
+
+    Ways through the node ``but`` are left out.
+    """
+    way = np.full(busy.shape, _NO_WAY, np.int64)
+    way[due] = 0
+    for n in graph.order[::-1]:
+        if way[n, 0] == _NO_WAY or n == but:
+            continue
+        if n != due:
+            way[n] += busy[n]
+        if n > graph.first[graph.chain[n]]:
+            way[n - 1] = np.maximum(way[n - 1], way[n])
+        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+            source = graph.source[e]
+            if patience[e] < EVER:
+                early = np.maximum(busy[source] - patience[e], 0)
+                way[source] = np.maximum(way[source], np.maximum(way[n] - early, 0))
+            else:
+                way[source] = np.maximum(way[source], way[n])
+    return way
