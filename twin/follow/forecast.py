@@ -17,9 +17,9 @@ from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
 from twin.durations.measured import Measured
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
+from twin.engine.bulk.holding import held_back
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
-from twin.engine.holding import held_back
 from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms

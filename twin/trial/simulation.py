@@ -30,9 +30,9 @@ from twin.audit.worlds.engines import Engine, engine_and_version, engine_named
 from twin.check.finding import Subject
 from twin.check.fits import PLACE, place_misses
 from twin.durations.measured import packaged_timings
+from twin.engine.bulk.holding import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.engine.holding import held_back
 from twin.host.progress import Report, report_nothing
 from twin.planning.kind import assembly_kind
 from twin.recorders.observers import Recorder

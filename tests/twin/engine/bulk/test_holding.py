@@ -12,9 +12,9 @@ from tests.scheduling.graph.test_windows import plain_times, windowed_tpg
 from tests.twin.drawn_runs import VARIED
 from tests.twin.driven_toys import with_limits
 from tests.twin.simulated import assert_same_ends, watched
+from twin.engine.bulk.holding import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
-from twin.engine.holding import held_back
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
 
 LATENCIES = st.sampled_from([0.0, 0.001, 0.7])
