@@ -13,6 +13,7 @@ from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from twin.check.check import check_scenario
+from twin.engine.bulk.holding import held_back
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
 from twin.planning.part_assembly.built import repeated_plans
@@ -211,7 +212,9 @@ def workloads(
         graph = graphs[name]
         if is_driven(graph) and model.disturbances.at_absolute_times:
             graph = plans[name]  # whom the clock stops in a skill brakes along its path
-        loads.append(Workload(graph, model, scenario.seed, reasons, made_from))
+        held = held_back(graph, model)
+        free = None if held is graph else graph
+        loads.append(Workload(held, model, scenario.seed, reasons, made_from, free))
     return loads
 
 

@@ -19,6 +19,7 @@ from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import BulkEngine
+from twin.engine.bulk.holding import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import Messages
 from twin.host.guard import write_json
@@ -249,7 +250,7 @@ def _audit_cell(
     Replications that come to no end are left out. The work has the geometry of its plan.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    simulator = Simulator(load.tpg, load.execution)
+    simulator = Simulator(held_back(load.tpg, load.execution), load.execution)
     replay = folder / "replay"
     for replication in range(count):
         path = folder / f"{replication}.json"

@@ -35,6 +35,7 @@ from twin.study.replications.statistics import (
     share_interval,
 )
 from twin.study.replications.workload import Workload
+from twin.study.windows import WindowsSummary, window_times, windows_summary
 from twin.trial.simulation import doubts_about_stalls
 
 QUANTILES = (50, 90, 95, 99)
@@ -62,6 +63,7 @@ class CellSummary(Figures):
         collided: share of audited replications that collided, where some were audited.
         audit_engine: what found that, with its version.
         line: what it achieves where it makes several products.
+        windows: how windows of time are kept, where there are any.
     """
 
     policy: str
@@ -84,6 +86,7 @@ class CellSummary(Figures):
     collided: Told | None = None
     audit_engine: str = ""
     line: LineSummary | None = None
+    windows: WindowsSummary | None = None
 
     @property
     def label(self) -> str:
@@ -220,6 +223,10 @@ def summarise_study(
             due = assembly_kind(own.assembly).due()
             confidence = experiment.precision.confidence
             found["line"] = line_summary(times, due, confidence)
+        if (passed := window_times(blocks, cell)) is not None:
+            confidence = experiment.precision.confidence
+            about = load.tpg, load.execution.hold, passed, samples[cell]
+            found["windows"] = windows_summary(*about, confidence)
         cells.append(CellSummary(policy=policy, variant=dict(variant), **found))
         doubts |= dict.fromkeys(doubts_about_stalls(own, load.tpg))
     return StudySummary(

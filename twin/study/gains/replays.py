@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.tasks.task import TRANSIT
 from planning.transforms import Indices
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations.model import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine, bulk_contraction
@@ -260,6 +260,7 @@ def eased_makespans(
     eased[edges] = True
     firsts, chains = graph.first.tolist(), graph.chain.tolist()
     sources, begins = graph.source.tolist(), graph.edge_first.tolist()
+    patience = graph.patience.tolist()
     end = np.empty_like(busy_ns)
     for n in graph.order.tolist():
         free = np.full(busy_ns.shape[1], graph.not_before[n], dtype=np.int64)
@@ -267,10 +268,14 @@ def eased_makespans(
             np.maximum(free, end[n - 1], out=free)
         waits = []
         for e in range(begins[n], begins[n + 1]):
+            met = end[sources[e]]
+            if patience and patience[e] < EVER:
+                lifted = met - busy_ns[sources[e]] + patience[e]
+                met = np.minimum(met, lifted)
             if eased[e]:
-                waits.append(end[sources[e]])
+                waits.append(met)
             else:
-                np.maximum(free, end[sources[e]], out=free)
+                np.maximum(free, met, out=free)
         if waits:
             free += shortened(np.maximum(np.max(waits, axis=0) - free, 0), share)
         end[n] = free + busy_ns[n]

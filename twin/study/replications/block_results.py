@@ -25,6 +25,7 @@ from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
     TemporalPlanGraph,
 )
+from scheduling.graph.windows import window_gaps
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
 from twin.host.guard import replacing
@@ -53,6 +54,10 @@ _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
 _TEXTS = ("outcome", "error")
 _ROWS = ("replication", "makespan_ns", "busy_ns", "waited_ns")
 _PRODUCTS = ("product_begin_ns", "product_end_ns")
+_WINDOWS = ("gap_ns", "free_gap_ns", "free_makespan_ns")
+
+UNKNOWN = -(2**62)
+"""Time that passed in a window of a replication that did not complete [ns]."""
 _TALLY = ("critical", "critical_edges", "slack_ns", "start_ns", "end_ns")
 
 
@@ -196,6 +201,21 @@ class ProductTimes:
 
 
 @dataclass(frozen=True)
+class WindowTimes:
+    """Time that passed in windows of time, in all replications.
+
+    Attributes:
+        gap_ns: UNKNOWN where a replication did not complete, shape (windows, r) [ns].
+        free_gap_ns: the same where nothing is held back; empty where nothing is anyway.
+        free_makespan_ns: and its makespan, -1 where that did not complete, shape (r,) [ns].
+    """
+
+    gap_ns: Nanoseconds
+    free_gap_ns: Nanoseconds
+    free_makespan_ns: Nanoseconds
+
+
+@dataclass(frozen=True)
 class BlockResult:
     """Result of a block of replications.
 
@@ -204,12 +224,14 @@ class BlockResult:
         rows: one a replication.
         tally: what is kept of tasks; replications that did not complete are not in it.
         products: None where there is only one.
+        windows: None where there are none.
     """
 
     block: Block
     rows: ReplicationRows
     tally: TaskTally
     products: ProductTimes | None = None
+    windows: WindowTimes | None = None
 
 
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
@@ -254,11 +276,15 @@ def block_result(
     """
     rows.fill(well, found, tpg)
     tally = task_groups(tpg).tally(rows.replication[well], found)
-    nodes = product_nodes(tpg)
-    if nodes is None:
-        return BlockResult(block, rows, tally)
-    products = ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
-    return BlockResult(block, rows, tally, products)
+    products, windows = None, None
+    if (nodes := product_nodes(tpg)) is not None:
+        products = ProductTimes(nodes.begin(found.start_ns), nodes.end(found.end_ns))
+    if tpg.windows:
+        gaps = np.full((len(tpg.windows), len(well)), UNKNOWN, dtype=np.int64)
+        gaps[:, well] = window_gaps(tpg, found.start_ns, found.end_ns)
+        none = np.empty(0, dtype=np.int64)
+        windows = WindowTimes(gaps, none.reshape(len(gaps), 0), none)
+    return BlockResult(block, rows, tally, products, windows)
 
 
 def task_groups(tpg: TemporalPlanGraph) -> TaskGroups:
@@ -285,8 +311,8 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     """
     block = result.block
     arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
-    if result.products is not None:
-        arrays |= vars(result.products)
+    for more in (result.products, result.windows):
+        arrays |= {} if more is None else vars(more)
     arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
     arrays = {name: np.asarray(values) for name, values in arrays.items()}
@@ -324,13 +350,16 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
         products = None
         if _PRODUCTS[0] in arrays:
             products = ProductTimes(**{name: arrays[name] for name in _PRODUCTS})
+        windows = None
+        if _WINDOWS[0] in arrays:
+            windows = WindowTimes(**{name: arrays[name] for name in _WINDOWS})
     except NPZ_ERRORS as error:
         raise OutputError(f"{path}: is no block of a study: {error}") from error
     if made_from not in (None, origin):
         raise OutputError(
             f"{path}: was made from another scenario, plan, policy, variant or version of a package"
         )
-    return BlockResult(block, rows, tally, products)
+    return BlockResult(block, rows, tally, products, windows)
 
 
 def _digest(

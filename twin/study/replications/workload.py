@@ -65,6 +65,8 @@ class Workload:
         reasons: why only the event engine can execute it; empty where both can.
         made_from: hash of scenario, plan, policy, variant, files and versions, which results
             of replications are kept with.
+        free: the plan in which nothing is held back, which is executed with the same draws to be compared
+            with; None where nothing is.
     """
 
     tpg: TemporalPlanGraph
@@ -72,6 +74,7 @@ class Workload:
     seed: int
     reasons: tuple[str, ...] = ()
     made_from: str = ""
+    free: TemporalPlanGraph | None = None
 
 
 def pack(workload: Workload) -> bytes:
@@ -99,7 +102,26 @@ class Engines:
         self.workload = workload
 
     def compute(self, block: Block) -> BlockResult:
-        """Execute a block, side by side where that is possible."""
+        """Execute a block, side by side where that is possible; with and without holding back."""
+        result, load = self._compute(block), self.workload
+        if load.free is None or result.windows is None:
+            return result
+        other = self._free.compute(block)
+        assert other.windows is not None
+        done = other.rows.outcome == COMPLETED
+        windows = replace(
+            result.windows,
+            free_gap_ns=other.windows.gap_ns,
+            free_makespan_ns=np.where(done, other.rows.makespan_ns, -1),
+        )
+        return replace(result, windows=windows)
+
+    @cached_property
+    def _free(self) -> Engines:
+        load = self.workload
+        return Engines(replace(load, tpg=load.free or load.tpg, free=None))
+
+    def _compute(self, block: Block) -> BlockResult:
         if self.workload.reasons:
             return self._by_events(block)
         try:

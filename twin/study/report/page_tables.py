@@ -129,6 +129,8 @@ def busy_table(summary: StudySummary) -> str:
     return table(words, head, [map(text, row) for row in rows])
 
 
+_SHARE = "{:.1f} %"
+
 HEAD = (
     *("products an hour", "takt [s]", "takt P99 [s]", "cycle time [s]"),
     *("cycle time P99 [s]", "work in progress"),
@@ -168,6 +170,39 @@ def lines_table(summary: StudySummary) -> str:
             words += f"; takt and work in progress without the first {line.start_up}"
         break
     return table(words, head, [map(text, row) for row in rows])
+
+
+def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of all windows of time."""
+    head = ["policy", "window", "within [s]", "passes [s]", "P95 [s]", "broken"]
+    rows = []
+    for cell in summary.cells:
+        for own in cell.windows.windows if cell.windows else ():
+            within = "-" if own.within_s is None else f"{own.within_s:g}"
+            row = [cell.label, own.window, within]
+            row += [f"{own.passed_s.estimate:.2f}", f"{own.passed_p95_s:.2f}"]
+            row.append("-" if own.broken is None else _span(own.broken, _SHARE, 100.0))
+            free = own.broken_free
+            row.append("-" if free is None else _span(free, _SHARE, 100.0))
+            rows.append(row)
+    return [*head, "not held back"], rows
+
+
+def windows_table(summary: StudySummary) -> str:
+    """Return the table for the report, nothing where there are no windows."""
+    head, rows = window_rows(summary)
+    words = "time that passes from the end of the earlier step to the begin of the later one"
+    return table(words, head, [map(text, row) for row in rows])
+
+
+def holding_texts(summary: StudySummary) -> list[str]:
+    """Return in words what holding back for windows of time costs."""
+    return [
+        f"{cell.label}: holding back with {cell.windows.hold:g} makes the makespan longer by"
+        f" {_span(cell.windows.holding_s, '{:.2f} s')}, replication by replication"
+        for cell in summary.cells
+        if cell.windows and cell.windows.holding_s
+    ]
 
 
 def lateness_list(summary: StudySummary) -> str:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
-from twin.drawing.markup import heading, pairs, paragraph, picture, table, text
+from twin.drawing.markup import bullets, heading, pairs, paragraph, picture, table, text
 from twin.host.guard import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
@@ -41,16 +41,18 @@ from twin.study.report.page_tables import (
     critical_tasks_table,
     differences,
     gains_tables,
+    holding_texts,
     lateness_list,
     lead,
     lines_table,
     makespans_table,
     ranking_table,
     refused_table,
+    windows_table,
 )
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult
-from twin.study.summary import CellSummary, makespans_s
+from twin.study.summary import CellSummary, StudySummary, makespans_s
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -162,6 +164,7 @@ def _first_page(result: StudyResult) -> Pieces:
     if many:
         yield paragraph("The other variants are in a table further down.", "note")
     yield from _lines(result, cell)
+    yield from _windows(summary)
     yield heading("What is worth fixing")
     yield paragraph(HONEST, "note")
     yield gains_tables(
@@ -191,6 +194,14 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
         scenario = varied(result.request.scenario, summary.cells[cell].variant)
         due = assembly_kind(scenario.assembly).due()
         yield _drawn(result, draw_line(times, due), "products")
+
+
+def _windows(summary: StudySummary) -> Pieces:
+    """Yield how windows of time are kept, and what that costs, where there are any."""
+    if any(cell.windows for cell in summary.cells):
+        yield heading("Windows of time between steps")
+        yield windows_table(summary)
+        yield bullets("What holding back costs", holding_texts(summary))
 
 
 def _layouts(result: StudyResult) -> Pieces:

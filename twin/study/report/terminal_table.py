@@ -13,7 +13,14 @@ from rich.text import Text
 from twin.study.folder import REPORT
 from twin.study.plans import words
 from twin.study.replications.statistics import Interval
-from twin.study.report.page_tables import LESS, P90, busy_rows, line_rows
+from twin.study.report.page_tables import (
+    LESS,
+    P90,
+    busy_rows,
+    holding_texts,
+    line_rows,
+    window_rows,
+)
 from twin.study.report.report import shown_cell, shown_policy
 from twin.study.study import StudyResult
 from twin.study.summary import CellSummary, StudySummary
@@ -92,17 +99,21 @@ def _print_rest(console: Console, result: StudyResult) -> None:
 
 
 def _print_lines(console: Console, summary: StudySummary) -> None:
-    """Print throughput, takt, lateness and who is busy, where several products are made."""
-    head, rows = line_rows(summary)
-    if not rows:
-        return
-    for names, lines in ((head, rows), busy_rows(summary)):
+    """Print throughput, takt, lateness and who is busy, where several products are made; and windows."""
+    tables = [line_rows(summary)]
+    if tables[0][1]:
+        tables.append(busy_rows(summary))
+    for names, lines in (*tables, window_rows(summary)):
+        if not lines:
+            continue
         table = _table()
         for name in names:
             table.add_column(name, justify="left" if name == names[0] else "right")
         for line in lines:
             table.add_row(*line)
         console.print(table)
+    for told in holding_texts(summary):
+        console.print(told, soft_wrap=True)
 
 
 def _print_ranking(
