@@ -129,7 +129,12 @@ def _named(part: PartSection, own: AlikeParts) -> Iterator[PartSection]:
 def _steps(
     step: StepSection, kind: AlikeParts | None, goals: dict[str | None, tuple[str, ...]]
 ) -> Iterator[StepSection]:
-    after = tuple(own for name in step.after for own in goals.get(name, (name,)))
+    after = tuple(
+        name if isinstance(own, str) else own.changed(step=name)
+        for own in step.after
+        for said in [own if isinstance(own, str) else own.step]
+        for name in goals.get(said, (said,))
+    )
     step = step.changed(after=after) if after != step.after else step
     if kind is None:
         yield step
