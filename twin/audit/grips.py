@@ -286,11 +286,15 @@ class _Grasp:
             shape, self.frame[:3, 3], self.frame[:3, :3] @ np.asarray(axis)
         )
 
+    def _room(self, shape: WatchedShape, sign: float) -> float:
+        """Return how far a finger is followed where nothing else says how far [m]."""
+        return max(0.0, -self._reach(shape, (0.0, sign, 0.0))) + _PAST
+
     def _closed(
         self, shapes: list[WatchedShape], sign: float
     ) -> tuple[float | None, tuple[WatchedShape, WatchedShape, float]]:
         """Return how far fingers close until one touches; what comes nearest, and its whole way."""
-        rooms = [max(0.0, -self._reach(s, (0.0, sign, 0.0))) + _PAST for s in shapes]
+        rooms = [self._room(shape, sign) for shape in shapes]
         self._back()
         pairs = [
             (self._gap(one, own), k, own)
@@ -352,18 +356,15 @@ class _Grasp:
         """
         found = []
         for shapes, sign, end in zip(sides, (-1.0, 1.0), most, strict=True):
-            self._back()
             ways = [math.inf]
             for one in shapes:
-                room = max(0.0, -self._reach(one, (0.0, sign, 0.0))) + _PAST
-                limit = room if end is None else end
+                limit = self._room(one, sign) if end is None else end
                 for own in self.held:
-                    self.world.place(own, own.at(self.pose))
                     gap = self.world.distance(one, own, limit + BESIDE)
                     if -_TOUCHES <= gap <= limit:
                         ways.append(self._advance(one, own, sign, gap, limit)[0])
+                        self.world.place(own, own.at(self.pose))
             found.append(min(ways) if math.isfinite(min(ways)) else None)
-        self._back()
         return found
 
     def _miss(
