@@ -1,48 +1,65 @@
 """Parts that are alike: which of them comes to which goal, as the integer program chooses (APEX-MR App. B).
 
 A goal is a step of the program, and its objects are the parts of the group. Which part comes to which
-goal matters by the way between the two, by who reaches either, and by what must be gone or there before;
-cost is therefore the way of the arm from HOME to the part, on to the goal, and back. Goals of a group
-have no order but for what touches or bars what: robots take turns, each at the goals that are best left
-to it. What comes of it is an assembly in which each part has its goal, planned as any other.
+goal matters by the way between the two, by who reaches either, and by what must be gone before; cost is
+therefore the way of the arm from HOME to the part, on to the goal, and back. Picks depend on the part and
+placements on the goal, so each is looked for once and not for every pair. Goals of a group have no order
+but for what touches or bars what: robots take turns, each at the goals that are best left to it. What
+comes of it is an assembly in which each part has its goal, planned as any other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby, product
-from math import inf, isinf
+from functools import cache
+from itertools import groupby
+from math import inf
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import PlacedRobot, Workcell
+from planning.contacts.interference import ROUNDING, leads_through
+from planning.contacts.precedence import stacked
+from planning.contacts.touching import Lying, near_to, standing
 from planning.errors import InfeasibleStepError
-from planning.parts.assembly import AnyStep, PartAssembly, PlacePart, Work
+from planning.grips.friction import firm_grips
+from planning.grips.tool_grips import overload, robot_grips
+from planning.parts.assembly import AnyStep, PartAssembly, PlacePart
 from planning.parts.candidates import PartCandidates
-from planning.parts.goal_ends import AlikeEnd, GoalEnds, from_nowhere
+from planning.parts.part_skills import PartSkills, SkillTry
+from planning.parts.part_steps import PartStep, part_steps
 from planning.steps.handovers import CandidateCollector
-from planning.steps.skill import joint_distance
+from planning.steps.skill import Obstruction, joint_distance
 from planning.steps.tool_changes import (
     find_tool_changes,
+    in_racks,
     mounted_tool,
     with_each_tool,
+    with_tools,
 )
 from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate
 from planning.tasks.highs_solver import assign_steps
+from planning.transforms import Array, readonly, translation
 
-_MOST_TRIES = 8
+_MOST_TRIES = 4
 """So often parts are shared out anew where nobody can do a step of what came of it."""
 
-_NOBODY = 1e6
-"""What a goal costs a robot that cannot fill it: more than any way [rad]."""
+_NOBODY = 1e4
+"""What a goal costs a robot that cannot fill it alone: more than any way [rad]."""
+
+_AWAY = 1000.0
+"""Height at which parts are that come from nowhere in particular [m]."""
 
 Order = Callable[[Workcell, PartAssembly], PartAssembly]
 """Returns an assembly with its steps in an order in which they can be."""
 
 Find = Callable[[Workcell, PartAssembly], PartCandidates]
 """Returns the candidates of an assembly in which every part has its own goal."""
+
+_Ends = Mapping[bytes, tuple[Array, frozenset[str]]]
+"""Where a robot picks or places a part, shape (n,), and what must be gone before, by the pose of its tool on it."""
 
 
 def as_listed(_: Workcell, assembly: PartAssembly) -> PartAssembly:
@@ -55,8 +72,8 @@ def find_alike_candidates(
 ) -> PartCandidates:
     """Return the candidates of an assembly once parts that are alike are shared out over their goals.
 
-    Where nobody can do a step then, that part and that goal are kept apart, and parts are shared out
-    anew. Where robots cannot take turns, goals are filled in their order.
+    Robots take turns at these where that does; else goals are filled as they are listed. What is
+    impossible all the same is said by the assignment.
 
     Args:
         cell: its objects are the parts.
@@ -65,233 +82,328 @@ def find_alike_candidates(
         order: of steps in any order.
 
     Raises:
-        InfeasibleStepError: there is no sharing out; says which goal nobody can fill, and why.
+        InfeasibleStepError: there is no sharing out; says which goals compete for what.
     """
     if not assembly.alike:
         return find(cell, assembly)
-    assembly = order(from_nowhere(cell, assembly), assembly)
-    for listed in (in_turns(cell, assembly), assembly):
-        refused: set[tuple[str, str]] = set()
-        try:
-            sharing = Sharing(cell, order(from_nowhere(cell, listed), listed))
-            for tried in range(1, _MOST_TRIES + 1):
-                parts = sharing.parts(refused)
-                found = find(cell, renamed(sharing.assembly, parts))
-                goals = {part: goal for goal, part in parts.items()}
-                steps = (found.assembly.steps[k - 1] for k in found.problem.impossible)
-                stuck = {s.part for s in steps if isinstance(s, PlacePart)} & set(goals)
-                if not stuck or tried == _MOST_TRIES:
-                    return found
-                refused |= {(goals[part], part) for part in stuck}
-        except InfeasibleStepError:
-            if listed is assembly:
-                raise
-    raise AssertionError("the last try returns")
+    nowhere = from_nowhere(cell, assembly)
+    listed = Sharing(cell, order(nowhere, assembly))
+    try:
+        found = Sharing(cell, order(nowhere, listed.in_turns())).planned(find)
+    except InfeasibleStepError:
+        return listed.planned(find)
+    return listed.planned(find) if found.problem.impossible else found
+
+
+def from_nowhere(cell: Workcell, assembly: PartAssembly) -> Workcell:
+    """Return a cell in which parts that are alike lie far away, those with goals alone."""
+    alike = {name for group in assembly.alike for name in group}
+    away = readonly(translation(0.0, 0.0, _AWAY))
+    objects = (
+        replace(item, start=readonly(away @ item.start)) if item.name in alike else item
+        for item in cell.objects
+        if item.name not in alike or item.name in assembly.goals
+    )
+    return replace(cell, objects=tuple(objects))
 
 
 class Sharing:
-    """The choice of a part for every goal.
+    """The choice of a part for every goal, filled in an order.
+
+    A goal has the name of the part that is written out with it. In scenes that part comes from
+    nowhere in particular, and what lies at the start has another name.
 
     Args:
         cell: its objects are the parts.
-        assembly: with groups of parts that are alike, its steps in an order.
-
-    Attributes:
-        assembly: see there; goals have the names of the parts that are written out with them.
+        assembly: with groups of parts that are alike, its steps in order.
 
     Raises:
         InfeasibleStepError: a part would hang in the air, or goes where something is.
     """
 
     def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:
-        self.assembly = assembly
-        self._cell = cell
+        self._cell, self._assembly, around = cell, assembly, in_racks(cell)
         self._robots = tuple(with_each_tool(cell.robots))
         self._changes = find_tool_changes(cell, assembly.goals)
-        self._ends = GoalEnds(cell, assembly)
+        self._skills = cache(lambda own: PartSkills(with_tools(cell, own), assembly))
+        self._ends = cache(self._find_ends)
+        self._group = {name: group for group in assembly.alike for name in group}
+        items = [item for item in around.objects if item.name in self._group]
+        self._lying: dict[str, Lying] = {i.name: (i, i.start) for i in items}
+        self._covers = stacked(self._lying)
+        self._in_goal = {
+            i.name: frozenset(near_to((i, goal), self._lying, -ROUNDING))
+            for i in items
+            if (goal := assembly.goals.get(i.name)) is not None
+        }
+        gone = frozenset[str]().union(*self._in_goal.values())
+        there = [
+            replace(i, name=f"{i.name} where it starts")
+            for i in items
+            if i.name not in gone
+        ]
+        self._starts = {item.name: item.name.partition(" ")[0] for item in there}
+        nowhere = from_nowhere(around, assembly)
+        scene = replace(nowhere, objects=(*nowhere.objects, *there))
+        self._steps = tuple(
+            step
+            for step in part_steps(scene, assembly)
+            if isinstance(step, PartStep) and step.part.name in self._group
+        )
+
+    def planned(self, find: Find) -> PartCandidates:
+        """Return the candidates of the assembly with parts shared out, the last of some that were tried.
+
+        Where nobody can do a step, its part and that goal are kept apart the next time.
+
+        Args:
+            find: of an assembly that is shared out.
+
+        Raises:
+            InfeasibleStepError: goals compete for parts.
+        """
+        refused: set[tuple[str, str]] = set()
+        for _ in range(_MOST_TRIES):
+            try:
+                parts = self.parts(refused)
+            except InfeasibleStepError:
+                if not refused:
+                    raise
+                break  # why nobody can do a step is known of what was tried last
+            found = find(self._cell, renamed(self._assembly, parts))
+            goals = {part: goal for goal, part in parts.items()}
+            steps = (found.assembly.steps[k - 1] for k in found.problem.impossible)
+            stuck = {s.part for s in steps if isinstance(s, PlacePart)} & goals.keys()
+            if not stuck:
+                break
+            refused |= {(goals[part], part) for part in stuck}
+        return found
 
     def parts(self, refused: Collection[tuple[str, str]] = ()) -> dict[str, str]:
         """Return which part comes to which goal in the cheapest plan, by the name of the goal.
 
         Args:
             refused: goals, each with a part that is not to come there.
-
-        Raises:
-            InfeasibleStepError: a goal cannot be filled, or not along with the others.
         """
-        plan = assign_steps(self.problem(refused))
-        pairs = zip(self._ends.steps, plan.choices, strict=True)
+        try:
+            plan = assign_steps(self.problem(refused))
+        except InfeasibleStepError:  # then some change hands in between
+            plan = assign_steps(self.problem(refused, relayed=True))
+        pairs = zip(self._steps, plan.choices, strict=True)
         return {step.part.name: choice.object for step, choice in pairs}
 
-    def problem(self, refused: Collection[tuple[str, str]] = ()) -> AssignmentProblem:
+    def problem(
+        self, refused: Collection[tuple[str, str]] = (), *, relayed: bool = False
+    ) -> AssignmentProblem:
         """Return the assignment problem whose steps are goals and whose objects are parts.
 
         Of the grips by which a robot takes a part to a goal the cheapest is a candidate, one for every
         set of parts that must be gone before.
+
+        Args:
+            refused: goals, each with a part that is not to come there.
+            relayed: whether whatever somebody picks may come to any goal; in any case it may come to
+                those to which nobody alone takes a part.
         """
         found = CandidateCollector(self._cell.robots)
-        for number, step in enumerate(self._ends.steps, start=1):
-            goal, first = step.part.name, len(found.primaries)
-            parts = [n for n in self._ends.group[goal] if (goal, n) not in refused]
-            for robot in self._robots:
-                if step.step.done_by(robot.name):
-                    found.primaries += self._ways(number, robot, parts)
-            if len(found.primaries) == first:
-                self._explain(number, parts, found)
-                found.primaries += self._relayed(number, parts)
+        for number, step in enumerate(self._steps, start=1):
+            goal, ways = step.part.name, list[PrimaryCandidate]()
+            parts = [n for n in self._group[goal] if (goal, n) not in refused]
+            able = [r for r in self._robots if step.step.done_by(r.name)]
+            for robot in able:
+                places = self._ends(robot, number, None)
+                ways += self._ways(number, robot, parts, places)
+            if relayed or not ways:
+                for robot in able:
+                    ways += self._ways(number, robot, parts, None)
+            found.primaries += ways
         return found.problem(
-            [f"fill {self._words(step.part.name)}" for step in self._ends.steps],
-            [False] * len(self._ends.steps),
+            [f"fill goal {self._words(step.part.name)}" for step in self._steps],
+            [False] * len(self._steps),
             mounted=self._changes.mounted,
             changes=self._changes.costs,
         )
 
     def _words(self, goal: str) -> str:
-        number = self._ends.group[goal].index(goal) + 1
-        return f"goal {number} of {goal.rpartition('.')[0]}"
+        number = self._group[goal].index(goal) + 1
+        return f"{number} of {goal.rpartition('.')[0]}"
 
     def _ways(
-        self, number: int, robot: PlacedRobot, parts: Sequence[str]
+        self,
+        number: int,
+        robot: PlacedRobot,
+        parts: Sequence[str],
+        places: _Ends | None,
     ) -> Iterator[PrimaryCandidate]:
-        """Yield how a robot takes parts to a goal."""
-        places = self._ends.placed(number, robot).by_grip
-        for part in parts if places else ():
-            picks = self._ends.picked(part, robot).by_grip
-            gone = self._ends.in_the_way(number, part)
+        """Yield how a robot takes parts to a goal, given how it places them; only picks them for None."""
+        goal, home = self._steps[number - 1].part.name, robot.home
+        for part in parts:
             least: dict[frozenset[str], float] = {}
-            for grip in sorted(picks.keys() & places.keys()):
-                pick, place = picks[grip], places[grip]
-                if number <= pick.latest:
-                    after = (gone | pick.after | place.after) - {part}
-                    cost = _way(robot, pick, place)
-                    least[after] = min(cost, least.get(after, inf))
+            for grip, (at, gone) in self._ends(robot, self._first(goal), part).items():
+                to, barred = (places or {}).get(grip, (at, gone))
+                if places is not None and grip not in places:
+                    continue
+                after = (
+                    gone | barred | self._in_goal[goal] | self._covers.get(part, gone)
+                )
+                stops = home, at, to, home
+                cost = sum(map(joint_distance, stops, stops[1:]))
+                cost += _NOBODY if places is None else 0.0
+                least[after - {part}] = min(cost, least.get(after - {part}, inf))
             for after, cost in least.items():
                 if not any(k < after and least[k] <= cost for k in least):
                     about = number, robot.name, part, 0, cost, None, after
                     yield PrimaryCandidate(*about, tools=mounted_tool(robot))
 
-    def _relayed(self, number: int, parts: Sequence[str]) -> Iterator[PrimaryCandidate]:
-        """Yield ways in which a part changes hands in between, which are twice as long."""
-        step = self._ends.steps[number - 1].step
-        able = [robot for robot in self._robots if step.done_by(robot.name)]
-        for giver, robot in product(able, repeat=2):
-            put = self._ends.placed(number, robot).least(robot)
-            for part in parts if not isinf(put) else ():
-                cost = 2.0 * (put + self._ends.picked(part, giver).least(giver))
-                tools = mounted_tool(giver) | mounted_tool(robot)
-                if isinf(cost) or len(dict(tools)) < len(tools):
-                    continue
-                other = None if giver.name == robot.name else giver.name
-                gone = self._ends.in_the_way(number, part)
-                about = number, robot.name, part, 0, cost, other, gone
-                yield PrimaryCandidate(*about, tools=tools)
+    def _first(self, goal: str) -> int:
+        """Return the number of the first step that fills a goal of a group, from 1."""
+        group = self._group[goal]
+        return 1 + next(k for k, s in enumerate(self._steps) if s.part.name in group)
 
-    def _explain(
-        self, number: int, parts: Sequence[str], found: CandidateCollector
-    ) -> None:
-        """Note why nobody alone can fill a goal."""
-        step = self._ends.steps[number - 1].step
-        for robot in self._robots:
-            if not step.done_by(robot.name):
-                only = ", ".join(step.robots or ())
-                found.reject(number, f"{robot.name} does it", f"it is for {only} only")
+    def _find_ends(self, robot: PlacedRobot, number: int, part: str | None) -> _Ends:
+        """Return how a robot puts a part in the goal of a step, or picks a certain one for it."""
+        step, found = (
+            self._steps[number - 1],
+            dict[bytes, tuple[Array, frozenset[str]]](),
+        )
+        if part is not None:
+            step = self._picking(step, part)
+        if overload(robot, step.part) is not None:
+            return found
+        own, at = self._assembly, step.place if part is None else step.part.start
+        skills = self._skills(mounted_tool(robot))
+        rules = own.handling(step.part.name).grips
+        grips = dict(enumerate(robot_grips(robot, step.part.shape, at, at, rules)))
+        about = grips, own.frame, (at,), own.friction
+        for grip in firm_grips(robot, step.part, *about).values():
+            if skills.misfit(robot, step.part, grip) is None:
+                skill = skills.place if part is None else skills.pick
+                end = self._free(
+                    skill(robot, step, grip.pose), carried=part is not None
+                )
+                if end is not None:
+                    found[grip.pose.tobytes()] = end
+        return found
+
+    def _picking(self, step: PartStep, part: str) -> PartStep:
+        """Return a step whose part lies where another one does at the start."""
+        item, start = step.part, self._lying[part][1]
+        around = {k: v for k, v in step.around.items() if self._starts.get(k) != part}
+        step = replace(step, around=around, part=replace(item, start=start))
+        lying = standing(self._cell) | step.others
+        touched = near_to((item, start), lying, self._assembly.touch)
+        return replace(step, at_start=touched)
+
+    def _free(
+        self, tried: SkillTry, *, carried: bool
+    ) -> tuple[Array, frozenset[str]] | None:
+        """Return where a skill touches its part, and which parts must have left their starts before."""
+        gone: set[str] = set()
+        while True:
+            found = tried.found()
+            path = None if isinstance(found, Obstruction) else found
+            wrong = found if path is None else tried.carried_home() if carried else None
+            if path is not None and wrong is None:
+                return path.contact, frozenset(self._starts[name] for name in gone)
+            name = wrong.by if isinstance(wrong, Obstruction) else None
+            if name not in self._starts or name in gone:
+                return None
+            gone.add(name)
+            there = {k: at for k, at in tried.scene.objects.items() if k != name}
+            tried = replace(tried, scene=replace(tried.scene, objects=there))
+
+    def in_turns(self) -> PartAssembly:
+        """Return the assembly with its steps in an order in which robots take turns at goals.
+
+        Goals that are filled one after another are shared out over the robots so that the sum of ways
+        and of loads is least; each robot fills its own as they are listed, so that robots that face
+        each other keep their distance. What touches or bars what stays in the order of the list.
+        """
+        numbers = {step.part.name: k for k, step in enumerate(self._steps, start=1)}
+
+        def group_of(step: AnyStep) -> tuple[str, ...]:
+            return self._group.get(step.part, ()) if isinstance(step, PlacePart) else ()
+
+        steps: list[AnyStep] = []
+        for group, run in groupby(self._assembly.steps, key=group_of):
+            own = list(run)
+            if not group:
+                steps += own
                 continue
-            ends = [self._ends.placed(number, robot)]
-            if ends[0].by_grip:
-                ends += [self._ends.picked(part, robot) for part in parts]
-            for end in ends:
-                for what, why in end.reasons:
-                    found.reject(number, what, why)
+            at = [numbers[step.part] for step in own if isinstance(step, PlacePart)]
+            turn = turns(np.array([self._nearness(k) for k in at]))
+            waiting = sorted(range(len(own)), key=lambda k: turn[k])
+            while waiting:
+                ready = next(
+                    k
+                    for k in waiting
+                    if not any(j < k and self._interact(at[j], at[k]) for j in waiting)
+                )
+                waiting.remove(ready)
+                steps.append(own[ready])
+        return replace(self._assembly, steps=tuple(steps))
 
+    def _nearness(self, number: int) -> list[float]:
+        """Return how far a goal is from the HOME of each robot; infinite where it cannot fill it [rad]."""
+        done_by = self._steps[number - 1].step.done_by
+        least = dict.fromkeys((robot.name for robot in self._cell.robots), inf)
+        for robot in self._robots:
+            for at, _ in (
+                self._ends(robot, number, None).values() if done_by(robot.name) else ()
+            ):
+                least[robot.name] = min(
+                    least[robot.name], joint_distance(robot.home, at)
+                )
+        return list(least.values())
 
-def _way(robot: PlacedRobot, pick: AlikeEnd, place: AlikeEnd) -> float:
-    """Return the joint distance from HOME to a part, on to its goal, and back [rad]."""
-    stops = robot.home, pick.path.contact, place.path.contact, robot.home
-    return sum(joint_distance(a, b) for a, b in zip(stops, stops[1:], strict=False))
+    def _interact(self, first: int, second: int) -> bool:
+        """Tell whether two goals touch when filled, or one bars the straight way into the other."""
+        a, b = (
+            (s.part, s.place) for s in (self._steps[first - 1], self._steps[second - 1])
+        )
+        ways = self._assembly.handling(a[0].name)
+        led = np.array(ways.insertion), ways.approach
+        near = near_to(a, {"": b}, self._assembly.touch)
+        return bool(near) or leads_through(a, b, *led) or leads_through(b, a, *led)
 
 
 def renamed(assembly: PartAssembly, parts: Mapping[str, str]) -> PartAssembly:
-    """Return an assembly in which some parts are others.
+    """Return an assembly in which some parts that are placed are others.
 
     Args:
-        assembly: the assembly.
+        assembly: no step but that of a placement names one of them.
         parts: who is in the place of whom, by name.
     """
 
-    def new(name: str) -> str:
-        return parts.get(name, name)
-
-    def both(pair: frozenset[str]) -> frozenset[str]:
-        return frozenset(map(new, pair))
-
-    def step_of(step: AnyStep) -> AnyStep:
-        if step.hold is not None:
-            step = replace(step, hold=new(step.hold))
-        if isinstance(step, Work):
-            owner = step.spot.owner and new(step.spot.owner)
-            return replace(step, spot=replace(step.spot, owner=owner))
-        return replace(step, part=new(step.part))
+    def both(pair: Collection[str]) -> tuple[str, ...]:
+        return tuple(parts.get(name, name) for name in pair)
 
     balance, overlaps = assembly.balance, assembly.overlaps
     if balance is not None:
-        joints = (
-            replace(joint, first=new(joint.first), second=new(joint.second))
-            for joint in balance.joints
-        )
-        balance = replace(balance, joints=tuple(joints))
+        ends = [(joint, both(joint.ends)) for joint in balance.joints]
+        joints = tuple(replace(joint, first=a, second=b) for joint, (a, b) in ends)
+        balance = replace(balance, joints=joints)
+    said = {frozenset(both(pair)): deep for pair, deep in overlaps.said.items()}
+    joined = frozenset(frozenset(both(pair)) for pair in overlaps.joined)
     return replace(
         assembly,
-        goals={new(name): pose for name, pose in assembly.goals.items()},
-        steps=tuple(map(step_of, assembly.steps)),
-        balance=balance,
-        overlaps=replace(
-            overlaps,
-            said={both(pair): deep for pair, deep in overlaps.said.items()},
-            joined=frozenset(map(both, overlaps.joined)),
+        goals={parts.get(k, k): pose for k, pose in assembly.goals.items()},
+        steps=tuple(
+            replace(step, part=parts.get(step.part, step.part))
+            if isinstance(step, PlacePart)
+            else step
+            for step in assembly.steps
         ),
+        balance=balance,
+        overlaps=replace(overlaps, said=said, joined=joined),
     )
 
 
-def in_turns(cell: Workcell, assembly: PartAssembly) -> PartAssembly:
-    """Return an assembly in which robots take turns at the goals of parts that are alike.
-
-    Goals that are filled one after another are shared out over the robots so that the sum of ways and
-    of loads is least; each robot fills its own as they are listed, so that robots that face each other
-    keep their distance. What touches or bars what stays in the order of the list.
-
-    Raises:
-        InfeasibleStepError: a part would hang in the air, or goes where something is.
-    """
-    ends, robots = GoalEnds(cell, assembly), list(with_each_tool(cell.robots))
-    outfits = [[own for own in robots if own.name == r.name] for r in cell.robots]
-    numbers = {step.part.name: k for k, step in enumerate(ends.steps, start=1)}
-
-    def group_of(step: AnyStep) -> tuple[str, ...]:
-        return ends.group.get(step.part, ()) if isinstance(step, PlacePart) else ()
-
-    steps: list[AnyStep] = []
-    for group, run in groupby(assembly.steps, key=group_of):
-        own = list(run)
-        if not group:
-            steps += own
-            continue
-        at = [numbers[step.part] for step in own if isinstance(step, PlacePart)]
-        ways = [[min(ends.cheapest(k, r) for r in own) for own in outfits] for k in at]
-        turn = _turns(np.array(ways))
-        waiting = sorted(range(len(own)), key=lambda k: turn[k])
-        while waiting:
-            ready = next(
-                k
-                for k in waiting
-                if not any(j < k and ends.interacting(at[j], at[k]) for j in waiting)
-            )
-            waiting.remove(ready)
-            steps.append(own[ready])
-    return replace(assembly, steps=tuple(steps))
-
-
-def _turns(ways: np.ndarray) -> list[tuple[int, int]]:
+def turns(ways: Array) -> list[tuple[int, int]]:
     """Return for each goal when its robot fills it, by its own count, and the number of that robot.
+
+    The sum of ways and loads is least: the next goal of a robot costs as much more as a goal costs in the
+    mean.
 
     Args:
         ways: of each robot to each goal, infinite where it cannot fill it; shape (goals, robots).
@@ -301,9 +413,8 @@ def _turns(ways: np.ndarray) -> list[tuple[int, int]]:
     load = float(ways[known].mean()) if known.any() else 1.0
     cost = np.where(known, ways, _NOBODY)[:, :, None] + load * np.arange(goals)
     _, taken = linear_sum_assignment(cost.reshape(goals, robots * goals))
-    counted = [0] * robots
-    turns = []
+    counted, found = [0] * robots, []
     for robot in (taken // goals).tolist():
-        turns.append((counted[robot], robot))
+        found.append((counted[robot], robot))
         counted[robot] += 1
-    return turns
+    return found

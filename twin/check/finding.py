@@ -48,7 +48,7 @@ class OrderedParts:
     @cached_property
     def there(self) -> Workcell:
         """The cell as steps find it: parts that are alike are nowhere, as each may come from anywhere."""
-        from planning.parts.goal_ends import from_nowhere
+        from planning.parts.alike import from_nowhere
 
         return from_nowhere(self.cell, self.listed)
 
