@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from heapq import heapify, heappop, heappush
 
 import numpy as np
 import numpy.typing as npt
 
-from planning.errors import PlanInvariantError
 from planning.kernels import kernel
 from planning.transforms import Indices
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.task_edges import sequential_order
 from scheduling.graph.temporal_plan_graph import EVER, Causes, TemporalPlanGraph
 from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
@@ -77,6 +77,17 @@ def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
     return np.array(rows, dtype=np.int64).reshape(-1, busy.shape[1])
 
 
+def worth(tpg: TemporalPlanGraph) -> tuple[float, float]:
+    """Return by how much a plan breaks windows at nominal times, and its makespan: less is better [s]."""
+    times = earliest_times(tpg)
+    if not tpg.windows:
+        return 0.0, float(times.makespan)
+    start, end = np.concatenate(times.start), np.concatenate(times.end)
+    most = [np.inf if w.most is None else w.most for w in tpg.windows]
+    late = np.maximum(window_gaps(tpg, start, end) - np.array(most), 0.0)
+    return float(late.sum()), float(times.makespan)
+
+
 def with_holds(
     tpg: TemporalPlanGraph, busy: Times, share: float, cause: int
 ) -> TemporalPlanGraph:
@@ -101,8 +112,7 @@ def with_holds(
 
     def graph() -> tuple[FlatGraph, TemporalPlanGraph]:
         held = _with_patience(tpg, own, cause)
-        flat = in_some_order(flatten(ranks, held.edges), place)
-        return flat, held
+        return followed_order(flatten(ranks, held.edges), held), held
 
     for k in (*reversed(timed), *timed):
         own.pop(k, None)
@@ -131,38 +141,14 @@ def _with_patience(
     )
 
 
-def in_some_order(graph: FlatGraph, place: Indices) -> FlatGraph:
-    """Return a graph whose order its edges follow: the planned one as far as they do.
-
-    Args:
-        graph: edges may go against its order.
-        place: of each node in the planned order.
-
-    Raises:
-        PlanInvariantError: the edges form a cycle.
-    """
+def followed_order(graph: FlatGraph, tpg: TemporalPlanGraph) -> FlatGraph:
+    """Return a graph with an order that its edges follow, where they go against the planned one."""
+    place = np.empty_like(graph.order)
+    place[graph.order] = np.arange(len(place))
     target = np.repeat(np.arange(len(place)), np.diff(graph.edge_first))
     if np.all(place[graph.source] < place[target]):
         return graph
-    unmet = np.diff(graph.edge_first) + 1
-    unmet[graph.first[:-1][np.diff(graph.first) > 0]] -= 1
-    after = np.argsort(graph.source, kind="stable")
-    begin = np.searchsorted(graph.source[after], np.arange(len(place) + 1))
-    ready = [(int(place[n]), int(n)) for n in np.flatnonzero(unmet == 0)]
-    heapify(ready)
-    ends = set((graph.first[1:] - 1).tolist())
-    order = []
-    while ready:
-        _, n = heappop(ready)
-        order.append(n)
-        targets = target[after[begin[n] : begin[n + 1]]].tolist()
-        for m in targets if n in ends else [*targets, n + 1]:
-            unmet[m] -= 1
-            if unmet[m] == 0:
-                heappush(ready, (int(place[m]), m))
-    if len(order) < len(place):
-        raise PlanInvariantError("nodes wait for each other in a circle")
-    return graph._replace(order=np.array(order, dtype=np.int64))
+    return graph._replace(order=np.fromiter(sequential_order(tpg), dtype=np.int64))
 
 
 def _last_late(
@@ -185,12 +171,10 @@ def _last_late(
     """
     begun, done, due = window.tolist()
     own = busy[begun : done + 1].sum(axis=0)
-    before, after = _reached(graph, begun)
-    free = ~(before | after)
-    # Ways by what is held back do not count: who holds it back is done by then.
+    # What is held back waits for what comes before it anyway.
+    before = _ways_to(graph, patience, busy[:, :1].copy(), begun, -1)
     way = _ways_to(graph, patience, busy, due, begun)
-    free &= way[:, 0] != _NO_WAY
-    free[due] = False
+    free = (way[:, 0] != _NO_WAY) & (before[:, 0] == _NO_WAY) & ~_after(graph, begun)
     chains = np.unique(graph.chain[free]).tolist()
     late = 1.0 - (1.0 - share) / max(len(chains), 1)
     found = {}
@@ -221,26 +205,17 @@ def _as_edges(graph: FlatGraph, sources: list[int], begun: int) -> Indices:
 
 
 @kernel
-def _reached(
-    graph: FlatGraph, node: int
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return which nodes come before a node, and which after it, itself in both."""
-    before = np.zeros(len(graph.order), np.bool_)
+def _after(graph: FlatGraph, node: int) -> npt.NDArray[np.bool_]:
+    """Return which nodes come after a node, itself included."""
     after = np.zeros(len(graph.order), np.bool_)
-    before[node] = after[node] = True
+    after[node] = True
     for n in graph.order:
         if n > graph.first[graph.chain[n]] and after[n - 1]:
             after[n] = True
         for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
             if after[graph.source[e]]:
                 after[n] = True
-    for n in graph.order[::-1]:
-        if before[n]:
-            if n > graph.first[graph.chain[n]]:
-                before[n - 1] = True
-            for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-                before[graph.source[e]] = True
-    return before, after
+    return after
 
 
 @kernel

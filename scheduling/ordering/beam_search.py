@@ -28,12 +28,16 @@ import numpy as np
 from planning.transforms import Array
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.windows import worth
 from scheduling.ordering.relations import TaskRelations
 
 _WAITING = 0.1
 """Weight of a second of waiting against a second of makespan when orders are compared."""
+
+
+_BROKEN = 1e4
+"""Weight of a second by which a window of time is broken: whatever it costs."""
 
 
 class _DoneUnit(NamedTuple):
@@ -42,6 +46,16 @@ class _DoneUnit(NamedTuple):
     unit: int
     ends: Array
     before: _DoneUnit | None
+
+
+def _end_of(done: Sequence[_DoneUnit | None], unit: int) -> float:
+    """Return when a completed unit ends [s]."""
+    for item in done:
+        while item is not None:
+            if item.unit == unit:
+                return float(item.ends[-1])
+            item = item.before
+    return np.inf
 
 
 @dataclass(frozen=True)
@@ -53,6 +67,7 @@ class Way:
         done: the last completed unit of each chain.
         clocks: when that ends [s].
         waited: of all robots together [s].
+        late: by how much windows of time are broken, all together [s].
         rating: what is compared.
         move: block of units that was completed last.
         parent: the way before it.
@@ -62,6 +77,7 @@ class Way:
     done: tuple[_DoneUnit | None, ...]
     clocks: tuple[float, ...]
     waited: float
+    late: float
     rating: float
     move: int
     parent: Way | None
@@ -108,6 +124,12 @@ class TaskOrderSearch:
         ]
         self._planned = self._planned_counts()
         self._tail = self._tails()
+        number = {unit.task: k for k, unit in enumerate(self._units)}
+        self._windows: dict[int, list[tuple[int, float]]] = {}
+        for window in relations.graph.tpg.windows:
+            if window.most is not None:
+                due = self._windows.setdefault(number[window.due], [])
+                due.append((number[window.done], window.most))
 
     def best_way(self, width: int) -> Way:
         """Return the best complete path through the grid that is found.
@@ -116,7 +138,7 @@ class TaskOrderSearch:
             width: ways that are followed at once.
         """
         none, zero = tuple(None for _ in self._chains), tuple(0 for _ in self._chains)
-        start = Way(zero, none, tuple(map(float, zero)), 0.0, 0.0, -1, None)
+        start = Way(zero, none, tuple(map(float, zero)), 0.0, 0.0, 0.0, -1, None)
         planned, turn = start, 0
         total = len(self._units)
         found: dict[int, list[Way]] = {0: [start]}
@@ -131,7 +153,9 @@ class TaskOrderSearch:
                 planned = self._extend(planned, turn)
                 turn += 1
                 found.setdefault(sum(planned.counts), []).append(planned)
-        return min(found[total], key=lambda way: (max(way.clocks), way.waited))
+        return min(
+            found[total], key=lambda way: (way.late, max(way.clocks), way.waited)
+        )
 
     def _best(self, states: list[Way], width: int) -> list[Way]:
         """Return the best ways, not too many that have done the same."""
@@ -141,7 +165,10 @@ class TaskOrderSearch:
         for state in states:
             same = seen.setdefault(state.counts, [])
             if len(same) >= 4 or any(
-                all(a <= b + 1e-9 for a, b in zip(o.clocks, state.clocks, strict=True))
+                o.late <= state.late
+                and all(
+                    a <= b + 1e-9 for a, b in zip(o.clocks, state.clocks, strict=True)
+                )
                 for o in same
             ):
                 continue
@@ -168,13 +195,16 @@ class TaskOrderSearch:
 
     def _extend(self, state: Way, block: int) -> Way:
         counts, done, clocks = list(state.counts), list(state.done), list(state.clocks)
-        waited = state.waited
+        waited, late = state.waited, state.late
         for unit, ends in self._ends_together(state, self._blocks[block]):
             chain, end = self._units[unit].chain, float(ends[-1])
             counts[chain] += 1
             waited += end - clocks[chain] - float(self._cum[unit][-1])
             done[chain] = _DoneUnit(unit, ends, done[chain])
             clocks[chain] = end
+            begin = float(ends[0] - self._cum[unit][1])
+            for opens, most in self._windows.get(unit, ()):
+                late += max(begin - _end_of(done, opens) - most - _APART, 0.0)
         bound = 0.0
         for chain, own in enumerate(self._relations.of_chain):
             rest = self._tail[own[counts[chain]]] if counts[chain] < len(own) else 0.0
@@ -184,7 +214,8 @@ class TaskOrderSearch:
             tuple(done),
             tuple(clocks),
             waited,
-            bound + _WAITING * waited,
+            late,
+            bound + _WAITING * waited + _BROKEN * late,
             block,
             state,
         )
@@ -336,8 +367,7 @@ def reorder_tasks(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
     chains = put_in_order(tpg.chains, relations, [blocks[b] for b in order])
     slots = np.empty(0, dtype=np.int64)
     again = connect_nodes(DerivedTpg(replace(tpg, chains=chains, slots=slots)))
-    sooner = earliest_times(again).makespan < earliest_times(tpg).makespan
-    return again if sooner else tpg
+    return again if worth(again) < worth(tpg) else tpg
 
 
 def find_blocks(

@@ -83,8 +83,14 @@ def process_violations(case: AuditCase) -> Iterator[Violation]:
         ends.update({wanted.rests[k].name or "": end for k, (_, _, end) in work})
     yield from keeping_violations(case, ends)
     for name, after in wanted.order():
-        if name in begins and after in ends and begins[name] < ends[after] - 1e-6:
+        least = wanted.lags.get((name, after), 0.0)
+        if (
+            name in begins
+            and after in ends
+            and begins[name] < ends[after] + least - 1e-6
+        ):
             detail = f"{name} begins before {after} is complete"
+            detail += f" for {least:g} s" if least else ""
             t = begins[name]
             yield Violation(t, ends[after], name, after, 0.0, detail, "process")
 

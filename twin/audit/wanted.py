@@ -146,6 +146,8 @@ class Wanted:
         doors: objects that machines hold, so that they rest on nothing.
         tools: that robots change; their racks hold them.
         keeps: by part, the name of the step until which is complete its robot keeps hold of it.
+        lags: least time that passes from the end of a step to the begin of a later one, by the names of the
+            later and the earlier one [s].
         statics: friction and joints by which named objects in their places must always stand;
             None if that is not looked at.
     """
@@ -164,6 +166,7 @@ class Wanted:
     doors: frozenset[str] = frozenset()
     tools: tuple[ChangedTool, ...] = ()
     keeps: Mapping[str, str] = field(default_factory=dict)
+    lags: Mapping[tuple[str, str], float] = field(default_factory=dict)
     statics: StandingRules | None = None
 
     def order(self) -> Iterator[tuple[str, str]]:

@@ -41,6 +41,7 @@ from twin.check.tools import (
     check_tool_frames,
     check_units,
 )
+from twin.check.windows import check_windows
 from twin.scenario.document.validation import FileProblem, InvalidScenarioError
 from twin.scenario.document.yaml_text import KeyPath, YamlDocument
 from twin.scenario.sections.scenario import Scenario
@@ -68,6 +69,7 @@ _CHECKS: tuple[Callable[[Subject], Findings], ...] = (
     check_efforts,
     check_works,
     check_machines,
+    check_windows,
     check_skill_times,
     check_grip_times,
     check_standing_times,

@@ -216,6 +216,11 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
         rests=tuple(rests),
         doors=frozenset(job.door for job in line.jobs.values() if job.door),
         tools=tuple(_changed_tools(cell)),
+        lags={
+            (step.name or f"step {k}", lag.step): lag.least
+            for k, step in enumerate(assembly.steps, start=1)
+            for lag in step.lags
+        },
         keeps={
             step.part: step.until
             for step in assembly.steps

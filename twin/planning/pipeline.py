@@ -16,8 +16,8 @@ from planning.motion.speed import JointSpeed, L1Speed, LimitedSpeed, SpeedModel
 from planning.motion.transit import RrtConnect
 from planning.transforms import Indices
 from scheduling.build_tpg import build_tpg
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import worth
 from scheduling.ordering.beam_search import reorder_tasks
 from scheduling.ordering.synchronous import (
     SynchronousPlan,
@@ -151,7 +151,7 @@ def shorten(
             )
             for order in orders
         ]
-        shorter = min(found, key=lambda plan: earliest_times(plan).makespan)
+        shorter = min(found, key=worth)
         # A transit past HOME may serve two slots: there is nothing to wait for together any more.
         return replace(shorter, slots=np.empty(0, dtype=np.int64))
 

@@ -8,7 +8,7 @@ first colour again, darker.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +18,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import window_nodes
 from twin.durations.model import NANOSECONDS
 from twin.host.pictures import INK, fitted, style_axes
 from twin.run.activities import (
@@ -30,6 +31,7 @@ from twin.run.activities import (
 )
 from twin.run.events import Event, ExecutionRecord
 from twin.run.policies import IN_TURNS, policy_name
+from twin.run.windows import window_summary
 
 _COLOURS = (
     "#0072b2",
@@ -89,7 +91,8 @@ def gantt_figure(
 
     Bars are coloured by kind of task and carry the part that they are about, or the number of the
     product where there are several; waits are hatched, and arrows are the type-2 edges that ended them. Long
-    runs wrap into several rows. Beside its lane each robot has its colour of the recording.
+    runs wrap into several rows. A line over a lane says for how long a window of time was open, red where it
+    was broken. Beside its lane each robot has its colour of the recording.
 
     Args:
         tpg: what was executed.
@@ -104,6 +107,7 @@ def gantt_figure(
     shown_s = min(rows * row_s, total_s)
     figure, axes = _empty_rows(rows, len(lanes))
     links = _binding_edges(tpg, run, list(lanes))
+    windows = list(_windows(tpg, run, list(lanes)))
     for row, axis in enumerate(axes):
         window = (row * row_s, (row + 1) * row_s)
         _style(axis, list(lanes), window)
@@ -112,6 +116,8 @@ def gantt_figure(
         for t_s, start, end in links:
             if window[0] <= t_s < window[1]:
                 _draw_arrow(axis, t_s, start, end)
+        for number, opened_s, due_s, broken in windows:
+            _draw_window(axis, (number, opened_s, due_s), window, broken=broken)
         if window[0] <= total_s <= window[1]:
             axis.axvline(total_s, color=INK, lw=1.2)
     axes[-1].set_xlabel("time [s]", color=INK, fontsize=9)
@@ -294,6 +300,39 @@ def _draw_arrow(axis: Axes, t_s: float, start: int, end: int) -> None:
             "shrinkB": 0,
         },
     )
+
+
+def _windows(
+    tpg: TemporalPlanGraph, run: ExecutionRecord, robots: Sequence[str]
+) -> Iterator[tuple[int, float, float, bool]]:
+    """Yield the lane of each window's due task, when it opened and when it was due [s], and if it is broken.
+
+    Those without a greatest time, and those that did not come to their end, are left out.
+    """
+    chain = np.repeat(np.arange(len(tpg.chains)), [len(own) for own in tpg.chains])
+    for told, (_, done, due) in zip(
+        window_summary(tpg, run), window_nodes(tpg).tolist(), strict=True
+    ):
+        name = tpg.chains[chain[due]].robot
+        if told["slack_s"] is not None and name in robots:
+            opened_s = int(np.concatenate(run.end_ns)[done]) / NANOSECONDS
+            due_s = opened_s + told["within_s"]
+            yield robots.index(name), opened_s, due_s, told["broken"]
+
+
+def _draw_window(
+    axis: Axes,
+    at: tuple[int, float, float],
+    shown: tuple[float, float],
+    *,
+    broken: bool,
+) -> None:
+    """Draw a line over a lane for as long as a window is open, red where it is broken."""
+    lane, opened_s, due_s = at
+    low, high = max(opened_s, shown[0]), min(due_s, shown[1])
+    if high > low:
+        colour = "#c0392b" if broken else "#2e7d32"
+        axis.plot([low, high], [lane - 0.46] * 2, color=colour, lw=2.0)
 
 
 def _legend(figure: Figure, seen: set[str], colours: Mapping[str, str]) -> None:

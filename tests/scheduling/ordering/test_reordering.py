@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
+from planning.tasks.time_window import TimeWindow
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.windows import worth
 from scheduling.ordering.beam_search import (
     TaskOrderSearch,
     find_blocks,
@@ -83,6 +86,36 @@ def test_no_safe_order_is_better(robots: int, seed: int) -> None:
     safe = [makespan for makespan in every if makespan is not None]
     assert _makespan(tpg, relations, found) == pytest.approx(min(safe))
     assert min(safe) < 0.97 * earliest_times(tpg).makespan
+
+
+@pytest.mark.parametrize("seed", [10, 43])
+def test_windows_of_time_come_before_the_makespan(seed: int) -> None:
+    plain = build_tpg(random_plan(2, seed, rounds=3, step=0.5))
+    units = TaskRelations(DerivedTpg(plain)).units
+    better = 0
+    pairs = [
+        (a.task, b.task)
+        for a, b in combinations(sorted(units, key=lambda u: u.task), 2)
+        if a.chain != b.chain
+    ]
+    for done, due in pairs[1::2]:
+        needs = np.array([[done, due]], dtype=np.int64)
+        free = _connected(replace(plain, dependencies=needs), plain.chains)
+        tpg = replace(free, windows=(TimeWindow(done, done, due, 0.0, 0.2, ""),))
+        relations, blocks, search = _parts(tpg)
+        order = [blocks[b] for b in search.best_way(width=50).order()]
+        found = _connected(tpg, put_in_order(tpg.chains, relations, order))
+        every = []
+        for mixed in _interleavings(relations.of_chain):
+            single = [(unit,) for unit in mixed]
+            if _makespan(tpg, relations, single) is not None:
+                chains = put_in_order(tpg.chains, relations, single)
+                every.append(worth(_connected(tpg, chains)))
+        assert worth(found)[0] <= min(every)[0] + 1e-6
+        again = reorder_tasks(free)
+        better += worth(found)[0] < worth(replace(again, windows=tpg.windows))[0] - 1e-6
+        assert worth(reorder_tasks(tpg)) <= worth(tpg)
+    assert better
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -40,13 +40,11 @@ from scheduling.graph.task_edges import (
 )
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.total_order import flatten, planned_ranks
-from scheduling.graph.windows import in_some_order
+from scheduling.graph.windows import followed_order
 from twin.durations.model import Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.run.events import Policy
 from twin.uncertainty.skill_durations import nominal_ns
-
-_NONE = np.empty(0, dtype=np.int64)
 
 OTHER = 2
 """Cause of a wait that the plan did not ask for: a message under way, the clock, a turn."""
@@ -110,9 +108,8 @@ def precedence_arrays(
         tpg: the graph.
         not_before_ns: no node starts before this, shape (nodes,) [ns]; 0 by default.
     """
-    ranks = planned_ranks(tpg.chains)
     # What is held back may wait for what was planned later.
-    flat = in_some_order(flatten(ranks, tpg.edges), np.concatenate([*ranks, _NONE]))
+    flat = followed_order(flatten(planned_ranks(tpg.chains), tpg.edges), tpg)
     return PrecedenceArrays(
         flat.first,
         flat.chain,
