@@ -355,8 +355,8 @@ def _node_at(schema: dict[str, Any], path: KeyPath) -> dict[str, Any]:
     """Return the part of the schema for ``path``, in which tags of unions may stand."""
     node = _follow(schema, schema)
     for entry in path:
-        if str(entry).startswith("tagged-union[") or entry == node.get("title"):
-            continue  # what pydantic calls a distribution where there may be a number instead
+        if str(entry).startswith(("tagged-union[", "function-after[")):
+            continue  # what pydantic calls a section where there may be a number or a name instead
         if entry in node.get("properties", {}):
             node = _follow(schema, node["properties"][entry])
         elif entry in _tags(node):
