@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import cached_property, wraps
 from pathlib import Path
@@ -191,9 +191,7 @@ class Subject:
 
     def thing_at(self, name: str, key: str = "name") -> KeyPath:
         """Return where an object or a fixture is in the file; where it begins may be its source."""
-        places, known = self._places, name
-        while known not in places and "." in known:
-            known = known.rpartition(".")[0]  # of products, and of what is alike
+        places, known = self._places, in_file(name, self._places)
         path = places.get(known, ("assembly",))
         if path[-1] != "name":
             return path
@@ -219,6 +217,18 @@ class Subject:
             for tool in rack_tools(self.built)
         }
         return {name: path for path, name in self.kind.names()} | fixtures | racks
+
+
+def in_file(name: str, known: Container[str]) -> str:
+    """Return what the file calls a part: of products, and of parts that are alike, without its number.
+
+    Args:
+        name: of the part.
+        known: names in the file.
+    """
+    while name not in known and "." in name:
+        name = name.rpartition(".")[0]
+    return name
 
 
 def millimetres(distance_m: float) -> str:

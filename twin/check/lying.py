@@ -32,6 +32,7 @@ from twin.check.finding import (
     Findings,
     OrderedParts,
     Subject,
+    in_file,
     millimetres,
     of_parts,
     position,
@@ -133,8 +134,7 @@ def check_joints(subject: Subject, parts: OrderedParts) -> Findings:
     listed = [set(item.parts) for item in parts.section.joined]
     known = set().union(*listed)
     for joint, words in wide_joints(subject.cell, parts.listed):
-        # That of a product has the name that the file has for it without its number.
-        own = {k if k in known else k.rpartition(".")[0] for k in joint.ends}
+        own = {in_file(name, known) for name in joint.ends}
         yield Finding(("assembly", "joined", listed.index(own)), words, error=True)
 
 

@@ -30,6 +30,7 @@ from twin.check.finding import (
     Findings,
     OrderedParts,
     Subject,
+    in_file,
     millimetres,
     of_parts,
 )
@@ -232,11 +233,9 @@ def _placed(subject: Subject) -> list[CellObject]:
     section = subject.scenario.assembly
     if not isinstance(section, PartsSection):
         return []
-    placed = {step.place for step in section.steps}
+    placed = {step.place for step in section.steps if step.place}
     return [
-        part
-        for part in subject.cell.objects
-        if {part.name, part.name.rpartition(".")[0]} & placed
+        part for part in subject.cell.objects if in_file(part.name, placed) in placed
     ]
 
 
@@ -388,8 +387,8 @@ def _too_heavy(
     robots: Sequence[PlacedRobot],
 ) -> Findings:
     for step in section.steps:
-        if step.place not in (part.name, part.name.rpartition(".")[0]):
-            continue  # of products, NAME.1
+        if step.place != in_file(part.name, {step.place or ""}):
+            continue
         free = dict(_spare(robots, step.robots))
         if part.mass > max(free.values(), default=math.inf):
             listing = ", ".join(f"{name} {left:.3g} kg" for name, left in free.items())

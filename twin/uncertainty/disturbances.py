@@ -190,8 +190,10 @@ class SkillFailure(Section):
         """Return the probability that an attempt of a robot with a part fails, whatever the reason."""
         if part is None or not self.parts:
             return self.probability
-        base = part.rpartition(".")[0] if part.rpartition(".")[2].isdigit() else part
-        names = (f"{robot}/{part}", f"{robot}/{base}", part, base)
+        bases = [part]  # a part of a product, or one of several alike, is called NAME.1
+        while "." in bases[-1] and bases[-1].rpartition(".")[2].isdigit():
+            bases.append(bases[-1].rpartition(".")[0])
+        names = [*(f"{robot}/{base}" for base in bases), *bases]
         own = next((self.parts[name] for name in names if name in self.parts), 0.0)
         return self.probability + (1.0 - self.probability) * own
 

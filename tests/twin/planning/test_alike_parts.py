@@ -25,6 +25,7 @@ from twin.planning.part_assembly.alike import (
     with_named_parts,
 )
 from twin.planning.part_assembly.built import build_assembly
+from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.line import GridSection, PlacesSection
 from twin.scenario.sections.parts import PartSection, PartsSection
 from twin.trial.planning import plan_scenario
@@ -180,6 +181,35 @@ def test_pegs_are_planned_with_spares_left_where_they_lie(tmp_path: Path) -> Non
     assert movable == {*(f"peg.{k}" for k in range(1, 6)), "lid"}
 
 
+APART = cell(
+    "apart",
+    (panda("west", -0.5), panda("east", 0.5)),
+    """\
+  kind: assembly
+  grips: {positions: 1}
+  parts:
+    - name: block
+      size_m: [0.04, 0.04, 0.04]
+      starts: [{xyz_m: [0.75, -0.2, 0.0205]}, {xyz_m: [-0.75, -0.2, 0.0205]}]
+      goals: [{xyz_m: [-0.75, 0.2, 0.0205]}, {xyz_m: [0.75, 0.2, 0.0205]}]
+  order: find
+""",
+)
+
+
+def test_a_check_asks_for_no_certain_part_in_a_goal(tmp_path: Path) -> None:
+    """West reaches the first goal and the second part alone, east the others."""
+    assert checked(written(tmp_path, APART)).findings == ()
+    plan = plan_scenario(loaded(tmp_path, APART), tmp_path)
+    placed = [(t.robot, t.object) for t in plan.tpg.tasks if t.kind == "place-down"]
+    assert sorted(placed) == [("east", "block.1"), ("west", "block.2")]
+    far = ("{xyz_m: [-0.75, 0.2, 0.0205]}", "{xyz_m: [0, 0.67, 0.0205]}")
+    report = checked(written(tmp_path, APART, far))
+    found = [(item.at, item.message) for item in report.findings]
+    (said,) = [words for at, words in found if at == ("assembly", "parts", 0, "goals")]
+    assert "no robot reaches block.1: its place, at (0.00, 0.67, 0.02) m" in said
+
+
 def test_a_source_gives_parts_of_a_kind_one_after_another(tmp_path: Path) -> None:
     """Three bolts from one feeder fill the three goals of every kit, in their order."""
     text = (SCENARIOS / "assembly" / "kitting.yaml").read_text()
@@ -194,6 +224,33 @@ def test_a_source_gives_parts_of_a_kind_one_after_another(tmp_path: Path) -> Non
     assert sum(t.kind == PRESENT and t.robot == "bolts" for t in tpg.tasks) >= 5
     said = str(refusal(tmp_path, text, (goal, goals + "\n      count: 3")))
     assert "3 bolt have 2 goals: leave count out" in said
+
+
+def test_what_is_said_of_a_kind_goes_for_its_parts_in_every_product(
+    tmp_path: Path,
+) -> None:
+    """The names of a part, from its own to that in the file: bolt.2.3, bolt.2, bolt."""
+    text = (SCENARIOS / "assembly" / "kitting.yaml").read_text()
+    goal = "goal: {xyz_m: [-0.06, 0, 0.085]}\n      mass_kg: 0.1"
+    goals = "goals: [{xyz_m: [-0.075, 0, 0.085]}, {xyz_m: [-0.035, 0, 0.085]}]\n      mass_kg: 4"
+    fails = (
+        "  skills:\n",
+        "  failures: {place-down: {probability: 0, parts: {bolt: 0.25}}}\n  skills:\n",
+    )
+    joined = ("  steps: [", "  joined: [[bolt, carrier]]\n  steps: [")
+    file = written(tmp_path, text, (goal, goals), fails, joined)
+    own = load_scenario(file)
+    failure = own.execution.failures["place-down"]
+    assert [failure.of("left", n) for n in ("bolt.2.3", "bolt.2", "nut.1")] == [
+        0.25,
+        0.25,
+        0.0,
+    ]
+    said = [item.message for item in checked(file).errors]
+    assert [words.partition(",")[0] for words in said] == [
+        "bolt.1.1 weighs 4 kg",
+        "bolt.1.2 weighs 4 kg",
+    ]
 
 
 def test_the_audit_is_told_what_would_do(tmp_path: Path) -> None:
