@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import groupby
+from itertools import combinations, groupby
 from math import inf
 
 import numpy as np
@@ -46,8 +46,8 @@ from planning.transforms import Array, readonly, translation
 _MOST_TRIES = 4
 """So often parts are shared out anew where nobody can do a step of what came of it."""
 
-_NOBODY = 1e4
-"""What a goal costs a robot that cannot fill it alone: more than any way [rad]."""
+_NOBODY, _NEVER = 100.0, 1e6
+"""What a goal costs a robot that cannot fill it alone: more than any way, and more than any load [rad]."""
 
 _AWAY = 1000.0
 """Height at which parts are that come from nowhere in particular [m]."""
@@ -271,6 +271,9 @@ class Sharing:
         if overload(robot, step.part) is not None:
             return found
         own, at = self._assembly, step.place if part is None else step.part.start
+        barring = set() if part is None else self._barring(step)
+        if not barring <= self._starts.keys():
+            return found
         skills = self._skills(mounted_tool(robot))
         rules = own.handling(step.part.name).grips
         grips = dict(enumerate(robot_grips(robot, step.part.shape, at, at, rules)))
@@ -282,8 +285,21 @@ class Sharing:
                     skill(robot, step, grip.pose), carried=part is not None
                 )
                 if end is not None:
-                    found[grip.pose.tobytes()] = end
+                    gone = end[1] | {self._starts[name] for name in barring}
+                    found[grip.pose.tobytes()] = end[0], gone
         return found
+
+    def _barring(self, step: PartStep) -> set[str]:
+        """Return what a part touches at the start and would be led through on its straight way out."""
+        own, lying = step.part.name, standing(self._cell) | step.others
+        ways, most = self._assembly.handling(own), self._assembly.overlaps.most
+        out = -np.array(ways.extraction), ways.leave
+        there = step.part, step.part.start
+        return {
+            name
+            for name in step.at_start
+            if leads_through(there, lying[name], *out, most(own, name))
+        }
 
     def _picking(self, step: PartStep, part: str) -> PartStep:
         """Return a step whose part lies where another one does at the start."""
@@ -333,11 +349,14 @@ class Sharing:
             at = [numbers[step.part] for step in own if isinstance(step, PlacePart)]
             turn = turns(np.array([self._nearness(k) for k in at]))
             waiting = sorted(range(len(own)), key=lambda k: turn[k])
+            bars = {
+                (j, k)
+                for j, k in combinations(range(len(own)), 2)
+                if self._interact(at[j], at[k])
+            }
             while waiting:
                 ready = next(
-                    k
-                    for k in waiting
-                    if not any(j < k and self._interact(at[j], at[k]) for j in waiting)
+                    k for k in waiting if not any((j, k) in bars for j in waiting)
                 )
                 waiting.remove(ready)
                 steps.append(own[ready])
@@ -362,9 +381,11 @@ class Sharing:
             (s.part, s.place) for s in (self._steps[first - 1], self._steps[second - 1])
         )
         ways = self._assembly.handling(a[0].name)
+        if not (near := near_to(a, {"": b}, ways.approach)):
+            return False
         led = np.array(ways.insertion), ways.approach
-        near = near_to(a, {"": b}, self._assembly.touch)
-        return bool(near) or leads_through(a, b, *led) or leads_through(b, a, *led)
+        touch = min(near.values()) <= self._assembly.touch
+        return touch or leads_through(a, b, *led) or leads_through(b, a, *led)
 
 
 def renamed(assembly: PartAssembly, parts: Mapping[str, str]) -> PartAssembly:
@@ -411,7 +432,7 @@ def turns(ways: Array) -> list[tuple[int, int]]:
     goals, robots = ways.shape
     known = np.isfinite(ways)
     load = float(ways[known].mean()) if known.any() else 1.0
-    cost = np.where(known, ways, _NOBODY)[:, :, None] + load * np.arange(goals)
+    cost = np.where(known, ways, _NEVER)[:, :, None] + load * np.arange(goals)
     _, taken = linear_sum_assignment(cost.reshape(goals, robots * goals))
     counted, found = [0] * robots, []
     for robot in (taken // goals).tolist():

@@ -178,6 +178,18 @@ def test_a_pile_is_taken_from_its_top() -> None:
         assert own
 
 
+def test_a_part_on_which_something_else_lies_is_left() -> None:
+    """A slab lies on bar.2, which is nearest to the goal, and stays there."""
+    cell, assembly = bars(apart(3, -0.2, -0.3, 0.2), [(0.0, 0.3, LOW)])
+    slab = part("slab", (0.05, 0.05, 0.02), translation(0.0, -0.3, 0.0345), 0.05)
+    free = find_alike_candidates(cell, assembly, find_candidates)
+    assert filled(assembly, free) == {"bar.1": "bar.2"}
+    covered = replace(cell, objects=(*cell.objects, slab))
+    found = find_alike_candidates(covered, assembly, find_candidates)
+    assert filled(assembly, found)["bar.1"] in ("bar.1", "bar.3")
+    chosen(found)
+
+
 def test_goals_may_be_where_others_of_the_kind_lie() -> None:
     """All move up by one place: whoever lies in a goal goes before that is filled."""
     starts = apart(3, -0.1, 0.3, 0.15)
