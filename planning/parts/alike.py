@@ -21,7 +21,6 @@ from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.contacts.interference import ROUNDING, leads_through
-from planning.contacts.precedence import stacked
 from planning.contacts.touching import Lying, near_to, standing
 from planning.errors import InfeasibleStepError
 from planning.grips.friction import firm_grips
@@ -130,7 +129,6 @@ class Sharing:
         self._group = {name: group for group in assembly.alike for name in group}
         items = [item for item in around.objects if item.name in self._group]
         self._lying: dict[str, Lying] = {i.name: (i, i.start) for i in items}
-        self._covers = stacked(self._lying)
         self._in_goal = {
             i.name: frozenset(near_to((i, goal), self._lying, -ROUNDING))
             for i in items
@@ -243,9 +241,7 @@ class Sharing:
                 to, barred = (places or {}).get(grip, (at, gone))
                 if places is not None and grip not in places:
                     continue
-                after = (
-                    gone | barred | self._in_goal[goal] | self._covers.get(part, gone)
-                )
+                after = gone | barred | self._in_goal[goal]
                 stops = home, at, to, home
                 cost = sum(map(joint_distance, stops, stops[1:]))
                 cost += _NOBODY if places is None else 0.0

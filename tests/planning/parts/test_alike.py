@@ -166,6 +166,15 @@ def test_what_rests_on_other_goals_comes_after_them_whoever_fills_it() -> None:
     chosen(found)
 
 
+def test_turns_leave_what_lies_below_before_what_lies_on_it() -> None:
+    """The lower goal is nearer to the east arm, whose turn comes after that of the west arm."""
+    goals = [(0.03, 0.3, LOW), (-0.03, 0.3, 3 * LOW - 0.0005)]
+    cell, assembly = bars(apart(2, -0.2, -0.3, 0.4), goals)
+    sharing = Sharing(cell, assembly)
+    assert turns(np.array([sharing._nearness(k) for k in (1, 2)])) == [(0, 1), (0, 0)]
+    assert sharing.in_turns().steps == assembly.steps
+
+
 def test_a_pile_is_taken_from_its_top() -> None:
     """Two piles of three; of each as many are taken as goals need, the top ones first."""
     piles = [(x, -0.35, LOW + k * 0.024) for x in (-0.2, 0.2) for k in range(3)]
@@ -179,9 +188,9 @@ def test_a_pile_is_taken_from_its_top() -> None:
 
 
 def test_a_part_on_which_something_else_lies_is_left() -> None:
-    """A slab lies on bar.2, which is nearest to the goal, and stays there."""
+    """A slab lies on one end of bar.2, which is nearest to the goal, and stays there."""
     cell, assembly = bars(apart(3, -0.2, -0.3, 0.2), [(0.0, 0.3, LOW)])
-    slab = part("slab", (0.05, 0.05, 0.02), translation(0.0, -0.3, 0.0345), 0.05)
+    slab = part("slab", (0.02, 0.024, 0.02), translation(0.04, -0.3, 0.0345), 0.05)
     free = find_alike_candidates(cell, assembly, find_candidates)
     assert filled(assembly, free) == {"bar.1": "bar.2"}
     covered = replace(cell, objects=(*cell.objects, slab))
@@ -194,6 +203,9 @@ def test_goals_may_be_where_others_of_the_kind_lie() -> None:
     """All move up by one place: whoever lies in a goal goes before that is filled."""
     starts = apart(3, -0.1, 0.3, 0.15)
     cell, assembly = bars(starts, [starts[1], starts[2], (0.35, 0.3, LOW)])
+    for item in Sharing(cell, assembly).problem().primaries:
+        lying = {1: "bar.2", 2: "bar.3"}.get(item.step, item.object)
+        assert lying in {item.object, *item.after}
     found = find_alike_candidates(cell, assembly, find_candidates)
     there = {tuple(np.round(at, 3)): f"bar.{k}" for k, at in enumerate(starts, start=1)}
     gone = set()
