@@ -146,9 +146,6 @@ class PlanDocument(Entry):
             handlings += [(f"tasks.{k}.handlings", h) for h in task.handlings]
             for act in task.actuations:
                 _check_name(f"tasks.{k}.actuations", act.robot, robots & chains)
-        for k, window in enumerate(self.windows):
-            if max(window.begun, window.done, window.due) >= len(self.tasks):
-                raise OutputError(f"windows.{k}: is of a task that there is not")
         for place, handling in handlings:
             _check_name(f"{place}.object", handling.object, objects)
             if handling.holder not in (None, GONE):

@@ -121,6 +121,10 @@ def _check_edges(tpg: TemporalPlanGraph) -> None:
     apart = robots[:, 0] != robots[:, 1]
     require(apart, "edges", robots[:, 0], "joins nodes of one robot")
     require(tpg.cause <= 1, "cause", tpg.cause, "must be 0 or 1")
+    done = {int(task) for chain in tpg.chains for task in np.unique(chain.task)}
+    for k, window in enumerate(tpg.windows):
+        if not {window.begun, window.done, window.due} <= done:
+            raise OutputError(f"windows.{k}: is of a task that has no node")
     needs = tpg.dependencies
     ok = (needs >= 0) & (needs < len(tpg.tasks))
     require(ok, "dependencies", needs, "is the index of no task")

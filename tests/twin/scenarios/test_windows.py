@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planning.errors import OutputError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.windows import window_gaps, window_nodes
 from scheduling.verification.verify import verify_plan
@@ -83,6 +84,11 @@ def test_files_keep_windows_and_say_nothing_of_none(
     tpg = gluing.planned.tpg
     save_plan(tpg, tmp_path)
     assert load_plan(tmp_path).windows == tpg.windows
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    plan["windows"][0]["due"] = len(tpg.tasks)
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    with pytest.raises(OutputError, match=r"windows\.0: is of a task that has no node"):
+        load_plan(tmp_path)
     bare = replace(tpg, windows=())
     assert plan_sha256(bare) != plan_sha256(tpg)
     save_plan(bare, tmp_path)
