@@ -49,14 +49,12 @@ class WindowsSummary(Figures):
     Attributes:
         windows: each of them.
         hold: the probability with which they are to be kept, 0 where nothing is held back.
-        any_broken: share of the replications in which one of them is broken; None where none can be.
         holding_s: by how much the makespan is longer than where nothing is held back, replication by
             replication; None where nothing is [s].
     """
 
     windows: tuple[WindowFigures, ...]
     hold: float
-    any_broken: Told | None
     holding_s: Told | None
 
 
@@ -123,7 +121,6 @@ def windows_summary(
             for k, window in enumerate(tpg.windows)
         ),
         hold=hold,
-        any_broken=share(np.asarray(late.any(axis=0))) if any(timed) else None,
         holding_s=holding,
     )
 
