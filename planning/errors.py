@@ -59,7 +59,13 @@ class ConstructionError(TwinError):
 
 
 class TransitError(TwinError):
-    """No collision-free path was found for a transit."""
+    """No collision-free path was found for a transit.
+
+    Attributes:
+        step: number of the assembly step that it is for, None where it is for none.
+    """
+
+    step: int | None = None
 
 
 class PlanInvariantError(TwinError):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from twin.api.runs import Check as Check
     from twin.api.runs import audit as audit
     from twin.api.runs import check as check
+    from twin.api.runs import operate as operate
     from twin.api.runs import plan as plan
     from twin.api.runs import replay as replay
     from twin.api.runs import run as run

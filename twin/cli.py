@@ -10,6 +10,7 @@ import typer
 
 from twin.commands.doctor import doctor
 from twin.commands.fit import fit
+from twin.commands.operate import operate
 from twin.commands.robots import robots
 from twin.commands.run import export, follow, replay, resume, run
 from twin.commands.scenario_imports import app as import_app
@@ -55,6 +56,7 @@ for _name, _function in {
     "init": init,
     "scenarios": scenarios,
     "run": run,
+    "operate": operate,
     "validate": validate,
     "check": check,
     "sequence": sequence,

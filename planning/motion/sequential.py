@@ -89,6 +89,21 @@ class MotionSettings:
 
 
 @dataclass(frozen=True)
+class Beginning:
+    """Where a plan begins that does not begin at HOME.
+
+    Attributes:
+        state: where everything is.
+        last_task: task that each robot did last; absent for one that did none yet.
+        tasks: index of its first task.
+    """
+
+    state: WorldState
+    last_task: Mapping[str, int] = field(default_factory=dict)
+    tasks: int = 0
+
+
+@dataclass(frozen=True)
 class _Progress:
     """State of the cell, last tasks and clock after the tasks planned so far."""
 
@@ -105,6 +120,7 @@ def plan_sequential(
     progress: Progress = no_progress,
     known: KnownMotions | None = None,
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = lambda _: (),
+    begins: Beginning | None = None,
 ) -> MotionPlan:
     """Plan the paths of all steps in order.
 
@@ -121,23 +137,26 @@ def plan_sequential(
         known: what was found for other plans of the same cell and settings; what is found here
             is added. The plan is the same with it and without.
         windows: returns the windows of time between tasks, once every step is settled.
+        begins: where it begins; by default with every robot at HOME and everything at its start.
 
     Raises:
         TransitError: no expansion of a step has a collision-free plan; names the task, the
             robot and the step.
     """
-    now = _Progress(start_state(cell), {}, 0.0)
+    first = begins or Beginning(start_state(cell))
+    now = _Progress(first.state, first.last_task, 0.0)
     steps: list[StepTasks] = []
     motions: list[TaskMotion] = []
     reached: dict[str, Array] = {}
     for number, expand in enumerate(expansions):
         first_failure: TransitError | None = None
-        for expansion in expand(len(motions)):
+        for expansion in expand(first.tasks + len(motions)):
             turned, then_reached = take_near_turns(cell, expansion, reached)
             try:
                 here = cell_with_steps(cell, [turned])
                 done, after = _plan_step(here, turned, now, settings, known)
             except TransitError as failure:
+                failure.step = turned.step
                 first_failure = first_failure or failure
                 continue
             cell = here
@@ -255,6 +274,9 @@ def _plan_transit(
     if np.allclose(start, goal, rtol=0.0, atol=1e-9):
         return np.array([start])
     checker = _checker(cell, task, phase)
+    if checker.contact(start) is not None:
+        # A plan may begin where robots stand nearer to each other than they come to in one plan.
+        checker = SceneChecker(cell, task.robot, phase.state, phase.pairs)
     for end, q in (("start", start), ("goal", goal)):
         contact = checker.contact(q)
         if contact is not None:

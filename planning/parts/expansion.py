@@ -270,10 +270,13 @@ def _waiting_tasks(
     it, and whatever is done at the place of the next product for that to be gone.
     """
     known, history = candidates.steps, TaskHistory()
-    changes = [_begin_and_end(*pair)[1] for pair in zip(known, steps, strict=True)]
-    yield from ((changes[a], changes[b]) for a, b in sorted(candidates.balance))
+    pairs = [(known[tasks.step - 1], tasks) for tasks in steps]
+    changes = {t.step - 1: _begin_and_end(k, t)[1] for k, t in pairs}
+    for a, b in sorted(candidates.balance):
+        if a in changes and b in changes:
+            yield changes[a], changes[b]
     contacts = _stock_contacts(known)
-    for step, tasks in zip(known, steps, strict=True):
+    for step, tasks in pairs:
         yield from _waits_of_step(history, contacts, step, tasks)
         yield from _waits_of_supply(history, candidates.assembly.supply, tasks)
 

@@ -25,6 +25,15 @@ HOLD = "hold"
 LEAVE_TOOL, TAKE_TOOL = "leave-tool", "take-tool"
 """Skills of letting go of a tool in its rack, and of locking one on the flange."""
 
+FAILED = "failed-attempt"
+"""Kind of a skill of which all attempts have failed: its robot stands where it began."""
+
+TAKEN_OUT = "taken-out"
+"""Kind of a task in which a robot stands at HOME until a person has taken what it holds."""
+
+LEFT_OUT = "left-out"
+"""Kind of a task that was planned and is not done, because what it was for is done in another way."""
+
 CLOSE, OPEN = "close", "open"
 """What a tool does to take something and to let go of it: fingers close and open, suction goes on and off."""
 

@@ -22,6 +22,9 @@ from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 Moment = tuple[int, int]
 """A node, and a waypoint of it: 0 = when it starts, k = at its k-th waypoint."""
 
+_BEFORE: Moment = (-1, 0)
+"""Before the first node, so that it is in the hand of a robot that stands at its start."""
+
 Node = tuple[int, int]
 """A chain, and a node of it."""
 
@@ -145,6 +148,8 @@ class _Trace:
                     " yet"
                 )
             place = _Place(first.pose, None, node, here)
+        elif events and (taken := self._held_from_the_start(events[0])) is not None:
+            place, (_, *events) = taken, events
         for event in events:
             self._until(place, event)
             if event.holder == GONE:
@@ -152,6 +157,13 @@ class _Trace:
                 return
             place = self._after(place, event)
         self._to_the_end(place)
+
+    def _held_from_the_start(self, event: NodeHandling) -> _Place | None:
+        """Return who holds an object before its first node, None where that only takes it then."""
+        robot = self._tpg.chains[event.robot].robot
+        if (event.node, event.waypoint) != (0, 0) or event.holder != robot:
+            return None
+        return _Place(event.pose, event.robot, None, _BEFORE)
 
     def _leave(
         self, place: _Place, event: NodeHandling, events: list[NodeHandling]

@@ -11,7 +11,14 @@ from itertools import zip_longest
 
 import numpy as np
 
-from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL, TRANSIT, Handling, Task
+from planning.tasks.task import (
+    LEAVE_TOOL,
+    LEFT_OUT,
+    TAKE_TOOL,
+    TRANSIT,
+    Handling,
+    Task,
+)
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -51,7 +58,8 @@ def not_as_said(
         for index, first, stop in _nodes_of_tasks(chain):
             done.setdefault(index, []).append((k, first, stop))
     for task in tpg.tasks:
-        if task.index not in done and (task.kind != TRANSIT or task.handlings):
+        undone = task.kind not in (TRANSIT, LEFT_OUT) or task.handlings
+        if task.index not in done and undone:
             text = f"task {task.index} ({task.label}) of {task.robot!r} has no node"
             yield Problem("task", text)
         for own in done.get(task.index, ()):

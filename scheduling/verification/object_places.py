@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject
-from planning.tasks.task import GONE
+from planning.tasks.task import FAILED, GONE, TAKEN_OUT
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -251,7 +251,11 @@ def _wrong(
         return "is handled after it has left the cell"
     if not before.there and to is not None:
         return "is handled before it has come up"
-    if before.there and who not in (holder, to) and not tpg.cell.is_machine(who):
+    chain, node = moment[:2]
+    kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
+    lost = to == GONE and kind in (FAILED, TAKEN_OUT)
+    takes = tpg.cell.is_machine(who) or lost
+    if before.there and who not in (holder, to) and not takes:
         return f"changes hands, and {who!r} neither has it nor gets it"
     if to == GONE:
         return None

@@ -69,11 +69,11 @@ def run_scenario(
         "stalls.count_per_robot": stalls,
     }
     values = {key: value for key, value in given.items() if value is not None}
-    values |= _values(settings)
+    values |= values_of(settings)
 
     def begun(check: Check, folder: Path) -> None:
         if not view.silent:
-            _announce(check, folder)
+            announce(check, folder)
 
     chosen = load(scenario).varied(runs.released(values))
     return runs.run(
@@ -81,7 +81,7 @@ def run_scenario(
     )
 
 
-def _values(settings: Sequence[str]) -> dict[str, Any]:
+def values_of(settings: Sequence[str]) -> dict[str, Any]:
     """Return the keys that are set, and their values."""
     from twin.scenario.variations import parse_variation
 
@@ -94,7 +94,7 @@ def _values(settings: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def _announce(check: Check, folder: Path) -> None:
+def announce(check: Check, folder: Path) -> None:
     """Print the warnings of a check, and what is run into which folder."""
     from rich.console import Console
 
@@ -108,7 +108,7 @@ def _announce(check: Check, folder: Path) -> None:
     )
 
 
-def _show_run(done: RunResult, view: View) -> int:
+def show_run(done: RunResult, view: View) -> int:
     """Print the figures of a run."""
     from twin.run.folder import RECORDING
     from twin.run.summary import print_summary
@@ -128,7 +128,7 @@ def _show_run(done: RunResult, view: View) -> int:
 
 run = command(
     f"{__name__}:run_scenario",
-    _show_run,
+    show_run,
     passes_to="twin.api.runs:run",
     stalls={"min": 0},
     improve={"min": 0},
@@ -165,7 +165,7 @@ def _show_resumed(done: RunResult, view: View) -> int:
             agreed, added = done.resumed
             words = f"{agreed} events of the log happened again, {added} were missing"
         typer.echo(f"{done.folder}: {words}")
-    return _show_run(done, view)
+    return show_run(done, view)
 
 
 def replay_run(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import simpy
 from simpy.events import EventPriority
 
 from planning.timing.braking import StoppedPath
@@ -37,16 +39,21 @@ class DrivenExecution(Execution):
     ) -> None:
         """Set the cell up at time 0; see Execution, and ``at_full_speed`` for the durations."""
         super().__init__(tpg, times, *rest, **options)
-        self._drives = list(map(drive_times, tpg.chains, times.motion))
+        self._take_drives(tpg, times)
         self._passages = [Passage(drive) for drive in self._drives]
+        self._stood: list[list[Standstill]] = [[] for _ in tpg.chains]
+        self._stopped: dict[tuple[int, int], StoppedPath | None] = {}
+
+    def _take_drives(self, tpg: TemporalPlanGraph, times: NodeTimes) -> None:
+        self._drives = list(map(drive_times, tpg.chains, times.motion))
+        self._lengths = [drive.length.tolist() for drive in self._drives]
+        self._lasts = [drive.last.tolist() for drive in self._drives]
         self._given: list[dict[int, list[Standstill]]] = []
         for own in times.standstills:
             by_node: dict[int, list[Standstill]] = {}
             for item in own:
                 by_node.setdefault(item.node, []).append(item)
             self._given.append(by_node)
-        self._stood: list[list[Standstill]] = [[] for _ in tpg.chains]
-        self._stopped: dict[tuple[int, int], StoppedPath | None] = {}
 
     def driven_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood: some nodes after they began to brake."""
@@ -81,18 +88,13 @@ class DrivenExecution(Execution):
         told = (np.array(passage.commands, float) for passage in self._passages)
         return tuple(rows.reshape(-1, 5) for rows in told)
 
-    def _robot(self, chain: int) -> Steps:
-        drive = self._drives[chain]
-        length, last = drive.length.tolist(), drive.last.tolist()
-        for node in range(len(length)):
-            opens = node == 0 or last[node - 1] != last[node]
-            if length[node] <= 0.0:
-                yield from self._until_released(chain, node)
-                if (yield from self._fails(chain, node)):
-                    return
-            else:
-                yield from self._drive(chain, node, opens=opens)
-        self._finish(chain)
+    def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        length, last = self._lengths[chain], self._lasts[chain]
+        if length[node] <= 0.0:
+            return (yield from super()._pass(chain, node))
+        opens = node == 0 or last[node - 1] != last[node]
+        yield from self._drive(chain, node, opens=opens)
+        return False
 
     def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
         """Pass a node of a stretch, which opens with it or goes on."""

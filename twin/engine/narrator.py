@@ -55,6 +55,12 @@ class Narrator:
             self._due.setdefault(number[due], []).append((number[done], window))
         self._doors = {item.name for item in tpg.cell.objects if item.kind == DOOR}
 
+    def of(self, tpg: TemporalPlanGraph, times: NodeTimes) -> Narrator:
+        """Return who goes on to tell of the same run with another graph."""
+        other = Narrator(tpg, times, self._observers, self._now)
+        other._holder = self._holder
+        return other
+
     def emit(
         self,
         kind: EventKind,

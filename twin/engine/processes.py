@@ -143,10 +143,14 @@ class Execution:
 
     def _robot(self, chain: int) -> Steps:
         for node in range(len(self.motion[chain])):
-            yield from self._until_released(chain, node)
-            if (yield from self._fails(chain, node)):
+            if (yield from self._pass(chain, node)):
                 return
         self._finish(chain)
+
+    def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Execute a node once it is released, and return whether its task failed for good."""
+        yield from self._until_released(chain, node)
+        return (yield from self._fails(chain, node))
 
     def _until_released(self, chain: int, node: int) -> Steps:
         """Wait until a robot has been given a node, or for its planned start."""

@@ -34,6 +34,8 @@ EventKind = Literal[
     "failed",
     "retried",
     "window_broken",
+    "replanned",
+    "recovered",
     "finished",
 ]
 

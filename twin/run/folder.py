@@ -25,9 +25,13 @@ CHART = "compare.png"
 TURNS = "in-turns"
 """Folder of the plan in turns, where another plan was made of it."""
 
+FIRST = "first-plan"
+"""Folder of the plan with which an operation began."""
+
 _RESULTS = (
     *(
         TURNS,
+        FIRST,
         "manifest.json",
         "plan.json",
         "plan.npz",

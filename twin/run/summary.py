@@ -47,6 +47,7 @@ class Preparation:
         step_order: numbers that the steps had before they were put into another order.
         makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
             plan is what became of it by a better order of tasks and shortcuts [s].
+        operated: whether what fails is planned anew.
     """
 
     recording: bool = False
@@ -61,6 +62,7 @@ class Preparation:
     load_bound_s: float | None = None
     step_order: Sequence[int] = ()
     makespan_asynchronous_s: float | None = None
+    operated: bool = False
 
 
 def summarise(

@@ -8,6 +8,13 @@ from pathlib import Path
 
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
+from planning.tasks.task import (
+    LEAVE_TOOL,
+    STRAIGHT,
+    SUPPLY_KINDS,
+    TAKE_TOOL,
+    TRANSIT,
+)
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch, report_nothing
@@ -70,6 +77,40 @@ def plan_scenario(
     order = first.work.order
     moved = order if list(order) != sorted(order) else ()
     return replace(plan, load_bound_s=bound, step_order=moved)
+
+
+def plan_to_operate(
+    case: LoadedScenario, progress: Report = report_nothing
+) -> PlanResult:
+    """Plan a scenario, and keep what other plans can be made from; see plan_scenario for the errors."""
+    plan = plan_best(case.sections, case.folder, StageWatch(progress))
+    return replace(plan, scenario=case)
+
+
+_NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
+
+LOSES = 0.2
+"""Share of failed attempts that lose what is handled, where only a chance to fail is given; synthetic."""
+
+
+def with_failures(
+    case: LoadedScenario, tpg: TemporalPlanGraph, chance: float
+) -> LoadedScenario:
+    """Return a scenario in which attempts at every skill of a plan fail with some probability.
+
+    Args:
+        case: the scenario; what it says of a skill stays.
+        tpg: the plan.
+        chance: that an attempt fails.
+    """
+    skills = {task.kind for task in tpg.tasks} - _NO_SKILLS
+    said = case.sections.execution.failures
+    return case.varied(
+        {
+            f"failures.{skill}": {"probability": chance, "loses": LOSES}
+            for skill in sorted(skills - said.keys())
+        }
+    )
 
 
 def plan_best(scenario: Scenario, folder: Path, watch: StageWatch) -> PlanResult:

@@ -200,7 +200,11 @@ def execute(
 
 
 def prepare(
-    plan: PlanResult, *, recording: bool = False, audit: bool | Engine = False
+    plan: PlanResult,
+    *,
+    recording: bool = False,
+    audit: bool | Engine = False,
+    operated: bool = False,
 ) -> Preparation:
     """Return what is known before a run.
 
@@ -208,8 +212,10 @@ def prepare(
         plan: what is to be executed.
         recording: whether ``run.rrd`` is wanted.
         audit: whether the audit is to check what was executed; an engine says with what.
+        operated: whether what fails is planned anew.
     """
     return Preparation(
+        operated=operated,
         recording=recording,
         audit=audit,
         planning_s=dict(plan.planning_s),

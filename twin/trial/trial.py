@@ -9,20 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planning.errors import OutputError, TwinError
-from scheduling.graph.plan_files import save_plan
+from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.host.guard import write_json
 from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing
-from twin.recorders.observers import JsonlRecorder, MemoryRecorder, write_motion
+from twin.operate.operation import Operation, operate
+from twin.recorders.observers import (
+    JsonlRecorder,
+    MemoryRecorder,
+    Recorder,
+    write_motion,
+)
 from twin.run.events import Event, ExecutionRecord, event_line, parse_event, read_log
 from twin.run.folder import (
     EVENTS,
+    FIRST,
     GANTT,
     RECORDING,
     SUMMARY,
@@ -43,8 +50,9 @@ from twin.scenario.manifest import (
 from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult, plan_of_run
+from twin.trial.planning import plan_to_operate
 from twin.trial.run_result import Resumed, RunResult
-from twin.trial.simulation import execute, figures, prepare
+from twin.trial.simulation import execute, figures, prepare, scenario_execution
 
 if TYPE_CHECKING:
     from twin.audit.audit import AuditReport
@@ -67,6 +75,7 @@ def try_plan(
     *,
     recording: bool = True,
     audit: bool | Engine = True,
+    operated: bool = False,
     progress: Report = report_nothing,
 ) -> RunResult:
     """Execute a plan once and write everything about it into a folder.
@@ -76,6 +85,8 @@ def try_plan(
         folder: of the run, made by prepare_run_folder.
         recording: write ``run.rrd``.
         audit: let the audit check what was executed; an engine says with what.
+        operated: plan anew what fails; the plan in the folder is then all that was executed, and the
+            first one is beside it.
         progress: told how far each stage has come.
 
     Raises:
@@ -83,20 +94,56 @@ def try_plan(
         DeadlockError: no robot could go on.
     """
     scenario, base, tpg = plan.scenario.sections, plan.scenario.folder, plan.tpg
-    about = prepare(plan, recording=recording, audit=audit)
+    about = prepare(plan, recording=recording, audit=audit, operated=operated)
     with new_results(folder), whole_or_failed(folder):
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
         save_plan(tpg, folder)
+        if operated:
+            save_plan(tpg, folder / FIRST)
         if plan.turns is not None:
             save_plan(plan.turns, folder / TURNS)
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
         log = JsonlRecorder(folder / EVENTS)
-        record = execute(scenario, tpg, base, recorders=(log, memory))
+        done = _executed(plan, about, (log, memory))
         log.require_whole()
         progress(SIMULATION, 1, 1)
-        _conclude(plan, folder, record, memory.events, about, progress)
-    return RunResult(folder, plan=plan, history=memory.events, record=record)
+        _conclude(done, folder, memory.events, about, progress)
+    return RunResult(folder, plan=done.plan, history=memory.events, record=done.record)
+
+
+@dataclass(frozen=True)
+class _Executed:
+    """What was executed, and how.
+
+    Attributes:
+        plan: with all that was planned on the way.
+        record: when everything happened.
+        operation: what failed and what was made of it; None where nothing is planned anew.
+    """
+
+    plan: PlanResult
+    record: ExecutionRecord
+    operation: Operation | None = None
+
+
+def _executed(
+    plan: PlanResult, about: Preparation, recorders: Sequence[Recorder]
+) -> _Executed:
+    """Execute a plan, and plan anew what fails where that is asked for."""
+    scenario, base = plan.scenario.sections, plan.scenario.folder
+    if not about.operated:
+        record = execute(scenario, plan.tpg, base, recorders=tuple(recorders))
+        return _Executed(plan, record)
+    done = operate(
+        scenario,
+        plan.motions,
+        plan.tpg,
+        scenario_execution(scenario, base),
+        seed=scenario.seed,
+        recorders=recorders,
+    )
+    return _Executed(replace(plan, tpg=done.tpg), done.record, done)
 
 
 @contextmanager
@@ -119,15 +166,20 @@ def whole_or_failed(folder: Path) -> Iterator[None]:
 
 
 def _conclude(
-    plan: PlanResult,
+    done: _Executed,
     folder: Path,
-    record: ExecutionRecord,
     events: list[Event],
     about: Preparation,
     progress: Report,
 ) -> None:
     """Write everything about a run that has been simulated, besides its event log."""
+    plan, record = done.plan, done.record
     scenario, tpg = plan.scenario.sections, plan.tpg
+    if done.operation is not None:
+        about = replace(about, plan_sha256=plan_sha256(tpg))
+        save_plan(tpg, folder)
+        base = plan.scenario.folder
+        write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
     total = 3 + about.recording
     progress(RECORDS, 0, total)
     write_motion(folder, tpg, record)
@@ -153,6 +205,8 @@ def _conclude(
         )
         audit = report.content()
     summary = figures(plan, record, about, audit)
+    if done.operation is not None:
+        summary["operation"] = done.operation.content()
     summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
 
@@ -216,29 +270,46 @@ def resume_run(
     if (folder / SUMMARY).exists() and len(known) == len(log) and _has_ended(log):
         require_as_written(folder, (EVENTS,))
         return RunResult(folder)
-    tpg = plan_of_run(folder)
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
     start = base or manifest_base(folder, manifest)
     require_same_files(folder, manifest, scenario, start)
-    record = execute(scenario, tpg, start, recorders=(memory,))
+    plan = _plan_to_resume(folder, LoadedScenario(scenario, start), about)
+    done = _executed(plan, about, (memory,))
+    record = done.record
     if record.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
     _require_agreement(path, known, lines, memory.events)
-    plan = PlanResult(LoadedScenario(scenario, start), tpg, about.plan, folder=folder)
     with whole_or_failed(folder):
         recorder = JsonlRecorder(path, kept=sum(len(line.encode()) for line in known))
         for event in memory.events[len(known) :]:
             recorder.record(event)
         recorder.close()
         progress(SIMULATION, 1, 1)
-        _conclude(plan, folder, record, memory.events, about, progress)
+        _conclude(done, folder, memory.events, about, progress)
     keep_new(folder)
     found = Resumed(len(known), len(lines) - len(known))
     return RunResult(
-        folder, plan=plan, history=memory.events, record=record, resumed=found
+        folder, plan=done.plan, history=memory.events, record=record, resumed=found
     )
+
+
+def _plan_to_resume(
+    folder: Path, case: LoadedScenario, about: Preparation
+) -> PlanResult:
+    """Return the plan with which a run began.
+
+    Raises:
+        ResumeError: what was planned anew on the way needs what the plan was made of, and that is made
+            again; it is another one now.
+    """
+    if not about.operated:
+        return PlanResult(case, plan_of_run(folder), about.plan, folder=folder)
+    plan = plan_to_operate(case)
+    if plan_sha256(plan.tpg) != plan_sha256(load_plan(folder / FIRST)):
+        raise ResumeError(f"{folder / FIRST}: planned again, it is another plan")
+    return plan
 
 
 def _has_ended(log: Sequence[str]) -> bool:

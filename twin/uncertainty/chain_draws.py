@@ -24,6 +24,9 @@ from twin.uncertainty.draws import uniforms
 
 Cause = Literal["stall", "breakdown", "retry"]
 
+HANDLING = frozenset({"pick", "place-down", "place-up", "handover"})
+"""Skills in which an object can be lost."""
+
 _HOUR_NS = 3600 * NANOSECONDS
 
 
@@ -251,9 +254,23 @@ class ChainDraws:
                 u = self.draw(which, "retry", attempt)
                 cost = to_nanoseconds(failure.retry.ppf(u[row, column]))
             found.append(Standstills("retry", nodes[row], column, cost))
+            last = fails & self._lost(which, failure, attempt)
             if attempt == failure.retries:
-                np.minimum.at(failed, column, nodes[row])
+                last = fails
+            row, column = np.nonzero(last)
+            np.minimum.at(failed, column, nodes[row])
+            fails &= ~last
         return found
+
+    def _lost(
+        self, which: Indices, failure: SkillFailure, attempt: int
+    ) -> npt.NDArray[np.bool_]:
+        """Tell of some tasks whether their object is lost if an attempt fails, shape (n, r)."""
+        if failure.loses <= 0.0:
+            return np.zeros((len(which), len(self.numbers)), dtype=np.bool_)
+        kinds = np.array([self.own.kinds[k] in HANDLING for k in which.tolist()])
+        lost = self.draw(which, "lost", attempt) < failure.loses
+        return np.asarray(lost & kinds[:, None])
 
 
 def choose(n: int, u: Array) -> Indices:

@@ -179,12 +179,15 @@ class SkillFailure(Section):
         retries: further attempts after the first; when all fail, the task has failed.
         retry: distribution of the time until the next attempt begins; by default as long as
             the skill takes in that run.
+        loses: probability that the object is lost in an attempt that fails, dropped or broken, so that
+            it is not made again.
     """
 
     probability: Probability
     parts: dict[str, Probability] = Field(default_factory=dict)
     retries: Annotated[int, Field(ge=0, le=1000)] = 2
     retry: AnyDuration | None = None
+    loses: Probability = 0.0
 
     def of(self, robot: str, part: str | None) -> float:
         """Return the probability that an attempt of a robot with a part fails, whatever the reason."""
@@ -210,6 +213,18 @@ class EmergencyStop(Section):
     robot: Name | None = None
     at_s: Annotated[float, Field(ge=0, le=1e6)]
     duration_s: Annotated[float, Field(gt=0, le=1e6)]
+
+
+class Outage(Section):
+    """A robot that stops for good.
+
+    Attributes:
+        robot: who stops.
+        at_s: when [s]; it is at rest at the end of what it has been told to do by then.
+    """
+
+    robot: Name
+    at_s: Annotated[float, Field(ge=0, le=1e6)]
 
 
 class MachineDisturbances(Section):

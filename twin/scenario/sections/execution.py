@@ -14,7 +14,7 @@ from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.windows import WindowsSection
-from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.disturbances import Disturbances, Outage
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
@@ -30,6 +30,23 @@ class ReferenceDuration(Section):
 
 SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="kind")]
 """Duration of a skill: drawn from a distribution, or that of its reference path."""
+
+
+class RecoverySection(Section):
+    """What ``twin operate`` does when a skill has failed for good or a robot is out.
+
+    Attributes:
+        planning_s: how long planning takes in the simulation, for which all others go on [s].
+        shortcuts: candidates tried on each new plan.
+        remove_s: how long a person takes to take what a robot holds that has nowhere to go [s].
+        again: how often a skill is planned anew with what it was to be done with, before its step is
+            given up.
+    """
+
+    planning_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
+    shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 200
+    remove_s: Annotated[float, Field(ge=0, le=3600)] = 10.0
+    again: Annotated[int, Field(ge=0, le=100)] = 3
 
 
 class ExecutionSection(Disturbances):
@@ -49,6 +66,8 @@ class ExecutionSection(Disturbances):
             to close or to open, and skills elsewhere the packaged synthetic timings.
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
         windows: how windows of time between steps are kept.
+        outages: robots that stop for good, for ``twin operate``.
+        recovery: what is done then, and when a skill has failed for good.
     """
 
     policy: Literal["asynchronous", "sequential", "synchronous", "open-loop"] = (
@@ -61,6 +80,8 @@ class ExecutionSection(Disturbances):
     skills: dict[Skill, SkillSection] = Field(default_factory=dict)
     skill_overrides: tuple[SkillOverride, ...] = ()
     windows: WindowsSection = WindowsSection()
+    outages: tuple[Outage, ...] = ()
+    recovery: RecoverySection = RecoverySection()
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
         """Return the duration model of every skill, without exceptions.
@@ -100,6 +121,8 @@ class ExecutionSection(Disturbances):
         for i, stop in enumerate(self.emergency_stops):
             if stop.robot is not None:
                 yield ("emergency_stops", i, "robot"), stop.robot
+        for i, outage in enumerate(self.outages):
+            yield ("outages", i, "robot"), outage.robot
 
     def disturbances(
         self, robots: tuple[str, ...], folder: Path = Path()

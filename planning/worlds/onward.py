@@ -1,0 +1,330 @@
+"""What is left of an assembly, planned from a world on: steps that have begun go on, the others are chosen anew.
+
+The integer program is that of the whole assembly in which every step that has begun keeps its choice,
+and what is out is chosen no more. So costs, balance and everything that choices have to do with each
+other are what they are in a plan that is made at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from planning.cell.workcell import Workcell
+from planning.kinematics.kinematics import frame_pose
+from planning.motion.known_motions import KnownMotions, MotionPlan
+from planning.motion.sequential import MotionSettings, plan_sequential
+from planning.progress import Progress, no_progress
+from planning.tasks.assignment import (
+    AssignmentProblem,
+    PrimaryCandidate,
+    StepChoice,
+    SupportCandidate,
+    TaskPlan,
+)
+from planning.tasks.highs_solver import assign_steps
+from planning.tasks.task import GONE, TAKEN_OUT, TRANSIT, Handling, StepTasks, Task
+from planning.tasks.work import AssemblyWork, StepExpansions
+from planning.transforms import Array, Indices, readonly
+from planning.worlds.world import Leftover, World, continued, leftovers
+
+
+@dataclass(frozen=True)
+class Onward:
+    """A plan from a world on.
+
+    Attributes:
+        motions: of the new tasks, whose indices go on from the world's.
+        task_plan: choices of all steps, those that have begun included.
+        steps, past: as of a world, with the new tasks.
+    """
+
+    motions: MotionPlan
+    task_plan: TaskPlan
+    steps: tuple[StepTasks, ...]
+    past: tuple[StepTasks, ...]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A world, and what has become of the plan in it.
+
+    Attributes:
+        world: where everything is, what is complete and what is out.
+        task_plan: the choices up to now.
+        reopened: steps that have begun and are to be done anew, with the robots that do nothing more
+            for them.
+        given_up: steps that are not to be done.
+        until: number of the last step whose motions are planned; None for all.
+        aside: robots that go HOME with what they hold, and come back, so that others may pass.
+    """
+
+    world: World
+    task_plan: TaskPlan
+    reopened: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    given_up: frozenset[int] = frozenset()
+    until: int | None = None
+    aside: frozenset[str] = frozenset()
+
+    @property
+    def kept(self) -> dict[int, StepChoice]:
+        """Choices that stay as they are, by step: of what has begun, and of what is not to be done."""
+        begun = self.world.begun().keys() - self.reopened.keys()
+        return {
+            c.step: c for c in self.task_plan.choices if c.step in begun | self.given_up
+        }
+
+
+def plan_onward(
+    cell: Workcell,
+    work: AssemblyWork,
+    settings: MotionSettings,
+    now: Situation,
+    progress: Progress = no_progress,
+    known: KnownMotions | None = None,
+) -> Onward:
+    """Plan what is left of an assembly.
+
+    Args:
+        cell: with the objects that have come up.
+        work: all candidates, and the tasks that follow from choices.
+        settings: how tasks are turned into motions.
+        now: where it begins.
+        progress: see ``plan_sequential``.
+        known: ways found before.
+
+    Raises:
+        InfeasibleStepError: a step can no longer be done by anyone; says which and why.
+        TransitError: no collision-free path was found, such as for a robot that is shut in.
+    """
+    world, kept = now.world, now.kept
+    left = leftovers(world, now.reopened)
+    problem = narrowed(work.problem, kept, world.out, _busy_until(left))
+    plan = assign_steps(problem)
+    again = StepExpansions(replace(work, problem=problem), plan)
+    last = len(plan.choices) if now.until is None else now.until
+    items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
+    away = (*_away(cell, world, left), *sorted(now.aside))
+    items += [_Item(_home(cell, world, name)) for name in away]
+    burdens = _burdens(world, left)
+    items += [_Item(_taken_out(cell, world, *item)) for item in burdens.items()]
+    goes_on = {item.step.step: item for item in left if not item.ends}
+    aside = set(now.aside)
+    for step in range(1, len(plan.choices) + 1):
+        if step in goes_on:
+            item = goes_on[step]
+            back = sorted(aside & {task.robot for task in item.tasks})
+            items += [_Item(_to(world, name, _stands(world, name))) for name in back]
+            aside -= set(back)
+            if step in now.reopened:
+                items.append(_of_leftover(item, now))
+            else:
+                items.append(
+                    _Item(partial(_going_on, again, item), step, item.with_done)
+                )
+        elif step not in kept and step <= last:
+            items.append(_Item(partial(again.ways, step), step))
+    begun = world.begun()
+    steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
+    done = {number: _done(step, world) for number, step in steps.items()}
+    past = [*world.past]
+    past += [_done(step, world) for step in world.steps if step.step not in steps]
+
+    def link(planned: Sequence[StepTasks]) -> Indices:
+        for item, tasks in zip(items, planned, strict=True):
+            if item.step is None:
+                past.append(tasks)
+            else:
+                steps[item.step] = item.whole(tasks)
+                done[item.step] = steps[item.step]
+        return work.link([done[number] for number in sorted(done)])
+
+    ways = [item.ways for item in items]
+    motions = plan_sequential(
+        cell, ways, link, settings, progress, known, world.beginning
+    )
+    whole = tuple(steps[number] for number in sorted(steps))
+    return Onward(motions, again.plan, whole, tuple(past))
+
+
+@dataclass(frozen=True)
+class _Item:
+    """Something to plan.
+
+    Attributes:
+        ways: yields its tasks in ever less preferred ways, given the index of the first.
+        step: number of the step that it is, None for what only clears the way.
+        whole: returns the tasks of the step, those done before included.
+    """
+
+    ways: Callable[[int], Iterator[StepTasks]]
+    step: int | None = None
+    whole: Callable[[StepTasks], StepTasks] = lambda planned: planned
+
+
+def _going_on(again: StepExpansions, left: Leftover, first: int) -> Iterator[StepTasks]:
+    """Yield what is left of a step, among what stands around by now."""
+    fresh = again.work.expand(again.plan, left.step.step, first)
+    yield left.numbered(first, fresh)
+
+
+def _of_leftover(left: Leftover, now: Situation) -> _Item:
+    number = left.step.step
+    if number in now.reopened:
+        return _Item(_once(left.numbered))
+    return _Item(_once(left.numbered), number, left.with_done)
+
+
+def narrowed(
+    problem: AssignmentProblem,
+    kept: Mapping[int, StepChoice],
+    out: Collection[str],
+    busy_until: Mapping[str, int],
+) -> AssignmentProblem:
+    """Return a problem in which some steps keep their choices, and what is out is not chosen.
+
+    Args:
+        problem: of the whole assembly.
+        kept: choice of each step that has one.
+        out: robots and objects that are out.
+        busy_until: robots whose hands are full, with the step that empties them: they do no earlier one.
+    """
+    used = {c.object for c in kept.values()} - problem.unlimited
+
+    def free(step: int, robot: str | None) -> bool:
+        return robot is None or (robot not in out and step > busy_until.get(robot, 0))
+
+    def may(item: PrimaryCandidate) -> bool:
+        if item.step in kept:
+            return item == kept[item.step].primary
+        free_hands = free(item.step, item.robot) and free(item.step, item.partner)
+        return free_hands and item.object not in out and item.object not in used
+
+    def may_support(item: SupportCandidate) -> bool:
+        if item.step in kept:
+            return item == kept[item.step].support
+        return free(item.step, item.robot)
+
+    first = [k for k, item in enumerate(problem.primaries) if may(item)]
+    second = [k for k, item in enumerate(problem.supports) if may_support(item)]
+    p, s = ({k: n for n, k in enumerate(own)} for own in (first, second))
+    # What stood on another one stands there no more once a step has used it.
+    gone = used | set(out)
+    primaries = tuple(
+        replace(item, after=item.after - gone) if item.step not in kept else item
+        for item in (problem.primaries[k] for k in first)
+    )
+    return replace(
+        problem,
+        primaries=primaries,
+        supports=tuple(problem.supports[k] for k in second),
+        incompatible=frozenset(
+            (p[a], s[b]) for a, b in problem.incompatible if a in p and b in s
+        ),
+        clashing=frozenset(
+            (p[a], p[b]) for a, b in problem.clashing if a in p and b in p
+        ),
+    )
+
+
+def _carriers(left: list[Leftover]) -> Iterator[Task]:
+    """Yield the tasks in which robots are to put down, or hand over, what they have in their hands."""
+    for item in left:
+        if not item.ends:
+            yield from (task for task in item.tasks if task.kind != TRANSIT)
+
+
+def _busy_until(left: list[Leftover]) -> dict[str, int]:
+    until: dict[str, int] = {}
+    for task in _carriers(left):
+        until[task.robot] = max(task.step, until.get(task.robot, 0))
+    return until
+
+
+def _once(
+    numbered: Callable[[int], StepTasks],
+) -> Callable[[int], Iterator[StepTasks]]:
+    def ways(first: int) -> Iterator[StepTasks]:
+        yield numbered(first)
+
+    return ways
+
+
+def _ways(again: StepExpansions, step: int) -> Callable[[int], Iterator[StepTasks]]:
+    return lambda first: again.ways(step, first)
+
+
+def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
+    """Yield the robots that stand somewhere with nothing to bring to an end there."""
+    going = {task.robot for item in left for task in item.tasks}
+    for robot in cell.robots:
+        at = world.state.configurations[robot.name]
+        stands = abs(at - robot.home).max() > 1e-9
+        if stands and robot.name not in {*going, *world.out}:
+            yield robot.name
+
+
+def _home(
+    cell: Workcell, world: World, robot: str
+) -> Callable[[int], Iterator[StepTasks]]:
+    """Return how a robot goes HOME from where it stands."""
+    return _to(world, robot, cell.robot(robot).home)
+
+
+def _burdens(world: World, left: list[Leftover]) -> dict[str, str]:
+    """Return what robots hold that they are to put nowhere any more, by robot."""
+    going = {task.robot for item in left if not item.ends for task in item.tasks}
+    picked = {t.object for s in world.steps for t in s.tasks if t.kind == "pick"}
+    return {
+        at.holder: name
+        for name, at in world.held()
+        if at.holder is not None
+        and name in picked
+        and at.holder not in going | world.out
+    }
+
+
+def _taken_out(
+    cell: Workcell, world: World, robot: str, name: str
+) -> Callable[[int], Iterator[StepTasks]]:
+    """Return how a robot stands at HOME until what it holds has been taken from it."""
+
+    def numbered(first: int) -> StepTasks:
+        placed = cell.robot(robot)
+        pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
+        gone = (
+            Handling(name, 1, None, readonly(pose)),
+            Handling(name, 1, GONE, readonly(pose)),
+        )
+        path, label = readonly(placed.home[None]), f"{name} is taken out"
+        task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
+        return StepTasks(1, (task,), (), ())
+
+    return _once(numbered)
+
+
+def _stands(world: World, robot: str) -> Array:
+    return world.state.configurations[robot]
+
+
+def _to(world: World, robot: str, q: Array) -> Callable[[int], Iterator[StepTasks]]:
+    """Return how a robot goes from, or back to, where it stands in a world."""
+    last = world.beginning.last_task.get(robot)
+    known = (*world.past, *world.steps)
+    steps = [step for step in known for t in step.tasks if t.index == last]
+    number = steps[0].step if steps else 1
+
+    def numbered(first: int) -> StepTasks:
+        task = Task(first, robot, TRANSIT, number, "aside", readonly(q[None]))
+        # What it may touch where it stands, it may touch on its way from and to there.
+        allowed = [] if last is None else continued(steps[0].allowed, {last: first})
+        return StepTasks(number, (task,), (), tuple(allowed))
+
+    return _once(numbered)
+
+
+def _done(step: StepTasks, world: World) -> StepTasks:
+    """Return what has been done of a step."""
+    tasks = tuple(t for t in step.tasks if t.index in world.complete)
+    return replace(step, tasks=tasks, dependencies=())

@@ -1,0 +1,216 @@
+"""The world that a plan begins in: where everything is when nothing moves, and which tasks are complete.
+
+HOME with everything at its start and nothing done is one of them. A world is read from what was executed,
+never from what was planned; what cannot be used any more is named as being out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from planning.cell.workcell import Attachment, Workcell, WorldState, start_state
+from planning.kinematics.kinematics import frame_pose
+from planning.motion.sequential import Beginning
+from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
+from planning.transforms import Transform, readonly
+
+
+@dataclass(frozen=True)
+class World:
+    """State of a cell in the middle of an assembly.
+
+    Attributes:
+        state: where everything is; what has left the cell, or lies nobody knows where, has no place.
+        steps: the tasks of each step that has been planned, those that are complete included, one
+            entry a step.
+        past: what was done of steps that were then begun anew, and ways HOME that belong to none.
+        complete: indices of the tasks that are complete.
+        out: robots that do nothing any more, and objects that are of no use.
+        tasks: index of the next new task.
+    """
+
+    state: WorldState
+    steps: tuple[StepTasks, ...] = ()
+    past: tuple[StepTasks, ...] = ()
+    complete: frozenset[int] = frozenset()
+    out: frozenset[str] = frozenset()
+    tasks: int = 0
+
+    @property
+    def beginning(self) -> Beginning:
+        """Where a sequential plan begins in it."""
+        return Beginning(self.state, self._last_tasks, self.tasks)
+
+    @property
+    def _last_tasks(self) -> dict[str, int]:
+        """The task that each robot completed last, by robot; absent for one that did none yet."""
+        last: dict[str, int] = {}
+        for task in (t for step in (*self.past, *self.steps) for t in step.tasks):
+            if task.index in self.complete:
+                last[task.robot] = max(task.index, last.get(task.robot, -1))
+        return last
+
+    def held(self) -> Iterator[tuple[str, Attachment]]:
+        """Yield what is in hands, with who holds it."""
+        for name, at in self.state.attachments.items():
+            if at.holder is not None:
+                yield name, at
+
+    def pose_of(self, cell: Workcell, name: str) -> Transform:
+        """Return where an object is in the world."""
+        at = self.state.attachments[name]
+        if at.holder is None:
+            return at.pose
+        flange = frame_pose(cell.robot(at.holder), self.state.configurations[at.holder])
+        return readonly(flange @ at.pose)
+
+    def begun(self) -> dict[int, StepTasks]:
+        """Return the steps of which a skill is complete, by number: they go on as they were planned."""
+        return {
+            step.step: step
+            for step in self.steps
+            if any(t.kind != TRANSIT and t.index in self.complete for t in step.tasks)
+        }
+
+
+def first_world(cell: Workcell) -> World:
+    """Return the world in which every robot is at HOME, and everything at its start."""
+    return World(start_state(cell))
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What is left of a step that has begun, to be done as it was planned.
+
+    Attributes:
+        step: its tasks, those that are complete included.
+        tasks: those that are left, in order.
+    """
+
+    step: StepTasks
+    tasks: tuple[Task, ...]
+
+    @property
+    def ends(self) -> bool:
+        """Whether nothing is left but ways to go."""
+        return all(task.kind == TRANSIT for task in self.tasks)
+
+    def with_done(self, numbered: StepTasks) -> StepTasks:
+        """Return the step with the new indices of what is left."""
+        new = dict(zip((t.index for t in self.tasks), numbered.tasks, strict=True))
+        return replace(
+            numbered,
+            tasks=tuple(new.get(task.index, task) for task in self.step.tasks),
+            allowed=(*self.step.allowed, *numbered.allowed),
+        )
+
+    def numbered(self, first: int, fresh: StepTasks | None = None) -> StepTasks:
+        """Return what is left with new indices, from the given one on.
+
+        Args:
+            first: that index.
+            fresh: the step as it would be done now from its begin on: what touches in it may have other
+                names than when it was planned.
+        """
+        new = {task.index: first + k for k, task in enumerate(self.tasks)}
+        tasks = tuple(replace(task, index=new[task.index]) for task in self.tasks)
+        waits = tuple(
+            (new.get(a, a), new[b]) for a, b in self.step.dependencies if b in new
+        )
+        allowed = continued(self.step.allowed, new)
+        if fresh is not None and _alike(fresh, self.step):
+            pairs = zip(fresh.tasks, self.step.tasks, strict=True)
+            now = {f.index: new.get(t.index, t.index) for f, t in pairs}
+            allowed += tuple(
+                replace(c, tasks=frozenset(now[t] for t in c.tasks if t in now))
+                for c in fresh.allowed
+            )
+        return StepTasks(self.step.step, tasks, waits, allowed)
+
+
+def _alike(fresh: StepTasks, step: StepTasks) -> bool:
+    """Tell whether a step is done by the same tasks as another one."""
+    return [(t.robot, t.kind) for t in fresh.tasks] == [
+        (t.robot, t.kind) for t in step.tasks
+    ]
+
+
+def continued(
+    allowed: Sequence[AllowedContact], new: Mapping[int, int]
+) -> tuple[AllowedContact, ...]:
+    """Return allowed contacts in which tasks have new indices beside their old ones."""
+    return tuple(
+        replace(
+            contact, tasks=contact.tasks | {new[t] for t in contact.tasks & new.keys()}
+        )
+        for contact in allowed
+        if contact.tasks & new.keys()
+    )
+
+
+def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Leftover]:
+    """Return what is left of the steps that have begun, ways to go first, then in their order.
+
+    Args:
+        world: what is complete.
+        reopened: steps that are to be done anew, by number, with the robots that have nothing to bring
+            to an end in them. Of the others only those go on that have done a skill in it, as far as
+            their way back: they stand where they are in the way.
+    """
+    found = []
+    for number, step in world.begun().items():
+        left = [task for task in step.tasks if task.index not in world.complete]
+        if number in reopened:
+            done = {
+                task.robot
+                for task in step.tasks
+                if task.kind != TRANSIT and task.index in world.complete
+            }
+            brings = {task.robot for task in left if task.handlings}
+            stays = done - reopened[number] - brings
+            left = [task for task in left if task.robot in stays]
+        left = [task for task in left if task.robot not in world.out]
+        if left:
+            found.append(Leftover(step, tuple(left)))
+    return sorted(found, key=lambda item: (not item.ends, item.step.step))
+
+
+def in_world(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
+    """Return a cell in which a world is how everything is at the start.
+
+    Args:
+        cell: with all objects.
+        world: the world; what is in a hand lies where that is.
+        busy: robots that have something to do: all others stand where they are to the end.
+    """
+    robots = tuple(
+        robot
+        if robot.name in busy
+        else replace(robot, home=readonly(world.state.configurations[robot.name]))
+        for robot in cell.robots
+    )
+    objects = []
+    for item in cell.objects:
+        if item.name in world.state.attachments:
+            start = world.pose_of(cell, item.name)
+            objects.append(replace(item, start=start, later=False))
+        else:
+            objects.append(replace(item, later=True))
+    return replace(cell, robots=robots, objects=tuple(objects))
+
+
+def taken_up(tasks: Sequence[Task], world: World) -> tuple[Task, ...]:
+    """Return tasks in whose first ones robots take up what they hold when a plan begins in a world."""
+    held: dict[str, list[Handling]] = {}
+    for name, at in world.held():
+        held.setdefault(at.holder or "", []).append(
+            Handling(name, 0, at.holder, at.pose)
+        )
+    found = []
+    for task in tasks:
+        more = tuple(held.pop(task.robot, ()))
+        found.append(
+            replace(task, handlings=(*more, *task.handlings)) if more else task
+        )
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""The rolling graph: a plan that is cut while it is executed, and extended from the world at the cut."""

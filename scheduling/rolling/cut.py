@@ -1,0 +1,221 @@
+"""Cuts through a temporal plan graph: what is still executed of it, and the world that comes of that.
+
+A cut has one border for each chain. What lies before it is *committed*: all that has been released, and
+whatever of the rest can be brought to an end without what is not to happen any more. Committed nodes
+wait for committed nodes only, so they are executed to the end whatever comes after the cut, and
+nobody who stands at it is in the way of any of them: who would be is ordered after a node beyond it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+
+from planning.cell.workcell import start_state
+from planning.errors import PlanInvariantError
+from planning.tasks.task import (
+    LEFT_OUT,
+    AllowedContact,
+    Handling,
+    StepTasks,
+    Task,
+    apply_handlings,
+    move_robot,
+)
+from planning.worlds.world import World
+from scheduling.conflicts.object_spans import handlings_in_order
+from scheduling.graph.task_edges import TaskNodes, task_nodes
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.total_order import planned_ranks
+
+Counts = tuple[int, ...]
+"""How many nodes of each chain, from its first on."""
+
+
+def cut_after(
+    tpg: TemporalPlanGraph,
+    released: Sequence[int],
+    never: Collection[tuple[int, int]] = (),
+    *,
+    steps: bool = True,
+) -> Counts:
+    """Return a cut: how many nodes of each chain are committed.
+
+    Args:
+        tpg: the graph.
+        released: how many nodes of each chain have been released: they are committed.
+        never: nodes (chain, node) that are not executed any more, nor what waits for them; they may
+            have been released.
+        steps: whether a robot goes on to the end of what it does for the step that it has begun a
+            skill of; else to the end of its task.
+
+    Returns:
+        A number of nodes a chain. Where something can be committed, a robot stops neither within a
+        transit nor within a skill.
+    """
+    found = _Commitment(tpg, released, never)
+    for k in range(len(tpg.chains)):
+        found.finish_task(k)
+    if steps:
+        for k in range(len(tpg.chains)):
+            found.finish_step(k)
+    return tuple(found.counts)
+
+
+class _Commitment:
+    """Nodes that are committed, closed under what they wait for."""
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        released: Sequence[int],
+        never: Collection[tuple[int, int]],
+    ) -> None:
+        self.tpg = tpg
+        self.limit = [len(chain) for chain in tpg.chains]
+        for k, node in never:
+            self.limit[k] = min(self.limit[k], node)
+        self.counts = [min(a, b) for a, b in zip(released, self.limit, strict=True)]
+        self._sources: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        for k, u, i, v in tpg.edges.tolist():
+            self._sources.setdefault((i, v), []).append((k, u))
+        self._of_node = [
+            {n: own for own in tasks for n in range(own.first, own.stop)}
+            for tasks in task_nodes(tpg.chains)
+        ]
+
+    def commit(self, chain: int, count: int) -> bool:
+        """Commit the nodes of a chain up to some number with all that they wait for, if that can be."""
+        counts, todo = list(self.counts), [(chain, count)]
+        while todo:
+            k, upto = todo.pop()
+            if upto > self.limit[k]:
+                return False
+            fresh = range(counts[k], upto)
+            counts[k] = max(counts[k], upto)
+            for node in fresh:
+                todo += [(i, u + 1) for i, u in self._sources.get((k, node), ())]
+        self.counts = counts
+        return True
+
+    def finish_task(self, chain: int) -> None:
+        """Commit what is left of the task that a robot is within."""
+        while (own := self._within(chain)) is not None:
+            if not self.commit(chain, own.stop):
+                return
+
+    def finish_step(self, chain: int) -> None:
+        """Commit what is left of the step that a robot has begun a skill of, task by task."""
+        tasks, chains = self.tpg.tasks, self.tpg.chains
+        at = self.counts[chain]
+        own = chains[chain].task[:at]
+        skills = own[chains[chain].skill[:at]]
+        if len(skills) == 0:
+            return
+        step = tasks[int(skills[-1])].step
+        while (node := self.counts[chain]) < len(chains[chain]):
+            following = self._of_node[chain][node]
+            if tasks[following.task].step != step:
+                return
+            if not self.commit(chain, following.stop):
+                return
+
+    def _within(self, chain: int) -> TaskNodes | None:
+        node = self.counts[chain]
+        own = self._of_node[chain].get(node)
+        return None if own is None or own.first == node else own
+
+
+def complete_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> frozenset[int]:
+    """Return the tasks that are complete when so many nodes of each chain are.
+
+    A task without nodes is complete as soon as all before it are.
+    """
+    index, found = tpg.chain_index, set()
+    stop: dict[str, int] = {}
+    for chain, count in zip(tpg.chains, counts, strict=True):
+        if count < len(chain):
+            stop[chain.robot] = int(chain.task[count])
+    for task in tpg.tasks:
+        if task.kind == LEFT_OUT or task.robot not in index:
+            continue
+        if task.index < stop.get(task.robot, task.index + 1):
+            found.add(task.index)
+    return frozenset(found)
+
+
+def world_at(
+    tpg: TemporalPlanGraph, counts: Sequence[int], *, borders: bool = True
+) -> World:
+    """Return the world in which so many nodes of each chain are complete, and nothing moves.
+
+    Args:
+        tpg: the graph.
+        counts: nodes of each chain; what a node of them waits for is among them.
+        borders: whether to refuse a world in which a robot stands within a skill.
+
+    Raises:
+        PlanInvariantError: a robot would stand within a skill.
+    """
+    state = start_state(tpg.cell)
+    for chain, count in zip(tpg.chains, counts, strict=True):
+        if borders:
+            _require_border(tpg, chain, count)
+        state = move_robot(state, chain.robot, stands_at(chain, count))
+    for h in handlings_in_order(tpg, planned_ranks(tpg.chains)):
+        if h.node < counts[h.robot]:
+            change = Handling(h.object, h.waypoint, h.holder, h.pose)
+            state = apply_handlings(state, [change])
+    return World(
+        state,
+        tuple(_steps(tpg)),
+        complete=complete_tasks(tpg, counts),
+        tasks=1 + max(_begun_tasks(tpg, counts), default=-1),
+    )
+
+
+def _begun_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> Iterator[int]:
+    for chain, count in zip(tpg.chains, counts, strict=True):
+        yield from chain.task[:count].tolist()
+
+
+def stands_at(chain: NodeChain, count: int) -> np.ndarray:
+    """Return where a robot stands when so many of its nodes are complete, shape (n,)."""
+    return chain.start if count == 0 else chain.waypoints[chain.first[count] - 1]
+
+
+def _require_border(tpg: TemporalPlanGraph, chain: NodeChain, count: int) -> None:
+    if 0 < count < len(chain) and chain.skill[count] and chain.skill[count - 1]:
+        task = int(chain.task[count])
+        if task == int(chain.task[count - 1]):
+            raise PlanInvariantError(
+                f"robot {chain.robot!r} would stand within task {task}"
+                f" ({tpg.tasks[task].label}), where nothing can begin"
+            )
+
+
+def _steps(tpg: TemporalPlanGraph) -> list[StepTasks]:
+    """Return the tasks of a graph step by step, with what belongs to them."""
+    by_step: dict[int, list[Task]] = {}
+    for task in tpg.tasks:
+        if task.kind != LEFT_OUT:
+            by_step.setdefault(task.step, []).append(task)
+    step_of = {task.index: task.step for task in tpg.tasks}
+    waits: dict[int, list[tuple[int, int]]] = {}
+    for a, b in tpg.dependencies.tolist():
+        if step_of[a] == step_of[b]:
+            waits.setdefault(step_of[a], []).append((a, b))
+    allowed: dict[int, list[AllowedContact]] = {}
+    for contact in tpg.allowed:
+        for step in {step_of[t] for t in contact.tasks if t in step_of}:
+            allowed.setdefault(step, []).append(contact)
+    return [
+        StepTasks(
+            step,
+            tuple(tasks),
+            tuple(waits.get(step, ())),
+            tuple(allowed.get(step, ())),
+        )
+        for step, tasks in sorted(by_step.items())
+    ]

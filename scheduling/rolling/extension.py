@@ -1,0 +1,217 @@
+"""Extensions: a graph cut and continued by motions that were planned from the world at the cut.
+
+All committed nodes come before all new ones in the total order, so edges point from committed to new
+ones and there is no cycle. Edges among committed nodes, and among new ones, are there already; what is
+searched are conflicts between the two. The union keeps the invariant of every graph, and is checked
+like every graph before anybody executes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.progress import Progress, no_progress
+from planning.tasks.task import LEFT_OUT, AllowedContact, Handling, Task
+from planning.transforms import Indices
+from scheduling.build_tpg import find_motion_edges
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.drive import joined_corners, joined_drives
+from scheduling.graph.task_edges import dependency_edges
+from scheduling.graph.temporal_plan_graph import (
+    MOTION_CONFLICT,
+    TASK_DEPENDENCY,
+    NodeChain,
+    NodeHandling,
+    TemporalPlanGraph,
+    join_chains,
+)
+from scheduling.invariant import check_invariant
+
+
+def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPlanGraph:
+    """Return the committed nodes of a graph, with the edges among them.
+
+    Tasks that have no node left are kept as left out, so that indices stay; those behind the last one
+    that has are dropped.
+    """
+    kept = [k for k, count in enumerate(counts) if count]
+    chains = tuple(tpg.chains[k].cut(0, counts[k]) for k in kept)
+    place = {k: n for n, k in enumerate(kept)}
+    done = {int(task) for chain in chains for task in chain.task}
+    cut = {
+        int(chain.task[n - 1])
+        for chain, n in zip(tpg.chains, counts, strict=True)
+        if 0 < n < len(chain) and chain.task[n] == chain.task[n - 1]
+    }
+    tasks = tuple(
+        (replace(task, goal=False) if task.index in cut else task)
+        if task.index in done
+        else left_out(task)
+        for task in tpg.tasks[: max(done, default=-1) + 1]
+    )
+    own = [
+        (place[k], u, place[i], v)
+        for k, u, i, v in tpg.edges.tolist()
+        if v < counts[i] and k in place and i in place
+    ]
+    inside = np.array([v < counts[i] for _, _, i, v in tpg.edges.tolist()], dtype=bool)
+    waits = [(a, b) for a, b in tpg.dependencies.tolist() if a in done and b in done]
+    none = np.empty(0, dtype=np.int64)
+    return replace(
+        tpg,
+        tasks=tasks,
+        chains=chains,
+        edges=np.array(own, dtype=np.int64).reshape(-1, 4),
+        cause=tpg.cause[inside],
+        handlings=tuple(
+            replace(h, robot=place[h.robot])
+            for h in tpg.handlings
+            if h.node < counts[h.robot]
+        ),
+        dependencies=np.array(waits, dtype=np.int64).reshape(-1, 2),
+        slots=none,
+        products=none,
+    )
+
+
+def left_out(task: Task) -> Task:
+    """Return a task as one that is not done."""
+    return replace(
+        task, kind=LEFT_OUT, handlings=(), actuations=(), object=None, goal=False
+    )
+
+
+def extended(
+    committed: TemporalPlanGraph,
+    new: TemporalPlanGraph,
+    cell: Workcell,
+    dependencies: Indices,
+    *,
+    order: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> TemporalPlanGraph:
+    """Return committed nodes with new ones after them, reduced and checked.
+
+    Args:
+        committed: see ``committed_part``.
+        new: a graph that begins in the world at the cut: its tasks are those of the committed nodes and
+            then its own, and its robots begin with what they hold in their hands.
+        cell: with all objects, as it was at the very start.
+        dependencies: between tasks of both, shape (e, 2).
+        order: robots whose chains come first, in this order, by default that of the committed ones.
+        progress: called as the conflict search goes on.
+
+    Raises:
+        PlanInvariantError: a robot or an object that stands is in the way of a new motion.
+    """
+    names = [r.name for r in (*cell.robots, *cell.machines)]
+    old, more = committed.chain_index, new.chain_index
+    # Chains keep their numbers: who executes them is told by these.
+    every = dict.fromkeys([*order, *old, *(name for name in names if name in more)])
+    place = {name: k for k, name in enumerate(every)}
+    begins = max((float(c.planned_start[-1]) for c in committed.chains), default=-1.0)
+    parts: list[list[NodeChain]] = [[] for _ in every]
+    for chain in committed.chains:
+        parts[place[chain.robot]].append(chain)
+    count = [len(own[0]) if own else 0 for own in parts]
+    for chain in new.chains:
+        later = replace(chain, planned_start=chain.planned_start + begins + 1.0)
+        parts[place[chain.robot]].append(later)
+    chains = tuple(joined_parts(own) for own in parts)
+    handlings = [
+        replace(h, robot=place[committed.chains[h.robot].robot])
+        for h in committed.handlings
+    ]
+    handlings += [
+        _moved(h, place[new.chains[h.robot].robot], count)
+        for h in new.handlings
+        if not _takes_up(h, new)
+    ]
+    union = TemporalPlanGraph(
+        cell,
+        (*committed.tasks, *map(_without_taking_up, new.tasks[len(committed.tasks) :])),
+        chains,
+        np.empty((0, 4), dtype=np.int64),
+        np.empty(0, dtype=np.uint8),
+        tuple(handlings),
+        _merged((*committed.allowed, *new.allowed)),
+        _pairs((*committed.dependencies.tolist(), *dependencies.tolist())),
+    )
+    known = [
+        (place[committed.chains[k].robot], u, place[committed.chains[i].robot], v)
+        for k, u, i, v in committed.edges.tolist()
+    ]
+    for k, u, i, v in new.edges.tolist():
+        a, b = (place[new.chains[c].robot] for c in (k, i))
+        known.append((a, u + count[a], b, v + count[b]))
+    waits = dependency_edges(union)
+    known_edges = np.array(known, dtype=np.int64).reshape(-1, 4)
+    causes = np.concatenate([committed.cause, new.cause])
+    graph = DerivedTpg(union)
+    both = np.concatenate([waits, known_edges])
+    found = find_motion_edges(graph, both, progress)
+    cause = np.concatenate(
+        [
+            np.full(len(waits), TASK_DEPENDENCY, dtype=np.uint8),
+            causes,
+            np.full(len(found), MOTION_CONFLICT, dtype=np.uint8),
+        ]
+    )
+    graph = graph.with_edges(np.concatenate([both, found]), cause)
+    same = ("ranks", "history", "spans", "occupancies")
+    check_invariant(graph.derive(graph.tpg, *same), searched=True)
+    return graph.tpg
+
+
+def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:
+    """Return chains one after another, at rest in between."""
+    if len(parts) == 1:
+        return parts[0]
+    joined = join_chains(parts)
+    drives = [part.drive for part in parts if part.drive is not None]
+    if len(drives) < len(parts):
+        return joined
+    first = np.cumsum([0, *(len(part) for part in parts)])
+    corners = joined_corners(
+        *((p.corners, int(n)) for p, n in zip(parts, first, strict=False))
+    )
+    return replace(joined, drive=joined_drives(drives), corners=corners)
+
+
+def _moved(h: NodeHandling, chain: int, count: Sequence[int]) -> NodeHandling:
+    return replace(h, robot=chain, node=h.node + count[chain])
+
+
+def _takes_up(h: NodeHandling, new: TemporalPlanGraph) -> bool:
+    """Tell whether by a handling a robot has in its hand what it had before."""
+    at_start = h.node == 0 and h.waypoint == 0
+    return at_start and h.holder == new.chains[h.robot].robot
+
+
+def _without_taking_up(task: Task) -> Task:
+    def taken(h: Handling) -> bool:
+        return h.waypoint == 0 and h.holder == task.robot
+
+    if not any(taken(h) for h in task.handlings):
+        return task
+    return replace(task, handlings=tuple(h for h in task.handlings if not taken(h)))
+
+
+def _merged(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
+    """Return contacts with those of the same two things joined."""
+    tasks: dict[tuple[str, str, bool, float | None], frozenset[int]] = {}
+    for c in allowed:
+        key = c.first, c.second, c.grazing, c.depth
+        tasks[key] = tasks.get(key, frozenset()) | c.tasks
+    return tuple(
+        AllowedContact(a, b, own, grazing, depth)
+        for (a, b, grazing, depth), own in tasks.items()
+    )
+
+
+def _pairs(pairs: Sequence[Sequence[int]]) -> Indices:
+    return np.array(sorted({tuple(p) for p in pairs}), dtype=np.int64).reshape(-1, 2)

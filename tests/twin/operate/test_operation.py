@@ -1,0 +1,176 @@
+"""What fails is planned anew while the others go on, and all that was executed keeps its guarantee."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import RequestError
+from planning.tasks.task import FAILED, GONE
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.invariant import check_invariant
+from scheduling.verification.verify import verify_plan
+from tests.twin.operate.operated import STACK, stack
+from tests.twin.program import invoke
+from twin.operate.operation import Operation, operate
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import Event
+from twin.trial.loaded_scenario import load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import with_failures
+from twin.trial.simulation import execute, scenario_execution
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+    return stack(tmp_path_factory.mktemp("stack"))
+
+
+def operated(
+    plan: PlanResult, seed: int, **values: Any
+) -> tuple[Operation, list[Event]]:
+    case = plan.scenario.varied(values)
+    memory = MemoryRecorder()
+    done = operate(
+        case.sections,
+        plan.motions,
+        plan.tpg,
+        scenario_execution(case.sections, case.folder),
+        seed=seed,
+        recorders=(memory,),
+    )
+    return done, memory.events
+
+
+def lost(chance: float, retries: int = 0) -> dict[str, Any]:
+    item = {"probability": chance, "retries": retries, "loses": 0.5}
+    return {f"failures.{skill}": item for skill in ("pick", "place-down")}
+
+
+def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
+    case, memory = plan.scenario, MemoryRecorder()
+    record = execute(case.sections, plan.tpg, case.folder, recorders=(memory,))
+    done, events = operated(plan, case.sections.seed)
+    assert events == memory.events
+    assert done.record.makespan_ns == record.makespan_ns
+    assert done.versions == ()
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10_000), retries=st.integers(0, 1))
+def test_whatever_fails_the_union_keeps_the_invariant(
+    plan: PlanResult, seed: int, retries: int
+) -> None:
+    done, events = operated(plan, seed, **lost(0.25, retries))
+    assert done.record.outcome in ("completed", "failed")
+    assert (done.record.outcome == "failed") == bool(done.given_up)
+    # Searched anew, not taken from the edges that the extension was made of.
+    check_invariant(DerivedTpg(done.tpg))
+    # Every node that there is was executed, in an order that its edges allow.
+    start, end = done.record.start_ns, done.record.end_ns
+    assert all((own >= 0).all() for own in (*start, *end))
+    for k, u, i, v in done.tpg.edges.tolist():
+        assert end[k][u] <= start[i][v]
+    # Nothing is done twice: each goal is placed at most once, and lost bricks are used no more.
+    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
+    assert len(placed) == len(set(placed))
+    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
+    assert not gone & {t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    failures = [e for e in events if e.kind == "failed"]
+    assert len([e for e in events if e.kind == "recovered"]) == len(failures)
+    assert len([t for t in done.tpg.tasks if t.kind == FAILED]) == len(failures)
+    if len(gone) < 4:
+        assert done.record.outcome == "completed", done.given_up
+
+
+def first_with_a_swap(plan: PlanResult) -> Operation:
+    for seed in range(100):
+        done, _ = operated(plan, seed, **lost(0.25))
+        if done.versions and not done.given_up:
+            return done
+    raise AssertionError("nothing ever fails")
+
+
+def test_what_was_executed_is_verified_and_a_missing_edge_between_versions_is_found(
+    plan: PlanResult,
+) -> None:
+    from dataclasses import replace
+
+    import numpy as np
+
+    done = first_with_a_swap(plan)
+    assert verify_plan(done.tpg).problems == ()
+    counts = done.versions[-1].counts
+    edges = done.tpg.edges
+    across = [
+        row
+        for row, (k, u, i, v) in enumerate(edges.tolist())
+        if u < counts[k] and v >= counts[i]
+    ]
+    assert across
+    found = 0
+    for row in across:
+        keep = np.arange(len(edges)) != row
+        other = replace(done.tpg, edges=edges[keep], cause=done.tpg.cause[keep])
+        found += bool(verify_plan(other, limit=1).problems)
+    assert found
+
+
+def test_a_robot_that_is_out_stands_and_the_other_one_does_the_rest(
+    plan: PlanResult,
+) -> None:
+    done, events = operated(plan, 0, outages=[{"robot": "left", "at_s": 5.0}])
+    assert done.record.outcome == "completed"
+    assert [e.robot for e in events if e.kind == "failed"] == ["left"]
+    (swap,) = [e for e in events if e.kind == "replanned"]
+    later = [e for e in events if e.t_ns > swap.t_ns and e.kind == "started"]
+    assert {e.robot for e in later} == {"right"}
+    places = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
+    assert sorted(places) == [1, 2, 3, 4]
+
+
+def test_draws_are_named_so_an_operation_is_the_same_again(plan: PlanResult) -> None:
+    one, two = (operated(plan, 7, **lost(0.3))[1] for _ in range(2))
+    assert one == two
+
+
+def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
+    file = tmp_path / "stack.yaml"
+    file.write_text(STACK)
+    options = ("--failures", "0.5", "--seed", "3", "--no-recording")
+    out = tmp_path / "run"
+    invoke("operate", file, *options, "--out", out)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["audit"]["violations"] == []
+    assert len(summary["operation"]["versions"]) >= 1
+    invoke("verify", out, code=0)
+    log = (out / "events.jsonl").read_text().splitlines(keepends=True)
+    kinds = {json.loads(line)["kind"] for line in log}
+    assert {"failed", "recovered", "replanned"} <= kinds
+    # Killed after the first swap: the log is what is left.
+    swap = next(k for k, line in enumerate(log) if '"replanned"' in line)
+    (out / "events.jsonl").write_text("".join(log[: swap + 3]) + log[swap + 3][:20])
+    (out / "summary.json").unlink()
+    (tmp_path / "kept").mkdir()
+    invoke("resume", out)
+    assert (out / "events.jsonl").read_text() == "".join(log)
+    again = json.loads((out / "summary.json").read_text())
+    assert again["makespan_s"] == summary["makespan_s"]
+    assert again["outcome"] == summary["outcome"]
+
+
+def test_what_cannot_be_planned_anew_is_refused(plan: PlanResult) -> None:
+    with pytest.raises(RequestError, match="only asynchronous"):
+        operated(plan, 0, policy="sequential")
+    tower = load(
+        Path(__file__).parents[3] / "scenarios" / "construction" / "tower.yaml"
+    )
+    with_failures(tower, plan.tpg, 0.0)  # says nothing of it yet
+    result = invoke("operate", tower.document.path)
+    assert result.exit_code == 2
+    assert "space and time" in result.output

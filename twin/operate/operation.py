@@ -1,0 +1,162 @@
+"""One operation of a cell: execute, and plan anew whatever fails, until all is done or nothing more can be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from planning.errors import RequestError
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import at_full_speed, is_driven
+from twin.durations.model import NANOSECONDS
+from twin.engine.execution_model import ExecutionModel
+from twin.operate.recovery import Recovery
+from twin.operate.rolling import (
+    RollingDrivenExecution,
+    RollingExecution,
+    Version,
+)
+from twin.planning.kind import PlannedMotions
+from twin.recorders.observers import Observers, Recorder
+from twin.run.events import ExecutionRecord
+from twin.scenario.sections.scenario import Scenario
+from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What came of operating a cell.
+
+    Attributes:
+        tpg: all that was executed, and whatever is left of the last plan.
+        record: when.
+        versions: graphs that took the place of the first one.
+        given_up: steps that were not done, by number, with the reason.
+        planning_s: processor seconds of each plan.
+    """
+
+    tpg: TemporalPlanGraph
+    record: ExecutionRecord
+    versions: tuple[Version, ...]
+    given_up: dict[int, str]
+    planning_s: tuple[float, ...]
+
+    def content(self) -> dict[str, Any]:
+        """Return what ``summary.json`` says of it."""
+        return {
+            "versions": [
+                {"sha256": plan_sha256(v.tpg), "cause": v.cause, "cpu_s": round(s, 3)}
+                for v, s in zip(self.versions, self.planning_s, strict=False)
+            ],
+            "given_up": {str(step): why for step, why in sorted(self.given_up.items())},
+        }
+
+
+def operate(
+    scenario: Scenario,
+    motions: PlannedMotions,
+    tpg: TemporalPlanGraph,
+    model: ExecutionModel,
+    *,
+    seed: int,
+    replication: int = 0,
+    recorders: Sequence[Recorder] = (),
+) -> Operation:
+    """Execute a plan, and plan anew when something fails.
+
+    Args:
+        scenario: says what may fail, and what is done then.
+        motions: what the plan was made of.
+        tpg: the plan.
+        model: how it is executed.
+        seed, replication: name the random draws.
+        recorders: told of every event, then closed.
+
+    Raises:
+        RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
+    """
+    require_rolling(scenario, motions)
+
+    def draw(graph: TemporalPlanGraph) -> NodeTimes:
+        sampler = NodeTimeSampler(
+            at_full_speed(graph), model.durations, model.disturbances
+        )
+        return sampler.sample(seed=seed, replication=replication)
+
+    planner = Recovery(scenario, motions, tpg.cell, draw)
+    kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
+    cell: RollingExecution = kind(
+        tpg,
+        draw(tpg),
+        Dispatcher(tpg),
+        model.messages,
+        planner=planner,
+        observers=Observers(recorders),
+    )
+    for outage in scenario.execution.outages:
+        cell.outage(outage.robot, round(outage.at_s * NANOSECONDS))
+    outcome = cell.execute()
+    if outcome == "completed" and planner.given_up:
+        outcome = "failed"
+    times = (
+        cell.driven_times() if isinstance(cell, RollingDrivenExecution) else cell.times
+    )
+    commands = cell.commands() if isinstance(cell, RollingDrivenExecution) else ()
+    ends = [max(own, default=0) for own in cell.end]
+    makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
+    record = ExecutionRecord(
+        outcome=outcome,
+        policy=model.policy,
+        seed=seed,
+        replication=replication,
+        duration_ns=times.motion,
+        stood_ns=times.stood,
+        start_ns=tuple(np.array(own, dtype=np.int64) for own in cell.start),
+        end_ns=tuple(np.array(own, dtype=np.int64) for own in cell.end),
+        makespan_ns=makespan,
+        standstills=times.standstills,
+        stops_ns=tuple(own.intervals(makespan) for own in times.stops)
+        if times.stops
+        else ((),) * len(cell.tpg.chains),
+        failed_nodes=(-1,) * len(cell.tpg.chains),
+        failure="; ".join(
+            f"step {step} is given up: {why}"
+            for step, why in sorted(planner.given_up.items())
+        ),
+        raised_skills=times.raised,
+        commands=commands,
+    )
+    return Operation(
+        cell.tpg,
+        record,
+        tuple(cell.versions),
+        dict(planner.given_up),
+        tuple(planner.planning_s),
+    )
+
+
+def require_rolling(scenario: Scenario, motions: PlannedMotions) -> None:
+    """Refuse what cannot be planned anew while it is executed.
+
+    Raises:
+        RequestError: says why.
+    """
+    if motions.work is None:
+        raise RequestError(
+            f"a {scenario.assembly.kind} is planned in space and time at once: it cannot be planned"
+            " anew while it is executed"
+        )
+    if (policy := scenario.execution.policy) != "asynchronous":
+        raise RequestError(
+            f"policy {policy!r}: only asynchronous execution can be planned anew",
+            choices=("asynchronous",),
+        )
+    if motions.cell.machines:
+        raise RequestError(
+            "cells with machines, sources and products cannot be planned anew while they are executed"
+        )

@@ -1,0 +1,325 @@
+"""Execution of a graph that is cut and extended while it is executed.
+
+A skill that fails for good, and a robot that is out, do not end the run: what can still be brought to
+an end is, meanwhile what is left is planned from the world that comes of it, and then the longer graph
+takes the place of the one that is executed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import Any, Protocol
+
+import numpy as np
+from simpy.events import EventPriority
+
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.engine.driven import DrivenExecution
+from twin.engine.passage import Passage
+from twin.engine.processes import Execution, Steps
+from twin.uncertainty.node_times import NodeTimes, Standstill
+
+_AFTER_ALL = EventPriority(10)
+"""Priority of what looks at all that has happened at a time."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A skill that has failed for good.
+
+    Attributes:
+        chain, node: its first node.
+        t_ns: when [ns].
+        attempts: how many there were.
+    """
+
+    chain: int
+    node: int
+    t_ns: int
+    attempts: int
+
+
+@dataclass(frozen=True)
+class Incident:
+    """What has happened since the last plan.
+
+    Attributes:
+        failures: skills that failed.
+        out: robots that are out.
+        released: how many nodes of each chain have been released.
+    """
+
+    failures: tuple[Failure, ...]
+    out: frozenset[str]
+    released: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Version:
+    """A graph that takes the place of the one that is executed.
+
+    Attributes:
+        tpg: what was executed, is still, and what is new.
+        counts: how many nodes of each of its first chains are not new.
+        times: of the new nodes, by robot; there are none of robots with nothing new.
+        planning_ns: how long planning it takes in the simulation [ns].
+        cause: why, for people.
+        recovered: what becomes of each failure, for people; one entry each.
+    """
+
+    tpg: TemporalPlanGraph
+    counts: tuple[int, ...]
+    times: dict[str, tuple[Nanoseconds, Nanoseconds, tuple[Standstill, ...], int]]
+    planning_ns: int
+    cause: str
+    recovered: tuple[str, ...] = ()
+
+
+class Planner(Protocol):
+    """Plans what is left of an assembly while it is executed."""
+
+    def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
+        """Return what takes the place of a graph; nothing beyond its counts is executed any more."""
+        ...
+
+
+class RollingExecution(Execution):
+    """State of one run in which the graph may be extended.
+
+    Attributes:
+        versions: graphs that took the place of the first one, in order.
+    """
+
+    def __init__(self, *rest: Any, planner: Planner, **options: Any) -> None:
+        """Set the cell up at time 0; see Execution.
+
+        Args:
+            rest, options: as of an execution.
+            planner: plans what is left.
+        """
+        super().__init__(*rest, **options)
+        self.versions: list[Version] = []
+        self._planner = planner
+        self._limit = [len(chain) for chain in self.tpg.chains]
+        self._failures: list[Failure] = []
+        self._out: set[str] = set()
+        self._again = False
+        self._planning = False
+        self._finished: dict[int, int] = {}
+        self._swapped = self.env.event()
+
+    def outage(self, robot: str, at_ns: int) -> None:
+        """Let a robot stop for good at a time [ns]."""
+
+        def stop() -> Steps:
+            yield self.env.timeout(at_ns)
+            if robot not in self._out and not self._done():
+                self._out.add(robot)
+                if robot in self.tpg.chain_index:
+                    k = self.tpg.chain_index[robot]
+                    self._limit[k] = min(self._limit[k], self.released[k])
+                    self._tell_of_outage(k)
+                self._replan()
+
+        self.env.process(stop())
+
+    def _tell_of_outage(self, chain: int) -> None:
+        if self.narrator is not None:
+            self.narrator.emit("failed", chain, detail="is out for good")
+
+    def _done(self) -> bool:
+        return all(not end or end[-1] >= 0 for end in self.end)
+
+    # Robots
+
+    def _robot(self, chain: int, node: int = 0) -> Steps:
+        while True:
+            if node < len(self.motion[chain]):
+                if (yield from self._pass(chain, node)):
+                    yield from self._fail(chain, node)
+                node += 1
+                continue
+            if not self._planning and self._finished.get(chain) != node:
+                self._finished[chain] = node
+                self._finish(chain)
+            yield self._swapped
+
+    def _fail(self, chain: int, node: int) -> Steps:
+        """Tell the planner that a skill has failed, and wait for what it makes of that."""
+        self.failed.remove(chain)
+        self.end[chain][node] = self.now_ns
+        stands = self.times.standstills[chain]
+        attempts = sum(s.node == node and s.cause == "retry" for s in stands)
+        self._failures.append(Failure(chain, node, self.now_ns, attempts))
+        self._limit[chain] = node
+        self._take_back(chain, node + 1)
+        self._replan()
+        yield self._swapped
+
+    def _take_back(self, chain: int, count: int) -> None:
+        """Take back what a robot was released beyond some of its nodes."""
+        back = self.released[chain] - count
+        if back > 0:
+            self.released[chain] = count
+            self.outstanding[chain] -= back
+            self.queue[chain].clear()
+
+    def _next_is_safe(self, chain: int) -> bool:
+        return self.released[chain] < self._limit[chain] and super()._next_is_safe(
+            chain
+        )
+
+    # Planning
+
+    def _replan(self) -> None:
+        """Plan what is left, or once more what is being planned."""
+        self._again = True
+        if not self._planning:
+            self._planning = True
+            self.env.process(self._plan())
+
+    def _plan(self) -> Steps:
+        # After all that happens at this time.
+        yield self._at_the_end_of_now(_AFTER_ALL)
+        while self._again:
+            self._again = False
+            known = len(self._failures)
+            incident = Incident(
+                tuple(self._failures), frozenset(self._out), tuple(self.released)
+            )
+            version = self._planner.plan(self.tpg, incident)
+            self._limit = list(version.counts[: len(self._limit)])
+            if version.planning_ns:
+                yield self.env.timeout(version.planning_ns)
+            self._again |= len(self._failures) > known
+        self._planning = False
+        self._swap(version)
+
+    def _swap(self, version: Version) -> None:
+        """Go on with another graph."""
+        failures, self._failures = self._failures, []
+        tpg, old = version.tpg, self.dispatcher
+        reported = [old.completed(k) for k in range(len(self.tpg.chains))]
+        for failure in failures:
+            reported[failure.chain] = failure.node + 1
+        self.times = self._times(version)
+        self.tpg = tpg
+        self.dispatcher = Dispatcher(tpg)
+        for k, count in enumerate(reported):
+            if count:
+                self.dispatcher.observe(k, count - 1)
+        self._resize(version)
+        for failure in failures:
+            self.outstanding[failure.chain] = 0
+            self.released[failure.chain] = failure.node + 1
+        if self.narrator is not None:
+            self.narrator = self.narrator.of(tpg, self.times)
+            self._tell_of_swap(version, failures)
+        self.versions.append(version)
+        swapped, self._swapped = self._swapped, self.env.event()
+        swapped.succeed()
+        if not self.report_arrived.triggered:
+            self.report_arrived.succeed()
+
+    def _tell_of_swap(self, version: Version, failures: list[Failure]) -> None:
+        assert self.narrator is not None
+        cut = ", ".join(
+            f"{chain.robot} {count}"
+            for chain, count in zip_longest(
+                version.tpg.chains, version.counts, fillvalue=0
+            )
+            if not isinstance(chain, int)
+        )
+        seconds = version.planning_ns / NANOSECONDS
+        self.narrator.emit(
+            "replanned",
+            detail=f"version {len(self.versions) + 2}, {plan_sha256(version.tpg)[:12]}:"
+            f" {version.cause}; cut at {cut}; planned in {seconds:.3f} s",
+        )
+        for failure, words in zip(failures, version.recovered, strict=True):
+            self.narrator.emit("recovered", failure.chain, failure.node, detail=words)
+
+    def _times(self, version: Version) -> NodeTimes:
+        """Return the times of all nodes, those of the committed ones as they are."""
+        old, none = self.times, np.empty(0, dtype=np.int64)
+        motion, stood, stands, failed = [], [], [], []
+        for k, chain in enumerate(version.tpg.chains):
+            known = k < len(self.tpg.chains)
+            count = version.counts[k] if known else 0
+            new = version.times.get(chain.robot, (none, none, (), -1))
+            more = (replace(s, node=s.node + count) for s in new[2])
+            before = [s for s in old.standstills[k] if s.node < count] if known else []
+            motion.append(
+                np.concatenate([old.motion[k][:count] if known else none, new[0]])
+            )
+            stood.append(
+                np.concatenate([old.stood[k][:count] if known else none, new[1]])
+            )
+            stands.append((*before, *more))
+            fails = new[3] + count if new[3] >= 0 else -1
+            if known and 0 <= old.failed[k] < count and self.end[k][old.failed[k]] < 0:
+                fails = old.failed[k]
+            failed.append(fails)
+        for failure in self._tried(version):
+            motion[failure[0]][failure[1]] = 0
+        return replace(
+            old,
+            motion=tuple(motion),
+            stood=tuple(stood),
+            standstills=tuple(stands),
+            failed=tuple(failed),
+        )
+
+    def _tried(self, version: Version) -> list[tuple[int, int]]:
+        """Return the nodes in which nothing moved, because all attempts at their skill failed."""
+        return [
+            (k, old)
+            for k, old in enumerate(self.times.failed)
+            if 0 <= old < version.counts[k] and self.end[k][old] >= 0
+        ]
+
+    def _resize(self, version: Version) -> None:
+        """Make room for the nodes of the graph, and let robots that had none begin."""
+        tpg, before = self.tpg, len(self.start)
+        for k, chain in enumerate(tpg.chains):
+            if k >= before:
+                self.start.append([])
+                self.end.append([])
+                self.queue.append(deque())
+                self.idle.append(None)
+                self.outstanding.append(0)
+                self.released.append(0)
+            count = version.counts[k] if k < before else 0
+            more = [-1] * (len(chain) - count)
+            self.start[k] = [*self.start[k][:count], *more]
+            self.end[k] = [*self.end[k][:count], *more]
+        self.task = [chain.task.tolist() for chain in tpg.chains]
+        self.motion = [motion.tolist() for motion in self.times.motion]
+        self.stood = [stood.tolist() for stood in self.times.stood]
+        self.machines = machine_chains(tpg)
+        self._limit = [
+            self.released[k] if chain.robot in self._out else len(chain)
+            for k, chain in enumerate(tpg.chains)
+        ]
+        for k in range(before, len(tpg.chains)):
+            self.env.process(self._robot(k))
+
+
+class RollingDrivenExecution(RollingExecution, DrivenExecution):
+    """State of one run in which the graph may be extended, and robots pass borders at speed."""
+
+    def _resize(self, version: Version) -> None:
+        super()._resize(version)
+        self._take_drives(self.tpg, self.times)
+        for k, drive in enumerate(self._drives):
+            if k < len(self._passages):
+                self._passages[k].times = drive
+            else:
+                self._passages.append(Passage(drive))
+                self._stood.append([])
