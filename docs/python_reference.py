@@ -18,8 +18,8 @@ import twin
 PAGE = Path(__file__).parent / "reference" / "python.md"
 
 FUNCTIONS = (
-    *("load", "check", "plan", "simulate", "run", "audit", "study", "compare"),
-    *("replay", "read_plan", "read_run", "resume_study"),
+    *("load", "check", "plan", "simulate", "run", "operate", "audit"),
+    *("study", "compare", "replay", "read_plan", "read_run", "resume_study"),
 )
 RESULTS = (
     *("LoadedScenario", "Check", "PlanResult", "RunResult", "Audit", "Study"),

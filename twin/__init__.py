@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planning.errors import TwinError as TwinError
+    from twin.api.operations import operate as operate
     from twin.api.runs import Audit as Audit
     from twin.api.runs import Check as Check
     from twin.api.runs import audit as audit
     from twin.api.runs import check as check
-    from twin.api.runs import operate as operate
     from twin.api.runs import plan as plan
     from twin.api.runs import replay as replay
     from twin.api.runs import run as run

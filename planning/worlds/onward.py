@@ -142,7 +142,7 @@ def plan_onward(
 
     ways = [item.ways for item in items]
     motions = plan_sequential(
-        cell, ways, link, settings, progress, known, world.beginning
+        cell, ways, link, settings, progress, known, begins=world.beginning
     )
     whole = tuple(steps[number] for number in sorted(steps))
     return Onward(motions, again.plan, whole, tuple(past))

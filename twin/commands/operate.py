@@ -39,7 +39,7 @@ def operate_scenario(
         view: how to show.
         options: those of twin.operate.
     """
-    from twin.api import runs
+    from twin.api import operations, runs
     from twin.trial.loaded_scenario import load
 
     given = {
@@ -55,13 +55,13 @@ def operate_scenario(
             announce(check, folder)
 
     chosen = load(scenario).varied(runs.released(values))
-    return runs.operate(chosen, begun=begun, **options)
+    return operations.operate(chosen, begun=begun, **options)
 
 
 operate = command(
     f"{__name__}:operate_scenario",
     show_run,
-    passes_to="twin.api.runs:operate",
+    passes_to="twin.api.operations:operate",
     robots={"min": 1, "metavar": "M"},
     failures={"min": 0, "max": 1, "metavar": "P"},
     settings={"names": ("--set",), "metavar": "KEY=VALUE"},

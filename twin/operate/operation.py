@@ -156,6 +156,11 @@ def require_rolling(scenario: Scenario, motions: PlannedMotions) -> None:
             f"policy {policy!r}: only asynchronous execution can be planned anew",
             choices=("asynchronous",),
         )
+    if motions.motion_plan.windows:
+        raise RequestError(
+            "windows of time between steps are not kept where plans are made anew: leave out within_s and"
+            " at_least_s"
+        )
     if motions.cell.machines:
         raise RequestError(
             "cells with machines, sources and products cannot be planned anew while they are executed"

@@ -248,6 +248,11 @@ class RobotProgress:
                 self.stood_ns[self.under_way] = 0
         elif event.kind == "failed":
             self.failed = True
+        elif event.kind == "recovered":
+            # It has been tried, and the plan goes on from there.
+            self.failed = False
+            self.end_ns[node] = t_ns
+            self.completed = max(self.completed, node + 1)
 
 
 class _RobotLog:

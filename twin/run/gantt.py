@@ -92,7 +92,7 @@ def gantt_figure(
     Bars are coloured by kind of task and carry the part that they are about, or the number of the
     product where there are several; waits are hatched, and arrows are the type-2 edges that ended them. Long
     runs wrap into several rows. A line over a lane says for how long a window of time was open, red where it
-    was broken. Beside its lane each robot has its colour of the recording.
+    was broken; a dotted one that the plan was made anew. Beside its lane each robot has its colour of the recording.
 
     Args:
         tpg: what was executed.
@@ -120,6 +120,10 @@ def gantt_figure(
             _draw_window(axis, (number, opened_s, due_s), window, broken=broken)
         if window[0] <= total_s <= window[1]:
             axis.axvline(total_s, color=INK, lw=1.2)
+        for event in events:
+            at_s = event.t_ns / NANOSECONDS
+            if event.kind == "replanned" and window[0] <= at_s < window[1]:
+                axis.axvline(at_s, color=INK, lw=1.0, ls=":")
     axes[-1].set_xlabel("time [s]", color=INK, fontsize=9)
     heading = f"{title}   " if title else ""
     figure.text(

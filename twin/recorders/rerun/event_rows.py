@@ -135,6 +135,7 @@ _LEVELS = {
     "retried": _WARNING,
     "window_broken": _WARNING,
     "failed": _ERROR,
+    "replanned": _WARNING,
     "stopped": _ERROR,
 }
 
