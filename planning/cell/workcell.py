@@ -194,6 +194,8 @@ class Workcell:
         clearances: least distances that are kept.
         machines: bring parts, work at them where they lie, and take products away; they have
             chains in graphs as robots do, and no bodies.
+        deviations: by skill, how far a robot's flange may be from the reference path while the
+            skill is executed; none for skills that follow it.
     """
 
     robots: tuple[PlacedRobot, ...]
@@ -201,6 +203,7 @@ class Workcell:
     objects: tuple[CellObject, ...]
     clearances: Clearances = field(default_factory=Clearances)
     machines: tuple[PlacedRobot, ...] = ()
+    deviations: Mapping[str, PoseError] = field(default_factory=dict)
 
     def robot(self, name: str) -> PlacedRobot:
         """Return the robot or machine called ``name``; KeyError lists the names."""

@@ -48,6 +48,7 @@ class Solid:
         local: pose of the body in the frame of the joint, or in the world.
         carrier: joints of the robot, None for a body at rest in the world.
         joint: the carrying joint, -1 for the base.
+        deviates: how far any point of it may be from where the carrier's joints have it [m].
     """
 
     name: str
@@ -55,6 +56,7 @@ class Solid:
     local: Transform
     carrier: JointTable | None = None
     joint: int = -1
+    deviates: float = 0.0
 
     @cached_property
     def shape(self) -> Any:
@@ -73,24 +75,26 @@ class Solid:
         return np.stack([self._placed(capsules.start), self._placed(capsules.end)], 1)
 
     def strays_with_base(self, pose: Any) -> float:
-        """Return how far an error of its robot's base takes any point of it, at most [m].
+        """Return how far an error of its robot's base, and what it deviates, takes any point of it, at most [m].
 
         Args:
             pose: coal's, of the body in the world.
         """
         if self.carrier is None or not np.any(self.carrier.error):
-            return 0.0
+            return self.deviates
         rotation, origin = np.asarray(pose.getRotation()), pose.getTranslation()
         points = self.body.vertices @ rotation.T + (origin - self.carrier.base[:3, 3])
         way, angle = self.carrier.error.tolist()
-        return float(way + angle * np.linalg.norm(points, axis=1).max())
+        most = np.linalg.norm(points, axis=1).max()
+        return float(self.deviates + way + angle * most)
 
     @cached_property
     def where_planned(self) -> Solid:
-        """The same on a base that is where it is planned to be."""
-        if self.carrier is None or not np.any(self.carrier.error):
+        """The same on a base that is where it is planned to be, and nowhere off its path."""
+        if self.carrier is None or not (self.deviates or np.any(self.carrier.error)):
             return self
-        return replace(self, carrier=self.carrier._replace(error=np.zeros(2)))
+        carrier = self.carrier._replace(error=np.zeros(2))
+        return replace(self, carrier=carrier, deviates=0.0)
 
     def _placed(self, points: Array) -> Array:
         return np.asarray(points @ self.local[:3, :3].T + self.local[:3, 3])

@@ -32,6 +32,7 @@ class HullTable(NamedTuple):
         capsule_first: where the capsules of a solid begin, shape (solids + 1,).
         ends: capsule starts and ends in the same frame, shape (capsules, 2, 3) [m].
         radius: capsule radii, shape (capsules,) [m].
+        deviates: how far any point of a solid may be from where joints have it, shape (solids,) [m].
     """
 
     robot: JointTable
@@ -44,6 +45,7 @@ class HullTable(NamedTuple):
     capsule_first: Indices
     ends: Array
     radius: Array
+    deviates: Array
 
     @property
     def most_corners(self) -> int:
@@ -58,7 +60,8 @@ class HullTable(NamedTuple):
     def seen_from_base(self) -> HullTable:
         """Return the same bodies as their own robot sees them: no error of its base parts them."""
         robot = packed(self.robot._replace(error=np.zeros(2)))
-        return packed(self._replace(robot=robot))
+        none = np.zeros_like(self.deviates)
+        return packed(self._replace(robot=robot, deviates=none))
 
 
 def hull_table(
@@ -92,6 +95,7 @@ def hull_table(
         np.cumsum([len(e) for e in ends]).astype(np.int64),
         np.concatenate(ends),
         np.concatenate(radius),
+        np.array([s.deviates for s in solids], dtype=np.float64),
     )
     return packed(table)
 
@@ -129,7 +133,7 @@ def place_corners(
 
 @inner_kernel
 def strays_with_base(table: HullTable, solid: int, poses: Array) -> float:
-    """Return how far an error of its robot's base takes any point of a body, at most [m].
+    """Return how far an error of its robot's base, and what it deviates, takes any point of a body, at most [m].
 
     Args:
         table: the bodies.
@@ -138,7 +142,7 @@ def strays_with_base(table: HullTable, solid: int, poses: Array) -> float:
     """
     error, joint = table.robot.error, table.joint[solid]
     if joint == AT_REST or (error[0] == 0.0 and error[1] == 0.0):
-        return 0.0
+        return float(table.deviates[solid])
     far, corners = 0.0, table.corners
     for v in range(table.corner_first[solid], table.corner_first[solid + 1]):
         away = 0.0
@@ -148,7 +152,7 @@ def strays_with_base(table: HullTable, solid: int, poses: Array) -> float:
                 x += poses[joint + 1, r, k] * corners[v, k]
             away += x * x
         far = max(far, away)
-    return float(error[0] + error[1] * np.sqrt(far))
+    return float(table.deviates[solid] + error[0] + error[1] * np.sqrt(far))
 
 
 @inner_kernel

@@ -10,8 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.cell.workcell import Workcell, WorldState
+from planning.cell.workcell import PoseError, Workcell, WorldState
 from planning.geometry.clearing import BOX, HIT, SELF, CompiledScene, find_undecided
+from planning.geometry.deviating import while_deviating
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
@@ -84,6 +85,8 @@ class SceneChecker:
         margin: added to the cell's clearances [m].
         amid: what the checked robot holds, and fixtures and objects at rest, where they are
             chosen already; the cell's objects and where they are do not count then.
+        deviating: a path, shape (w, n), and how far the flange may be from it; the motions that
+            are checked are those of this path then.
     """
 
     def __init__(
@@ -95,6 +98,7 @@ class SceneChecker:
         *,
         margin: float = 0.0,
         amid: tuple[Sequence[Held], StandingBoxes] | None = None,
+        deviating: tuple[Array, PoseError] | None = None,
     ) -> None:
         held, boxes = amid or _surroundings(cell, robot, state)
         for other in cell.robots:
@@ -105,6 +109,8 @@ class SceneChecker:
         self._to_robots = cell.clearances.robot_robot + margin
         self._to_objects = cell.clearances.robot_object + margin
         self._own = robot_bodies(self.robot, held)
+        if deviating is not None:
+            self._own = while_deviating(self._own, self.robot, *deviating)
         self._boxes = boxes
         self._gone: tuple[int, ...] = ()
         own = make_swept(self._own.hulls)

@@ -167,6 +167,7 @@ class StandingBoxes:
             places.capsule_first,
             np.empty((0, 2, 3)),
             np.empty(0),
+            np.zeros(len(places.joint)),
         )
         return packed(table)
 

@@ -245,6 +245,8 @@ def sweep_piece(
         around[p, r], around[p, r + 3] = np.inf, -np.inf
     for k in range(len(hulls.joint)):
         low, high = start + capsules[k], start + capsules[k + 1]
+        for c in range(low, high):
+            radius[c] += hulls.deviates[k]
         for r in range(3):
             least, most = np.inf, -np.inf
             for c in range(low, high):

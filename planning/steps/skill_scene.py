@@ -17,6 +17,7 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
+from planning.geometry.deviating import while_deviating
 from planning.geometry.robot_bodies import entity, robot_bodies
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
@@ -35,6 +36,9 @@ from planning.steps.skill import (
     touching,
 )
 from planning.transforms import Array
+
+_IN_IT = (Phase.UNTIL_CHANGE, Phase.SINCE_CHANGE)
+"""Phases of the skill itself."""
 
 Placed = tuple[CellObject, Attachment]
 """An object and where it is."""
@@ -83,9 +87,13 @@ class SkillScene:
             held.append((self.objects[self.handed[0]][0], self.handed[1]))
         boxes = self._at_rest
         objects = boxes.rows[boxes.fixtures :]
+        robot = self.cell.robot(path.robot)
+        own = robot_bodies(robot, held)
+        if error := self.cell.deviations.get(path.skill):
+            own = while_deviating(own, robot, path.waypoints, error)
         return boxes.only(
             boxes_in_reach(
-                make_swept(robot_bodies(self.cell.robot(path.robot), held).hulls),
+                make_swept(own.hulls),
                 np.vstack([path.lead, path.path]),
                 boxes.places.pose[objects],
                 boxes.places.half[objects],
@@ -95,16 +103,17 @@ class SkillScene:
         )
 
     def checker(
-        self, robot: str, boxes: StandingBoxes, phase: Phase, allowed: Pairs
+        self, path: SkillPath, boxes: StandingBoxes, phase: Phase, allowed: Pairs
     ) -> SceneChecker:
         """Return the collision checker of a robot in a phase of the skill.
 
         Args:
-            robot: who does the skill.
+            path: of the skill; the robot may deviate from it as the cell says, but before and after.
             boxes: what stands around but for what changes hands, see ``near``.
             phase: of the skill.
             allowed: who may touch whom in it.
         """
+        robot, error = path.robot, self.cell.deviations.get(path.skill)
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER)
         more: list[shape.Placed] = []
         in_hand: list[tuple[PlacedRobot, list[shape.Placed]]] = []
@@ -130,6 +139,7 @@ class SkillScene:
             allowed,
             margin=MARGIN,
             amid=(self._held_by(robot, after=after), around),
+            deviating=(path.waypoints, error) if error and phase in _IN_IT else None,
         )
 
     @cached_property
@@ -178,7 +188,7 @@ class SkillTrial:
         self.touched: dict[str, bool] = {}
         self._scene = scene
         self._near = scene.near(path)
-        self._built: dict[bool, SceneChecker] = {}
+        self._built: dict[tuple[bool, bool], SceneChecker] = {}
         self._checkers: dict[Phase, SceneChecker] = {}
         self._obstructions = self._in_the_way()
         self.found = self._next()
@@ -305,13 +315,15 @@ class SkillTrial:
             grazed = touching(entity(robot, "tool"), self.touched)
             allowed = scene.contacts.during | grazed
         if phase is Phase.AFTER and scene.refill is not None:
-            return scene.checker(robot, self._near, phase, allowed)
+            return scene.checker(self.path, self._near, phase, allowed)
         changed = scene.handed is not None
         after = phase in (Phase.SINCE_CHANGE, Phase.AFTER) and changed
-        if after not in self._built:
-            self._built[after] = scene.checker(robot, self._near, phase, allowed)
-            return self._built[after]
-        return self._built[after].with_allowed(allowed)
+        deviates = phase in _IN_IT and self.path.skill in scene.cell.deviations
+        if (after, deviates) not in self._built:
+            built = scene.checker(self.path, self._near, phase, allowed)
+            self._built[after, deviates] = built
+            return built
+        return self._built[after, deviates].with_allowed(allowed)
 
 
 def find_obstruction(path: SkillPath, scene: SkillScene) -> Obstruction | None:

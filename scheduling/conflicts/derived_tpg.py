@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.cell.workcell import PlacedRobot
+from planning.cell.workcell import PlacedRobot, PoseError
 from planning.files import KeptAnswers
 from planning.geometry.robot_bodies import entity_numbers
 from planning.parallel import side_by_side
@@ -99,11 +99,19 @@ class DerivedTpg:
         )
 
     @cached_property
+    def deviations(self) -> dict[int, PoseError]:
+        """How far the flange may be from the path of each task whose skill says so."""
+        known = self.tpg.cell.deviations
+        return {t.index: known[t.kind] for t in self.tpg.tasks if known.get(t.kind)}
+
+    @cached_property
     def occupancies(self) -> list[Occupancy]:
         """Occupancy of the nodes of each chain."""
         cell, entities, spans = self.tpg.cell, self.entities, self.spans
         return side_by_side(
-            lambda k: chain_occupancy(cell, self.tpg.chains[k], spans[k], entities),
+            lambda k: chain_occupancy(
+                cell, self.tpg.chains[k], spans[k], entities, self.deviations
+            ),
             range(len(self.tpg.chains)),
         )
 
@@ -225,7 +233,7 @@ def nodes_stretch(
 
     spans = graph.spans_within(chain, first, stop)
     # The graph itself is not kept: a stretch outlives it, and there is one for every change.
-    cell, entities = graph.tpg.cell, graph.entities
+    cell, entities, off = graph.tpg.cell, graph.entities, graph.deviations
 
     def parts() -> Iterable[bytes]:
         yield repr((own.robot, len(own), len(own.waypoints))).encode()
@@ -236,9 +244,12 @@ def nodes_stretch(
         for span in spans:
             yield repr((span.object, span.start, span.end, span.carried)).encode()
             yield span.pose.tobytes()
+        if off:
+            yield own.skill.tobytes()
+            yield repr([off.get(task) for task in tasks]).encode()
 
     def make() -> Occupancy:
-        return chain_occupancy(cell, own, spans, entities)
+        return chain_occupancy(cell, own, spans, entities, off)
 
     return GraphStretch(len(own), tasks, parts, make)
 

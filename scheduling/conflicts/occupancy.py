@@ -11,14 +11,16 @@ or after, carried in between. So what conflicts with the resting object conflict
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from planning.cell.cover import ConvexBody
 from planning.cell.shape import Shape
-from planning.cell.workcell import PlacedRobot, Workcell
+from planning.cell.workcell import PlacedRobot, PoseError, Workcell
+from planning.geometry.deviating import how_far
 from planning.geometry.exact import Solid, resting_solid
 from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import robot_bodies
@@ -123,6 +125,7 @@ def _with_ball(
         capsule_first=np.append(hulls.capsule_first, hulls.capsule_first[-1] + 1),
         ends=np.concatenate([hulls.ends, np.tile(centre, (1, 2, 1))]),
         radius=np.append(hulls.radius, 0.5 * np.linalg.norm(high - low)),
+        deviates=np.append(hulls.deviates, 0.0),
     )
     return packed(with_ball)
 
@@ -155,6 +158,7 @@ def chain_occupancy(
     chain: NodeChain,
     spans: Sequence[ObjectSpan],
     entities: Mapping[str, int],
+    deviations: Mapping[int, PoseError] = MappingProxyType({}),
 ) -> Occupancy:
     """Return the occupancy of the nodes of one chain.
 
@@ -163,6 +167,7 @@ def chain_occupancy(
         chain: the nodes.
         spans: the objects of this chain, see ``trace_objects``.
         entities: numbers of the entities.
+        deviations: by task, how far the flange may be from its path in its skill nodes.
     """
     robot = cell.robot(chain.robot)
     bodies = {
@@ -175,7 +180,12 @@ def chain_occupancy(
     found = [(span, *_segments_of(span, node, waypoint, chain)) for span in spans]
     runs = sorted((run for run in found if run[1] < run[2]), key=lambda run: run[1])
     segments = _Segments(q_a, q_b, node, task, task)
-    return _assemble(cell, robot, segments, runs, entities)
+    deviating = [
+        (*np.searchsorted(node, [k, k + 1]).tolist(), deviations[number])
+        for k, number in enumerate(chain.task.tolist())
+        if chain.skill[k] and number in deviations
+    ]
+    return _assemble(cell, robot, segments, runs, entities, deviating)
 
 
 def hold_occupancy(
@@ -264,10 +274,14 @@ def _assemble(
     segments: _Segments,
     runs: Sequence[_Run],
     entities: Mapping[str, int],
+    deviating: Sequence[tuple[int, int, PoseError]] = (),
     *,
     leaf: int = LEAF,
 ) -> Occupancy:
-    """Collect the bodies of the robot and, in slots, the pieces of objects in each run."""
+    """Collect the bodies of the robot and, in slots, the pieces of objects in each run.
+
+    Where the robot deviates, in segments ``range(first, stop)``, what moves with it is that much thicker.
+    """
     joints, own = placed_joints(robot), robot_bodies(robot)
     solids = list(own.solids)
     pieces = [
@@ -291,6 +305,17 @@ def _assemble(
         entity[first:stop, own.parts + slot] = entities[span.object]
         solid[first:stop, own.parts + slot] = len(solids)
         solids.append(item)
+    for first, stop, error in deviating:
+        path = np.vstack([segments.q_a[first], segments.q_b[first:stop]])
+        here = solid[first:stop]
+        moving = [k for k in np.unique(here[here >= 0]) if solids[k].carrier]
+        off = how_far(robot, path, error, [solids[k] for k in moving])
+        place_of = np.arange(len(solids) + 1)  # the last one is for -1
+        place_of[-1] = -1
+        for k, far in zip(moving, off.tolist(), strict=True):
+            place_of[k] = len(solids)
+            solids.append(replace(solids[k], deviates=far))
+        solid[first:stop] = place_of[here]
     hulls = hull_table(joints, segments.q_a, segments.q_b, solid, solids)
     tasks = segments.task, segments.other_task
     sequence = swept_sequence(segments.node, *tasks, entity, hulls, leaf=leaf)

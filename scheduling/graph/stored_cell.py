@@ -53,6 +53,9 @@ _SIZES = Column(("rows", 3), least=THINNEST)
 _RATES = Column((3, "joints"), least=0.0, largest=1e9)
 _CAPS = Column((3,), least=0.0, largest=1e9)
 _ERROR = Column((2,), least=0.0, largest=1.0)
+_DEVIATION = "skill_deviation_"
+"""What the arrays of deviations are called: this, and the skill."""
+
 _MESH = {
     "vertices": Column(("vertices", 3)),
     "faces": Column(("faces", 3), np.int64),
@@ -168,6 +171,8 @@ def write_cell(cell: Workcell, arrays: Arrays) -> CellEntry:
     for what, pose, items in things:
         arrays[f"{what}_size"] = stack([item.size for item in items], 3)
         arrays[f"{what}_{pose}"] = stack([getattr(item, pose) for item in items], 4, 4)
+    for skill, off in cell.deviations.items():
+        arrays[_DEVIATION + skill] = np.array([off.m, off.rad])
     return CellEntry(
         robots=tuple(_write_robot(i, r, arrays) for i, r in enumerate(cell.robots)),
         fixtures=tuple(_write_thing(_Fixture, f, arrays) for f in cell.fixtures),
@@ -241,6 +246,13 @@ def read_cell(
         tuple(made(CellObject, entry, **own) for entry, own in objects),
         made(Clearances, document.clearance),
         tuple(map(machine, document.machines)),
+        {
+            name.removeprefix(_DEVIATION): PoseError(
+                *_ERROR.read(name, arrays, {}).tolist()
+            )
+            for name in sorted(arrays)
+            if name.startswith(_DEVIATION)
+        },
     )
 
 

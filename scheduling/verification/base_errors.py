@@ -1,9 +1,10 @@
-"""What a plan survives of calibration: bases that are not where the plan has them.
+"""What a plan survives of calibration and force control: bases, or tools in skills, not where the plan has them.
 
 Every robot may stand off by an error of its own, whatever it does and carries with it. What lies in
 the world lies where the plan has it, and what a robot takes sits in its hand as planned: the contacts
 that a plan means to make, of a tool that takes hold or of a part that is put down, take the error up.
-So these contacts are left out; everything else must not touch.
+So these contacts are left out; everything else must not touch. Where skills deviate from their reference
+paths it is the same, but that only what moves in them is off.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planning.cell.workcell import PoseError
+from planning.cell.workcell import NO_ERROR, PoseError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import StillBodies, VerifiedRobot
 from scheduling.verification.encounters import Encounter, Encounters
@@ -76,7 +77,7 @@ class SurvivedShare:
 
 @dataclass(frozen=True)
 class SurvivedErrors:
-    """What a plan survives of base errors.
+    """What a plan survives of errors of one kind.
 
     Attributes:
         error: what was asked for, of every robot.
@@ -109,22 +110,28 @@ def survived_errors(
     precedence: Precedence,
     geometry: Mapping[str, ReferenceRobot],
     histories: tuple[list[Carried], list[Resting]],
+    *,
+    of_skills: bool = False,
 ) -> SurvivedErrors:
     """Find the largest share of an error with which nothing touches that may not.
 
     Args:
         tpg: the plan.
-        error: of the base of every robot.
+        error: of the base of every robot, or of its flange in skills.
         precedence: what precedes what.
         geometry: of all robots.
         histories: of all objects.
+        of_skills: whether tools deviate in all skills, and bases are where they should be; else no
+            skill deviates.
     """
     carried, resting = histories
     search = _ShareSearch(tpg), _ShareSearch(tpg)
     for share in _SHARES:
         off = PoseError(share * error.m, share * error.rad)
+        skills = {t.kind: off for t in tpg.tasks} if of_skills else {}
+        base = NO_ERROR if of_skills else off
         robots = [
-            VerifiedRobot(tpg, placed, geometry[placed.name], carried, off)
+            VerifiedRobot(tpg, placed, geometry[placed.name], carried, base, skills)
             for placed in tpg.cell.robots
         ]
         still = StillBodies(resting, robots)
@@ -171,7 +178,9 @@ class _ShareSearch:
         first, second = met.first, met.second
         if first.entity == second.entity:
             return
-        free = np.ones(len(met.rows), dtype=np.bool_)
+        # Where neither has an error, what they do is not for this search.
+        strayed = first.motion.strays(met.rows) + second.motion.strays(met.columns)
+        free = strayed > 0.0
         for meant, _ in met.allowed_by(self._allowed):
             free &= ~meant
         rows, columns = met.rows[free], met.columns[free]
@@ -184,8 +193,6 @@ class _ShareSearch:
             if found is None:
                 return
             distance, unit = found.gap + found.strayed, found.strayed / self.share
-            if unit == 0.0:  # neither has an error: what they do is not for this search
-                return
             spare = distance - _LEFT - TOLERANCE
             self.share = min(self.share, max(0.0, spare / unit))
             self.limiting = Limiting(

@@ -1,14 +1,12 @@
 """Robots of a plan, piece by piece: where each part of them is, and what it sweeps.
 
 A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
-
-A convex part in straight joint-space motions, and how far it reaches in them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,138 +15,17 @@ import numpy.typing as npt
 from planning.cell.workcell import NO_ERROR, PlacedRobot, PoseError
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.verification.deviations import DeviatingLinks, deviating_nodes
 from scheduling.verification.graph_structure import Precedence
+from scheduling.verification.motion import Motion
 from scheduling.verification.object_places import Carried, Resting
 from scheduling.verification.problems import Moment
 from scheduling.verification.reference import (
     ReferenceBody,
     ReferenceRobot,
-    SeenFrom,
     resting_parts,
 )
-from scheduling.verification.sweeps import (
-    DIRECTIONS,
-    SweepBounds,
-    farthest,
-    farthest_from,
-)
-
-_FINER = 4
-"""Pieces that one is cut into where it is looked at closer."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A part, from knot to knot.
-
-    Attributes:
-        robot: that it belongs to, and from where it is seen; None for what does not move.
-        part: the part.
-        knots: piece k leads straight from knot k to knot k + 1, shape (s + 1, n).
-        frames: of its joint at the knots, shape (s + 1, 4, 4).
-        error: of the frame from which all this is seen: wherever the part is said to be, it may
-            be as far away as that allows.
-        origin: of that frame, shape (3,) [m].
-    """
-
-    robot: ReferenceRobot | SeenFrom | None
-    part: ReferenceBody
-    knots: Array
-    frames: Array
-    error: PoseError = NO_ERROR
-    origin: Array = field(default_factory=lambda: np.zeros(3))
-
-    def __len__(self) -> int:
-        """Return the number of pieces."""
-        return len(self.knots) - 1
-
-    def reach(self, pieces: Indices, direction: Array) -> Array:
-        """Return how far the part gets along a direction in pieces, never less, shape (k,) [m].
-
-        It is where it reaches at the ends of the piece, and by how much no point of it leaves
-        the straight line between its own places there.
-        """
-        ends = np.stack([pieces, pieces + 1])
-        reach = self._at_knots(self.frames[ends.reshape(-1)], direction[None])
-        most = reach.reshape(2, -1).max(axis=0) + self._bulge(pieces)
-        return np.asarray(most + self.strays(pieces))
-
-    def extents(self, pieces: Indices) -> tuple[Array, Array]:
-        """Return how far the part gets along DIRECTIONS, least and most, both (13, k) [m]."""
-        here = np.unique(np.concatenate([pieces, pieces + 1]))
-        first = np.searchsorted(here, pieces)
-        frames = self.frames[here]
-        bulge = self._bulge(pieces) + self.strays(pieces)
-        most = self._at_knots(frames, DIRECTIONS)
-        least = -self._at_knots(frames, -DIRECTIONS)
-        low = np.minimum(least[:, first], least[:, first + 1]) - bulge
-        return low, np.maximum(most[:, first], most[:, first + 1]) + bulge
-
-    def strays(self, pieces: Indices) -> Array:
-        """Return how far an error takes any point of the part in pieces, at most, shape (k,) [m]."""
-        if not self.error:
-            return np.zeros(len(pieces))
-        ends = np.stack([pieces, pieces + 1])
-        far = self._from_origin(self.frames[ends.reshape(-1)]).reshape(2, -1)
-        most = far.max(axis=0) + self._bulge(pieces)
-        return np.asarray(self.error.m + self.error.rad * most)
-
-    def strays_at(self, frame: Array) -> float:
-        """Return the same where the joint is at a pose, shape (4, 4) [m]."""
-        far = self._from_origin(frame[None])[0] if self.error else 0.0
-        return float(self.error.m + self.error.rad * far)
-
-    def _from_origin(self, frames: Array) -> Array:
-        """Return how far points of the part are from the origin at most, shape (k,) [m]."""
-        poses = frames @ self.part.local
-        turned = np.swapaxes(poses[:, :3, :3], 1, 2)
-        seen = turned @ (self.origin - poses[:, :3, 3])[..., None]
-        return farthest_from(self.part.shape, seen[..., 0])
-
-    def frame(self, piece: int) -> Array:
-        """Return the pose of the joint in the middle of a piece, shape (4, 4)."""
-        if self.robot is None:
-            return np.asarray(self.frames[piece])
-        middle = 0.5 * (self.knots[piece] + self.knots[piece + 1])
-        return self.robot.joint_frame(middle, self.part.joint)
-
-    def moved(self, piece: int) -> float:
-        """Return how far the part gets at most from where it is in the middle [m]."""
-        step = np.abs(self.knots[piece + 1] - self.knots[piece])
-        return 0.5 * float(step @ self.part.weight)
-
-    def finer(self, piece: int) -> Motion:
-        """Return one piece, cut into several; into one only where the part stands."""
-        count = _FINER if self.moved(piece) > 0.0 else 1
-        share = np.linspace(0.0, 1.0, count + 1)[:, None]
-        knots = (1.0 - share) * self.knots[piece] + share * self.knots[piece + 1]
-        if self.robot is None or count == 1:
-            frames = self.frames[piece : piece + 2]
-        else:
-            frames = self.robot.joint_frames_along(knots)[:, self.part.joint + 1]
-        return replace(self, knots=knots, frames=frames)
-
-    def _at_knots(self, frames: Array, directions: Array) -> Array:
-        """Return how far the part gets along directions at poses of its joint, (d, k) [m]."""
-        local = np.tensordot(directions, frames[:, :3, :3], axes=(1, 1))
-        own = local.reshape(-1, 3) @ self.part.local[:3, :3]
-        reach = farthest(self.part.shape, own).reshape(local.shape[:2])
-        there = local @ self.part.local[:3, 3]
-        return np.asarray(reach + there + directions @ frames[:, :3, 3].T)
-
-    def _bulge(self, pieces: Indices) -> Array:
-        """Return how far any point leaves the straight line between its ends, shape (k,) [m].
-
-        A point p(t) is no further from it than max |p''| / 8, and each pair of joints adds to
-        p'' no more than the turn of the inner times what the outer one moves.
-        """
-        if self.robot is None:
-            return np.zeros(len(pieces))
-        step = np.abs(self.knots[pieces + 1] - self.knots[pieces])
-        turn = step * self.robot.turns
-        inner = 2.0 * np.cumsum(turn, axis=1) - turn
-        return np.asarray(((step * self.part.weight) * inner).sum(axis=1) / 8.0)
-
+from scheduling.verification.sweeps import SweepBounds
 
 PIECE = 0.02
 """Motions are cut until no point gets further than this from the middle [m]."""
@@ -223,6 +100,7 @@ class VerifiedRobot:
         robot: its geometry.
         carried: who carries what when.
         error: of its base, None for the one that the cell gives it.
+        deviations: of its flange by skill, None for those that the cell gives.
 
     Attributes:
         name: of the robot.
@@ -241,6 +119,7 @@ class VerifiedRobot:
         robot: ReferenceRobot,
         carried: list[Carried],
         error: PoseError | None = None,
+        deviations: Mapping[str, PoseError] | None = None,
     ) -> None:
         self.name, self.chain = placed.name, tpg.chain_index.get(placed.name)
         self.error = placed.base_error if error is None else error
@@ -260,11 +139,19 @@ class VerifiedRobot:
             self.pieces = _cut(tpg.chains[self.chain], weights)
         knots = self.pieces.knots
         frames = robot.joint_frames_along(knots)
+        off = np.zeros((len(self.pieces), 2))
+        known = tpg.cell.deviations if deviations is None else deviations
+        if known and self.chain is not None:
+            moving = ~self.pieces.standing
+            of_node = deviating_nodes(tpg, tpg.chains[self.chain], known)
+            off[moving] = of_node[self.pieces.node[moving]]
+        links = DeviatingLinks(robot, frames, off)
         everywhere = np.zeros(len(self.pieces), dtype=np.int64)
 
         def moves(part: ReferenceBody) -> Motion:
             of_joint = frames[:, part.joint + 1]
-            return Motion(robot, part, knots, of_joint, self.error, self.origin)
+            far = links.deviates(part)
+            return Motion(robot, part, knots, of_joint, self.error, self.origin, far)
 
         self.bodies = [Body((moves(p),), everywhere, False) for p in robot.parts]
         held = [(self._while_held(c), moves(p)) for c, p in loads]

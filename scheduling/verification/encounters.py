@@ -12,16 +12,16 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from planning.cell.workcell import NO_ERROR, PoseError, Workcell
+from planning.cell.workcell import Workcell
 from planning.transforms import Array, Indices
 from scheduling.verification.bodies import (
-    Motion,
     StillBodies,
     VerifiedRobot,
     at_once,
     while_there,
 )
 from scheduling.verification.graph_structure import Precedence
+from scheduling.verification.motion import Motion
 from scheduling.verification.problems import Moment
 from scheduling.verification.sweeps import Close, close_pairs
 from scheduling.verification.touching import Depths
@@ -70,10 +70,8 @@ class Side:
         return self.robot.moment(piece, self.entity)
 
     def off_by(self, share: float) -> Side:
-        """Return it with a share of the error that its motion has."""
-        error = self.motion.error
-        scaled = PoseError(share * error.m, share * error.rad) if share else NO_ERROR
-        return replace(self, motion=replace(self.motion, error=scaled))
+        """Return it with a share of the errors that its motion has."""
+        return replace(self, motion=self.motion.off_by(share))
 
 
 @dataclass(frozen=True)

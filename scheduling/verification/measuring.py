@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.transforms import Indices
-from scheduling.verification.bodies import Motion
+from scheduling.verification.motion import Motion
 from scheduling.verification.reference import separation
 
 _FINEST = 1e-5
@@ -72,7 +72,7 @@ class Measuring:
             row, column = int(rows[pair]), int(columns[pair])
             at = x.frame(row), y.frame(column)
             gap, direction = separation(x.part, at[0], y.part, at[1])
-            strayed = x.strays_at(at[0]) + y.strays_at(at[1])
+            strayed = x.strays_at(at[0], row) + y.strays_at(at[1], column)
             gap -= strayed
             self.least = min(self.least, gap)
             if gap >= limit:

@@ -91,6 +91,8 @@ class ReferenceRobot:
         turns: True for joints that turn, False for those that slide, shape (n,).
         speeds: greatest speed of each joint, shape (n,) [rad/s or m/s].
         parts: its convex bodies.
+        flange: pose of the flange in the frame of the last joint, shape (4, 4).
+        subspaces: along what each joint slides and about what it turns, in its frame, shape (3,) each.
     """
 
     def __init__(self, placed: PlacedRobot) -> None:
@@ -101,10 +103,10 @@ class ReferenceRobot:
         self._limits = np.maximum(
             np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
         )
-        self._flange = placed.model.flange
+        self.flange = placed.model.flange
         self.speeds = placed.model.velocity
-        self._subspaces = [_subspace(joint) for joint in list(model.joints)[1:]]
-        self.turns = np.array([bool(np.any(turn)) for _, turn in self._subspaces])
+        self.subspaces = [_subspace(joint) for joint in list(model.joints)[1:]]
+        self.turns = np.array([bool(np.any(turn)) for _, turn in self.subspaces])
         tool = {part.body.name for part in placed.model.parts if part.group == "tool"}
         self.parts = []
         for item in geometry.geometryObjects:
@@ -120,7 +122,7 @@ class ReferenceRobot:
 
     def loads(self, entity: str, shape: Shape, pose: Transform) -> list[ReferenceBody]:
         """Return what is held at ``pose`` in the flange frame as parts of the robot."""
-        hand = self._flange @ pose
+        hand = self.flange @ pose
         return [
             self._part(entity, self.dof - 1, hand @ local, item)
             for item, local in coal_forms(shape)
@@ -143,7 +145,7 @@ class ReferenceRobot:
         frames[:, 0] = self.base
         for j in range(self.dof):
             moved = np.tile(np.eye(4), (len(path), 1, 1))
-            slide, axis = self._subspaces[j]
+            slide, axis = self.subspaces[j]
             moved[:, :3, 3] = path[:, j, None] * slide
             cross = np.cross(np.eye(3), axis)  # of a turn by Rodrigues' formula
             moved[:, :3, :3] += np.sin(path[:, j])[:, None, None] * cross
@@ -156,7 +158,7 @@ class ReferenceRobot:
 
     def flange_pose(self, q: Array) -> Transform:
         """Return the world pose of the flange at ``q``, shape (4, 4)."""
-        return np.asarray(self.joint_frame(q, self.dof - 1) @ self._flange)
+        return np.asarray(self.joint_frame(q, self.dof - 1) @ self.flange)
 
     def _part(
         self, entity: str, joint: int, local: Transform, shape: Any

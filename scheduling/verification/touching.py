@@ -15,8 +15,9 @@ import numpy.typing as npt
 from planning.cell.workcell import CONTACT_DEPTH
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.bodies import Motion, VerifiedRobot
+from scheduling.verification.bodies import VerifiedRobot
 from scheduling.verification.measuring import Measuring
+from scheduling.verification.motion import Motion
 from scheduling.verification.object_places import Carried
 from scheduling.verification.problems import Problem, node_problem
 from scheduling.verification.reference import (

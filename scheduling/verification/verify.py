@@ -58,6 +58,7 @@ class VerificationReport:
             no contact is allowed [m].
         problems: empty for a plan that keeps its guarantee; cut off at ``limit``.
         survived: what it survives of base errors, where that was asked and its structure is sound.
+        deviated: what it survives of deviations of skills, likewise.
     """
 
     pairs_checked: int
@@ -65,17 +66,20 @@ class VerificationReport:
     min_distance_objects_m: float
     problems: tuple[Problem, ...]
     survived: SurvivedErrors | None = None
+    deviated: SurvivedErrors | None = None
 
     @property
     def ok(self) -> bool:
         """True when nothing is wrong, and all errors that were asked for are survived."""
-        return not self.problems and (self.survived is None or self.survived.ok)
+        asked = (self.survived, self.deviated)
+        return not self.problems and all(of is None or of.ok for of in asked)
 
 
 def verify_plan(
     tpg: TemporalPlanGraph,
     *,
     base_error: PoseError = NO_ERROR,
+    deviation: PoseError = NO_ERROR,
     limit: int = 100,
     progress: Progress = no_progress,
 ) -> VerificationReport:
@@ -84,6 +88,8 @@ def verify_plan(
     Args:
         tpg: the plan.
         base_error: also tell whether it survives that every robot's base is off by up to this.
+        deviation: also tell whether it survives that the flange is off its reference path by up to
+            this in every skill.
         limit: stop after so many problems.
         progress: told how far it has come.
     """
@@ -100,18 +106,23 @@ def verify_plan(
 
     problems += jumps(tpg, flange)
     check = _ClearanceCheck(tpg, limit - len(problems), progress)
-    survived = None
+    survived = deviated = None
     if precedence is not None and len(problems) < limit:
         histories = object_histories(tpg, flange)
         check.run(precedence, geometry, histories)
         if base_error:
             survived = survived_errors(tpg, base_error, precedence, geometry, histories)
+        if deviation:
+            deviated = survived_errors(
+                tpg, deviation, precedence, geometry, histories, of_skills=True
+            )
     return VerificationReport(
         check.pairs,
         check.robots.least,
         check.objects.least,
         tuple([*problems, *check.problems][:limit]),
         survived,
+        deviated,
     )
 
 

@@ -21,7 +21,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import rest_occupancy
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.invariant import check_invariant
-from scheduling.verification.bodies import Motion
+from scheduling.verification.motion import Motion
 from scheduling.verification.reference import (
     ReferenceBody,
     ReferenceRobot,

@@ -25,6 +25,7 @@ def verify_folder(
     folder: Path,
     *,
     base_error: str | None = None,
+    deviation: str | None = None,
     adversary: bool = True,
     audit_engine: str | None = None,
     as_json: bool = False,
@@ -40,6 +41,8 @@ def verify_folder(
         base_error: also prove that nothing touches that may not while the base of every robot is
             off by up to this, as 1mm,0.1deg: a way in any direction, a turn about any axis. What
             limits the plan is named, and the largest such error that it survives.
+        deviation: the same while in every skill the flange of the robot, and with it the tool and what
+            it holds, is off its reference path by up to this, as under force control.
         adversary: also stop each robot wherever another waits for it, and audit what
             stands.
         audit_engine: what the audit measures with, pybullet or coal; by default PyBullet
@@ -53,11 +56,17 @@ def verify_folder(
     from twin.trial.simulation import audit_standing_states
 
     engine = engine_named(audit_engine) if audit_engine else None
-    off = read_pose_error(base_error) if base_error else NO_ERROR
+    off, away = (
+        read_pose_error(text, name) if text else NO_ERROR
+        for text, name in ((base_error, "--base-error"), (deviation, "--deviation"))
+    )
     tpg = plan_of_run(folder)
     with StageDisplay(enabled=not (quiet or as_json)) as display:
         report = verify_plan(
-            tpg, base_error=off, progress=of_stage(display, "verification")
+            tpg,
+            base_error=off,
+            deviation=away,
+            progress=of_stage(display, "verification"),
         )
         standing = audit_standing_states(tpg, display, engine) if adversary else None
     ok = report.ok and not (standing and standing.violations)
@@ -77,11 +86,17 @@ def verify_folder(
                 f"if {state.robot} stops {'after' if state.at_end else 'before'} the motion of "
                 f"node {state.node}: {what}"
             )
-        if report.survived is not None:
-            _echo_survived(report.survived)
+        failed = []
+        for what, words, survived in (
+            ("base errors", "errors of bases", report.survived),
+            ("deviations of skills", "deviations of skills", report.deviated),
+        ):
+            if survived is not None:
+                _echo_survived(what, survived)
+                failed += [] if survived.ok else [words]
         verdict = "safe for any delays" if ok else "not safe"
-        if not ok and report.survived and not (report.problems or violations):
-            verdict = "safe for any delays, but not for these errors of bases"
+        if failed and not (report.problems or violations):
+            verdict = f"safe for any delays, but not for these {' and '.join(failed)}"
         stops = (
             f", {standing.states} standing states audited with {standing.engine}"
             if standing
@@ -115,6 +130,8 @@ def _content(
     }
     if report.survived is not None:
         content["base_error"] = _survived(report.survived)
+    if report.deviated is not None:
+        content["deviation"] = _survived(report.deviated)
     if standing is not None:
         content["adversary"] = {
             "states": standing.states,
@@ -128,13 +145,13 @@ def _content(
     return content
 
 
-def _echo_survived(survived: SurvivedErrors) -> None:
-    """Print what a plan survives of base errors, and what limits it."""
+def _echo_survived(what: str, survived: SurvivedErrors) -> None:
+    """Print what a plan survives of errors of some kind, and what limits it."""
     sides = {"between robots": survived.robots, "with what rests": survived.rest}
     for where, side in sides.items():
         much = "at least " if side.limiting is None else ""
         typer.echo(
-            f"{where}: base errors up to {much}{_told(survived.largest(side))} survived"
+            f"{where}: {what} up to {much}{_told(survived.largest(side))} survived"
             + (f"; limited by {side.limiting}" if side.limiting else "")
         )
 
@@ -161,8 +178,8 @@ _UNITS = {"mm": ("m", 1e-3), "cm": ("m", 1e-2), "m": ("m", 1.0)}
 _UNITS |= {"deg": ("rad", math.pi / 180), "mrad": ("rad", 1e-3), "rad": ("rad", 1.0)}
 
 
-def read_pose_error(text: str) -> PoseError:
-    """Return the error that a text names, as ``1mm,0.1deg``: a length, an angle, or both.
+def read_pose_error(text: str, option: str) -> PoseError:
+    """Return the error that the text of an option names, as ``1mm,0.1deg``: a length, an angle, or both.
 
     Raises:
         RequestError: it names none.
@@ -179,7 +196,7 @@ def read_pose_error(text: str) -> PoseError:
             value = 0.0
         if not kind or kind in found or value <= 0.0:
             raise RequestError(
-                f"--base-error: {item.strip()!r} in {text!r} is no length or angle above 0, or"
+                f"{option}: {item.strip()!r} in {text!r} is no length or angle above 0, or"
                 " not the first; as 1mm,0.1deg",
                 choices=tuple(_UNITS),
             )
@@ -191,4 +208,5 @@ verify = command(
     f"{__name__}:verify_folder",
     folder={"metavar": "PLAN"},
     base_error={"metavar": "M,RAD"},
+    deviation={"metavar": "M,RAD"},
 )

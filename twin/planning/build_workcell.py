@@ -122,6 +122,11 @@ def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
             contact_depth=assembly.contact_depth(),
         ),
         machines=tuple(map(machine, assembly.machines())),
+        deviations={
+            skill: off.planned
+            for skill, off in sorted(scenario.planning.deviation.items())
+            if off.planned
+        },
     )
 
 

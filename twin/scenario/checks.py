@@ -254,6 +254,14 @@ def _check_skills(scenario: Scenario) -> Found:
     ]
     for path, name in named:
         yield from unless_known(("execution", *path), "skill", name, valid)
+    said = {"planning": scenario.planning.deviation, "execution": execution.deviation}
+    for key, deviations in said.items():
+        for name in deviations or ():
+            place: KeyPath = (key, "deviation", name, "[key]")
+            if scenario.assembly.kind == "construction":
+                text = "a construction is planned without deviation: leave it out"
+                yield (key, "deviation"), text
+            yield from unless_known(place, "skill", name, valid)
     section = scenario.assembly
     own = section.parts if isinstance(section, PartsSection) else ()
     things = [part.name for part in own]

@@ -13,6 +13,7 @@ import numpy as np
 from planning.errors import RequestError
 from scheduling.graph.plan_files import save_plan
 from twin.audit.audit import audit_run
+from twin.audit.motion.deviated import deviated
 from twin.audit.motion.executed import read_recording
 from twin.audit.off_bases import audit_off_bases
 from twin.audit.worlds.engines import Engine, engine_named
@@ -69,7 +70,7 @@ from twin.study.tables import (
     write_tables,
 )
 from twin.trial.simulation import skill_durations
-from twin.uncertainty.base_errors import drawn_base
+from twin.uncertainty.base_errors import drawn_base, drawn_deviations
 from twin.uncertainty.disturbances import Speed
 
 CHECKING = "audit of replications"
@@ -216,7 +217,7 @@ def _audits(
     for cell, (policy, variant) in enumerate(experiment.cells):
         tpg = plans[plan_key(variant, NAMED_POLICIES[policy].plan)]
         load = replace(loads[cell], tpg=tpg)  # with the shapes that work goes without
-        if policy == OPEN_LOOP or _bases_off(load):
+        if policy == OPEN_LOOP or _drawn_off(load):
             drawn[cell] = load
     count = experiment.audited
     if experiment.replications is not None:
@@ -234,10 +235,14 @@ def _audits(
     return found
 
 
-def _bases_off(load: Workload) -> bool:
-    """Tell whether a robot's base may be elsewhere than the plan has it."""
-    disturbances = load.execution.disturbances
-    return any(disturbances.base_error_of(robot) for robot in load.tpg.cell.robots)
+def _drawn_off(load: Workload) -> str:
+    """Return in words what may be elsewhere than the plan has it: bases, or tools in skills."""
+    disturbances, cell = load.execution.disturbances, load.tpg.cell
+    what = {
+        "bases": any(disturbances.base_error_of(robot) for robot in cell.robots),
+        "skills": any(disturbances.deviations_in(cell).values()),
+    }
+    return " and ".join(name for name, off in what.items() if off)
 
 
 def _audit_cell(
@@ -245,7 +250,7 @@ def _audit_cell(
 ) -> Iterator[int]:
     """Yield how many collisions the audit finds in each of the first replications.
 
-    Where bases may be off, each replication has its own, and contacts alone are looked at.
+    Where bases or skills may be off, each replication has its own, and contacts alone are looked at.
     What was found is kept, one small file a replication, so an interrupted study goes on.
     Replications that come to no end are left out. The work has the geometry of its plan.
     """
@@ -264,16 +269,15 @@ def _audit_cell(
             replay.mkdir()
             save_plan(load.tpg, replay)
         write_motion(replay, load.tpg, run)
-        if _bases_off(load):
-            recording = read_recording(replay, load.tpg.cell)
+        if _drawn_off(load):
+            disturbances, cell = load.execution.disturbances, load.tpg.cell
+            how = {"seed": load.seed, "replication": replication}
+            known = disturbances.deviations_in(cell)
+            twists = drawn_deviations(load.tpg, known, **how)
+            recording = deviated(cell, read_recording(replay, cell), twists)
             bases = {
-                robot.name: drawn_base(
-                    robot,
-                    load.execution.disturbances.base_error_of(robot),
-                    seed=load.seed,
-                    replication=replication,
-                )
-                for robot in load.tpg.cell.robots
+                robot.name: drawn_base(robot, disturbances.base_error_of(robot), **how)
+                for robot in cell.robots
             }
             report = audit_off_bases(load.tpg, recording, bases, engine)
         else:

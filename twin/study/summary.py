@@ -99,7 +99,7 @@ class CellSummary(Figures):
         if self.collided is None:
             return ""
         count = self.collided.count
-        off = "" if self.policy == OPEN_LOOP else ", bases off as drawn,"
+        off = "" if self.policy == OPEN_LOOP else ", bases and skills off as drawn,"
         return (
             f"{round(self.collided.estimate * count)} of {count} replications audited with"
             f" {self.audit_engine}{off} collided"

@@ -1,9 +1,10 @@
-"""Bases that are not where the cell has them, drawn for a replication: what calibration leaves."""
+"""Bases and paths that are not where the plan has them, drawn for a replication: calibration, force control."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from planning.cell.workcell import PlacedRobot, PoseError
 from planning.transforms import Array, Transform
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.scenario.document.section import Section
 from twin.uncertainty.draws import uniforms
 
@@ -46,13 +48,56 @@ def drawn_base(
         seed: of the study.
         replication: its number.
     """
-    names, kinds = [robot.name] * 6, ["base"] * 6
-    u = uniforms(seed, [replication], names, 0, kinds, "pose error", range(6))[:, 0]
+    draw = _Draw(robot.name, 0, "base", seed, replication)
+    way, turn = np.split(_drawn_error(draw, error), 2)
     out = np.array(robot.base, dtype=np.float64)
-    turned = Rotation.from_rotvec(_in_ball(u[3:], error.rad))
-    out[:3, :3] = turned.as_matrix() @ robot.base[:3, :3]
-    out[:3, 3] += _in_ball(u[:3], error.m)
+    out[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ robot.base[:3, :3]
+    out[:3, 3] += way
     return out
+
+
+def drawn_deviations(
+    tpg: TemporalPlanGraph,
+    deviations: Mapping[str, PoseError],
+    *,
+    seed: int,
+    replication: int,
+) -> dict[tuple[str, int], Array]:
+    """Return by how much the flange is off in the midst of each skill node, by robot and node.
+
+    Each is a way and a turn as axis times angle, shape (6,) [m, rad], drawn as those of bases are.
+
+    Args:
+        tpg: the plan.
+        deviations: by skill, how far it may be off.
+        seed: of the study.
+        replication: its number.
+    """
+    kinds = {task.index: task.kind for task in tpg.tasks}
+    out = {}
+    for chain in tpg.chains:
+        for node in np.flatnonzero(chain.skill).tolist():
+            task = int(chain.task[node])
+            if error := deviations.get(kinds[task]):
+                draw = _Draw(chain.robot, task, kinds[task], seed, replication)
+                out[chain.robot, node] = _drawn_error(draw, error)
+    return out
+
+
+class _Draw(NamedTuple):
+    robot: str
+    task: int
+    kind: str
+    seed: int
+    replication: int
+
+
+def _drawn_error(of: _Draw, error: PoseError) -> Array:
+    """Return a way and a turn, each uniform in its ball, shape (6,)."""
+    names, kinds = [of.robot] * 6, [of.kind] * 6
+    counted = [of.replication], names, of.task, kinds, "pose error", range(6)
+    u = uniforms(of.seed, *counted)[:, 0]
+    return np.concatenate([_in_ball(u[:3], error.m), _in_ball(u[3:], error.rad)])
 
 
 def _in_ball(u: Array, radius: float) -> Array:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from planning.cell.workcell import PlacedRobot, PoseError
+from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.lifetimes import AnyDuration
 from twin.durations.model import DurationModel, Factor, Skill
@@ -252,6 +252,8 @@ class Disturbances(Section):
         machines: breakdowns and stalls of machines, by name.
         base_error: how far the base of every robot may be off, drawn anew for each replication whose
             motion is audited; default: what the cell says of each.
+        deviation: by skill, how far flanges may be from the reference path while it is executed, drawn
+            for each execution in such replications; default: what planning says.
     """
 
     speed: Speed = Speed()
@@ -262,6 +264,7 @@ class Disturbances(Section):
     emergency_stops: tuple[EmergencyStop, ...] = ()
     machines: dict[Name, MachineDisturbances] = Field(default_factory=dict)
     base_error: PoseErrorSection | None = None
+    deviation: dict[Skill, PoseErrorSection] | None = None
 
     @property
     def at_absolute_times(self) -> bool:
@@ -272,6 +275,12 @@ class Disturbances(Section):
         """Return how far the base of a robot may be off."""
         own = self.base_error
         return robot.base_error if own is None else own.planned
+
+    def deviations_in(self, cell: Workcell) -> Mapping[str, PoseError]:
+        """Return how far flanges may be from the reference path, by skill."""
+        if self.deviation is None:
+            return cell.deviations
+        return {skill: own.planned for skill, own in self.deviation.items()}
 
     @property
     def breaks_by_clock(self) -> bool:
@@ -323,6 +332,7 @@ class Disturbances(Section):
             breakdowns=self.breakdowns,
             emergency_stops=self.emergency_stops,
             base_error=self.base_error,
+            deviation=self.deviation,
         ).changed(
             jitter=read(self.jitter),
             stalls=happening(self.stalls),

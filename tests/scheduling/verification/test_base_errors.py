@@ -20,7 +20,7 @@ from planning.transforms import Array, Transform, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.base_errors import SurvivedErrors
-from scheduling.verification.bodies import Motion
+from scheduling.verification.motion import Motion
 from scheduling.verification.reference import ReferenceRobot
 from scheduling.verification.sweeps import farthest_from
 from scheduling.verification.verify import verify_plan

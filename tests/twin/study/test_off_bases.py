@@ -41,7 +41,7 @@ def test_replications_are_audited_where_their_bases_are(tmp_path: Path) -> None:
     assert [item["violations"] for item in small] == [0, 0, 0]
     assert len({item["min_distance_m"] for item in small}) == 3
     assert "0 of 3 replications audited with" in " ".join(said.split())
-    assert "bases off as drawn" in " ".join(said.split())
+    assert "bases and skills off as drawn" in " ".join(said.split())
     _, large = studied(tmp_path / "large", '{"m": 0.1, "rad": 0.1}')
     assert any(item["violations"] for item in large)
 

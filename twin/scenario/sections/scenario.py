@@ -21,7 +21,7 @@ from planning.errors import ScenarioError
 from planning.tasks.task import CLOSE, LEAVE_TOOL, OPEN, TAKE_TOOL, ActuationKey
 from twin.durations.lifetimes import AnyDuration, SkillOverride
 from twin.durations.measured import Packaged
-from twin.durations.model import DurationModel, PackagedSkill
+from twin.durations.model import DurationModel, PackagedSkill, Skill
 from twin.scenario.document.section import Name, Section, Several
 from twin.scenario.sections.cell import CellSection as CellSection
 from twin.scenario.sections.cell import FixtureSection as FixtureSection
@@ -33,6 +33,7 @@ from twin.scenario.sections.execution import ReferenceDuration
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import PartsSection, ProcessSection
 from twin.scenario.sections.shapes import Configuration, PoseSection
+from twin.uncertainty.base_errors import PoseErrorSection
 
 
 class MoveSection(Section):
@@ -120,6 +121,8 @@ class PlanningSection(Section):
         improve_tries: most plans tried in that search; on its own, it makes the same plan
             everywhere. 0 for no limit where there are seconds.
         improve_order: whether that search may put the steps into another order.
+        deviation: by skill, how far the flange, and with it the tool and what it holds, may be from
+            the reference path while the skill is executed: force control. All is planned with it.
     """
 
     speed_model: SpeedModelName | None = None
@@ -140,6 +143,7 @@ class PlanningSection(Section):
     improve_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     improve_tries: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     improve_order: bool = True
+    deviation: dict[Skill, PoseErrorSection] = Field(default_factory=dict)
 
     @property
     def l1_rad_s(self) -> float:

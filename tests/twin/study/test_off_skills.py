@@ -1,0 +1,97 @@
+"""Skills off their paths: drawn by replication, inside what was said, and audited where they are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from planning.cell.workcell import PoseError
+from planning.kinematics.kinematics import frame_pose
+from scheduling.graph.plan_files import load_plan
+from tests.twin.written import written
+from twin.audit.motion.deviated import deviated
+from twin.audit.motion.executed import read_recording
+from twin.cli import app
+from twin.study.folder import AUDITS
+from twin.uncertainty.base_errors import drawn_deviations
+
+ROOT = Path(__file__).parents[3]
+SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
+ERROR = PoseError(0.002, 0.01)
+
+
+@pytest.mark.usefixtures("no_report")
+def test_replications_are_audited_on_the_paths_that_are_drawn(tmp_path: Path) -> None:
+    own = "{pick: {m: 0.0002, rad: 0.0002}, place-down: {m: 0.0002}}"
+    line = f"execution:\n  deviation: {own}\n"
+    text = SCENARIO.read_text(encoding="utf-8")
+    file, out = written(tmp_path, text, ("execution:\n", line)), tmp_path / "study"
+    study = ("study", str(file), "-n", "4", "--workers", "0", "--out", str(out))
+    how = ("--policy", "asynchronous", "--audit-sample", "3")
+    found = CliRunner().invoke(app, [*study, *how])
+    assert found.exit_code == 0, found.output
+    said = " ".join(found.output.split())
+    assert "0 of 3 replications audited with" in said
+    assert "bases and skills off as drawn" in said
+    files = sorted((out / AUDITS / "0").glob("*.json"))
+    assert len({json.loads(f.read_text())["min_distance_m"] for f in files}) == 3
+
+
+@pytest.mark.parametrize("limits", [False, True])
+def test_flanges_go_where_they_are_drawn_in_skills_and_nowhere_else(
+    tmp_path: Path, limits: bool
+) -> None:
+    text, out = SCENARIO.read_text(encoding="utf-8"), tmp_path / "run"
+    change = [("speed_model: l1\n", "speed_model: limits\n")] if limits else []
+    file = written(tmp_path, text, *change)
+    found = CliRunner().invoke(
+        app, ["run", str(file), "--out", str(out), "-q", "--shortcuts", "0"]
+    )
+    assert found.exit_code == 0, found.output
+    tpg = load_plan(out)
+    usual = read_recording(out, tpg.cell)
+    skills = {"pick": ERROR, "place-down": ERROR}
+    twists = drawn_deviations(tpg, skills, seed=3, replication=1)
+    assert twists
+    assert twists.keys() == {
+        (chain.robot, node)
+        for chain in tpg.chains
+        for node in np.flatnonzero(chain.skill).tolist()
+    }
+    ways = np.array(list(twists.values()))
+    assert np.linalg.norm(ways[:, :3], axis=1).max() <= ERROR.m
+    assert np.linalg.norm(ways[:, 3:], axis=1).max() <= ERROR.rad
+    # All nodes of one skill are off by the same, no two skills are.
+    doing = {c.robot: c.task for c in tpg.chains}
+    tasks = {(robot, int(doing[robot][node])) for robot, node in twists}
+    assert len(np.unique(ways[:, 0])) == len(tasks)
+    off = deviated(tpg.cell, usual, twists)
+    (name, node), twist = next(iter(twists.items()))
+    robot, rows, moved = (
+        tpg.cell.robot(name),
+        usual.robots[name],
+        off.robots[name],
+    )
+    assert moved.t[-1] == rows.t[-1]
+    inside = np.flatnonzero(moved.node == node)
+    times = np.linspace(moved.t[inside[0] - 1], moved.t[inside[-1]], 101)
+    far = []
+    for q, other in zip(rows.at(times), moved.at(times), strict=True):
+        a, b = frame_pose(robot, q), frame_pose(robot, other)
+        turn = Rotation.from_matrix(b[:3, :3] @ a[:3, :3].T).as_rotvec()
+        far.append(np.concatenate([b[:3, 3] - a[:3, 3], turn]))
+    assert np.allclose(far[0], 0.0, atol=1e-9)
+    assert np.allclose(far[-1], 0.0, atol=1e-9)
+    best = int(np.argmin(np.linalg.norm(np.array(far) - twist, axis=1)))
+    assert np.allclose(far[best], twist, atol=2e-5)
+    most = np.linalg.norm(np.array(far)[:, :3], axis=1).max()
+    assert most <= np.linalg.norm(twist[:3]) + 2e-5
+    # Outside skills it is where it was.
+    own = {n for r, n in twists if r == name}
+    calm = [t for t, n in zip(rows.t, rows.node, strict=True) if n not in own]
+    assert np.allclose(moved.at(np.array(calm)), rows.at(np.array(calm)), atol=1e-9)
