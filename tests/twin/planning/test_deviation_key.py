@@ -10,6 +10,7 @@ from planning.cell.workcell import PoseError
 from tests.twin.written import refusal, written
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.manifest import load_scenario
+from twin.uncertainty.base_errors import PoseErrorSection
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 CLIFF = (SCENARIOS / "lego" / "cliff.yaml").read_text(encoding="utf-8")
@@ -28,7 +29,7 @@ def test_the_cell_has_the_deviations_that_are_given(tmp_path: Path) -> None:
     # What a run draws is what planning says, unless it says another.
     disturbances = scenario.execution
     assert disturbances.deviations_in(cell) == cell.deviations
-    other = disturbances.changed(deviation={"pick": {"m": 0.002}})
+    other = disturbances.changed(deviation={"pick": PoseErrorSection(m=0.002)})
     assert other.deviations_in(cell) == {"pick": PoseError(0.002, 0.0)}
 
 
