@@ -7,7 +7,7 @@ meaning only the maker of the candidates knows.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -145,6 +145,30 @@ class AssignmentProblem:
         """Indices of the support candidates of each step."""
         return _by_step(item.step for item in self.supports)
 
+    def among(self, crew: Collection[str]) -> AssignmentProblem:
+        """Return the problem of some of the robots, as if the others could do nothing.
+
+        Args:
+            crew: their names.
+        """
+        primaries = [
+            k
+            for k, item in enumerate(self.primaries)
+            if item.robot in crew and item.partner in (None, *crew)
+        ]
+        supports = [k for k, item in enumerate(self.supports) if item.robot in crew]
+        first = {old: new for new, old in enumerate(primaries)}
+        second = {old: new for new, old in enumerate(supports)}
+        return replace(
+            self,
+            robots=tuple(robot for robot in self.robots if robot in crew),
+            primaries=tuple(self.primaries[k] for k in primaries),
+            supports=tuple(self.supports[k] for k in supports),
+            incompatible=_renumbered(self.incompatible, first, second),
+            clashing=_renumbered(self.clashing, first, first),
+            changes={key: cost for key, cost in self.changes.items() if key[0] in crew},
+        )
+
     def lacking(self, step: int) -> str | None:
         """Return in words who is missing for a step, whatever is done in others; None for nobody."""
         primaries, supports = self.primaries_of.get(step), self.supports_of.get(step)
@@ -219,6 +243,15 @@ class AssignmentProblem:
             for size in range(2, len(self.able) + 1)
             for j in range(1, steps - size + 2)
         ]
+
+
+def _renumbered(
+    pairs: frozenset[tuple[int, int]], first: dict[int, int], second: dict[int, int]
+) -> frozenset[tuple[int, int]]:
+    """Return the pairs of which both are still there, with their new numbers."""
+    return frozenset(
+        (first[a], second[b]) for a, b in pairs if a in first and b in second
+    )
 
 
 def _by_step(steps: Iterable[int]) -> dict[int, list[int]]:

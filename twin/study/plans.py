@@ -41,7 +41,7 @@ from twin.study.folder import Refused, StudyRequest
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import CoordinatedPlans, plan_best
+from twin.trial.planning import CoordinatedPlans, chooses_crew, plan_best
 from twin.trial.simulation import scenario_execution
 
 Plans = Mapping[str, TemporalPlanGraph]
@@ -91,7 +91,7 @@ def plan_for_study(
     """
     needed = {NAMED_POLICIES[policy].plan for policy in policies}
     watch = StageWatch(progress)
-    if scenario.planning.improves:
+    if scenario.planning.improves or chooses_crew(scenario):
         turns = plan_best(scenario, base, watch).motions
     else:
         turns = plan_motions(scenario, base, watch)

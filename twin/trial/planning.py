@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
@@ -40,8 +41,11 @@ from twin.scenario.sections.scenario import Scenario
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
 
-IMPROVEMENT = "better choices"
-"""Name of the stage for progress displays."""
+if TYPE_CHECKING:
+    from scheduling.ordering.improvement import RatedPlan
+
+CREWS, IMPROVEMENT = "who takes part", "better choices"
+"""Names of the stages for progress displays."""
 
 
 def plan_scenario(
@@ -120,13 +124,23 @@ def plan_best(scenario: Scenario, folder: Path, watch: StageWatch) -> PlanResult
     """
     _refuse_improvement(scenario)
     loaded = LoadedScenario(scenario, folder)
-    plan = _coordinated(loaded, plan_motions(scenario, folder, watch), watch)
+    first, *others = _motions_of_crews(
+        scenario, plan_motions(scenario, folder, watch), watch
+    )
+    plan = _coordinated(loaded, first, watch)
+    for other in others:
+        plan = _shorter(plan, other, watch)
     improves = scenario.planning.improves
     found = _improved_motions(scenario, plan.motions, watch) if improves else None
-    if found is None:
-        return plan
+    return plan if found is None else _shorter(plan, found, watch)
+
+
+def _shorter(
+    plan: PlanResult, motions: PlannedMotions, watch: StageWatch
+) -> PlanResult:
+    """Return the plan of other motions if it ends sooner, else the one given."""
     try:
-        other = _coordinated(loaded, found, watch)
+        other = _coordinated(plan.scenario, motions, watch)
     except PlanInvariantError:  # no reason to go without the plan that holds
         return plan
     return other if other.makespan_s < plan.makespan_s else plan
@@ -250,6 +264,52 @@ def _refuse_improvement(scenario: Scenario) -> None:
         )
 
 
+def chooses_crew(scenario: Scenario) -> bool:
+    """Tell whether robots may be left without work where that shortens the plan.
+
+    It may where a plan is judged by its temporal plan graph, and there are more than two of them.
+    """
+    chosen = scenario.assembly.kind in ("lego", "assembly")
+    in_turns = scenario.planning.coordination == "sequential"
+    return chosen and in_turns and len(scenario.cell.robots) > 2
+
+
+def _motions_of_crews(
+    scenario: Scenario, first: PlannedMotions, watch: StageWatch
+) -> list[PlannedMotions]:
+    """Return the motions of all robots and of crews of fewer that may end soonest, best rated first.
+
+    It is part of the assignment.
+    """
+    from scheduling.ordering.crews import rate_crews
+    from scheduling.ordering.improvement import PlanRater
+
+    if not chooses_crew(scenario) or first.work is None:
+        return [first]
+    with watch.stage("assignment", CREWS):
+        shortcuts = planned_shortcuts(scenario) > 0
+        rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
+        start = rater.rate_motions(first.work, first.task_plan, first.motion_plan)
+        found = rate_crews(rater, first.work, start, watch.reporter(CREWS))
+    return [
+        first if plan is start else _with_plan(scenario, first, plan) for plan in found
+    ]
+
+
+def _with_plan(
+    scenario: Scenario, first: PlannedMotions, plan: RatedPlan
+) -> PlannedMotions:
+    """Return the motions of a plan that was found from others."""
+    found = replace(
+        first,
+        assembly=plan.work.assembly or first.assembly,
+        task_plan=plan.task_plan,
+        motion_plan=plan.motion_plan,
+        work=plan.work,
+    )
+    return assembly_kind(scenario.assembly).finished(found)
+
+
 def _improved_motions(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
 ) -> PlannedMotions | None:
@@ -277,13 +337,4 @@ def _improved_motions(
             seed=scenario.seed,
             progress=watch.reporter(IMPROVEMENT),
         )
-    if best is start:
-        return None
-    found = replace(
-        first,
-        assembly=best.work.assembly or first.assembly,
-        task_plan=best.task_plan,
-        motion_plan=best.motion_plan,
-        work=best.work,
-    )
-    return assembly_kind(scenario.assembly).finished(found)
+    return None if best is start else _with_plan(scenario, first, best)

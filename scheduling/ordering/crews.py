@@ -1,0 +1,79 @@
+"""Plans in which some of the robots have nothing to do, rated against the one in which all may have.
+
+The integer program shares steps out among all robots and does not see who waits for whom. Where every
+step stands on the one before it, a third robot does not end sooner what two can do, it only stands in
+their way. So with more than two robots, each crew of at least two of them is given the work as if the
+others were not able to do any of it, and its plan is rated by the makespan of its graph. A robot that is
+not of the crew stays at HOME. What a cell of fewer robots would do is then among the plans of a cell
+that has one more, and is not lost unless that one is in the way even at its HOME.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations, islice
+
+from planning.errors import InfeasibleStepError
+from planning.progress import Progress, no_progress
+from planning.tasks.assignment import AssignmentProblem
+from planning.tasks.highs_solver import assign_steps
+from planning.tasks.work import AssemblyWork
+from scheduling.ordering.improvement import PlanRater, RatedPlan
+
+_SMALLEST = 2
+"""Robots of the smallest crew that is tried."""
+
+_MOST_CREWS = 32
+"""So many crews are tried, larger ones first: all there are of up to five robots."""
+
+_NEAR = 0.05
+"""Share of the makespan by which shortcuts may turn the ranks of two plans."""
+
+
+def crews(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
+    """Yield the robots that may do everything while others of those that could help do nothing.
+
+    Args:
+        problem: the work of all robots.
+    """
+    able = problem.able
+    smaller = (
+        crew
+        for size in range(len(able) - 1, _SMALLEST - 1, -1)
+        for crew in combinations(able, size)
+    )
+    return islice(smaller, _MOST_CREWS)
+
+
+def rate_crews(
+    rater: PlanRater,
+    work: AssemblyWork,
+    start: RatedPlan,
+    progress: Progress = no_progress,
+) -> list[RatedPlan]:
+    """Return the plans of all crews that may turn out to be the shortest, best rated first.
+
+    Args:
+        rater: rates plans.
+        work: of all robots.
+        start: the plan of all robots.
+        progress: told how many crews were looked at, and of how many.
+    """
+    rated = [start]
+    tried = list(crews(work.problem))
+    for k, crew in enumerate(tried, start=1):
+        own = replace(work, problem=work.problem.among(crew))
+        try:
+            found = rater.rate(own, assign_steps(own.problem))
+        except InfeasibleStepError:
+            found = None
+        if found is not None:
+            rated.append(replace(found, work=work))
+        progress(k, len(tried))
+    rated.sort(key=lambda plan: plan.makespan_s)
+    longest = rated[0].makespan_s * (1.0 + _NEAR)
+    near = {
+        plan.task_plan: plan for plan in reversed(rated) if plan.makespan_s <= longest
+    }
+    return sorted(near.values(), key=lambda plan: plan.makespan_s)
