@@ -1,9 +1,10 @@
-"""The same ring of bricks built by two, three and four arms around one plate.
+"""The same bricks put together by two, three and four arms around one plate.
 
-    python -m benchmarks.arms [--arms 2 3 4] [--write FOLDER]
+    python -m benchmarks.arms [--of ring towers cliff] [--arms 2 3 4] [--everybody] [--write FOLDER]
 
-The ring is of 56 bricks in four layers that bond, and every arm has a feeding station of its own. Printed
-are, by number of arms, the makespan, what the busiest arm has to do at least, the joint distance of the
+The ring is of 56 bricks in four layers that bond, the towers are four of twelve bricks each, and every arm has
+a feeding station of its own. The cliff is the shipped one: its bricks are those of two arms. With
+``--everybody`` work is shared out among all arms, whether that is shorter or not. Printed are, by number of arms, the makespan, what the busiest arm has to do at least, the joint distance of the
 assignment, how many steps each arm got, and processor seconds. With ``--write`` the scenarios are kept.
 """
 
@@ -14,14 +15,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 import twin
-import twin.planning.goals as planning_of_goals
-from planning.tasks.assignment import AssignmentProblem, TaskPlan
+import twin.trial.planning as planning
 
 _ARMS = (
     ("left", (0.0, 0.0), 0, (3, 17)),
@@ -35,8 +36,11 @@ _FROM, _WIDE, _LAYERS = 16, 16, 4
 """First stud and width of the ring on the plate, and how many layers it has."""
 
 
-def ring_scenario(arms: int) -> dict[str, Any]:
-    """Return the scenario of the ring for so many arms."""
+_CLIFF = Path(__file__).parents[1] / "scenarios" / "lego" / "cliff.yaml"
+
+
+def arms_scenario(of: str, arms: int) -> dict[str, Any]:
+    """Return the scenario of the ring, the towers or the cliff for so many arms."""
     chosen = _ARMS[:arms]
     robots = [
         {
@@ -61,9 +65,14 @@ def ring_scenario(arms: int) -> dict[str, Any]:
         "size_m": [0.6, 0.6, 0.02],
         "pose": {"xyz_m": [0.44, 0, 1.1045]},
     }
+    if of == "cliff":
+        found: dict[str, Any] = yaml.safe_load(_CLIFF.read_text(encoding="utf-8"))
+        cell = {"robots": robots, "fixtures": [table]}
+        return {**found, "name": f"cliff_{arms}", "cell": cell}
+    ring = [_layer(z % 2 == 0) for z in range(_LAYERS)]
     return {
         "version": 1,
-        "name": f"ring_{arms}",
+        "name": f"{of}_{arms}",
         "seed": 0,
         "cell": {"robots": robots, "fixtures": [table]},
         "assembly": {
@@ -71,7 +80,7 @@ def ring_scenario(arms: int) -> dict[str, Any]:
             "plate": {"pose": {"xyz_m": [0.44, 0, 1.1145]}, "studs": [48, 48]},
             "structure": {
                 "origin": [_FROM, _FROM],
-                "layers": [_layer(z % 2 == 0) for z in range(_LAYERS)],
+                "layers": ring if of == "ring" else [_four_bricks()] * 12,
             },
             "stock": stations,
         },
@@ -97,39 +106,47 @@ def _layer(along_x: bool) -> str:
     return "".join("".join(row) + "\n" for row in rows)
 
 
+def _four_bricks() -> str:
+    """Return the drawing of a layer of four towers, one near each corner."""
+    rows = [["."] * _WIDE for _ in range(_WIDE)]
+    for letter, (x, y) in zip(
+        "ABCD", ((3, 3), (11, 3), (3, 11), (11, 11)), strict=True
+    ):
+        for k in range(8):
+            rows[y + k // 4][x - 1 + k % 4] = letter
+    return "".join("".join(row) + "\n" for row in rows)
+
+
 def main() -> None:
     """Plan, execute and print a row for every number of arms."""
     parser = argparse.ArgumentParser(description=__doc__)
+    kinds = ["ring", "towers", "cliff"]
+    parser.add_argument("--of", nargs="+", default=kinds, choices=kinds)
+    parser.add_argument("--everybody", action="store_true")
     parser.add_argument("--arms", type=int, nargs="+", default=[2, 3, 4])
     parser.add_argument("--write", type=Path)
     args = parser.parse_args()
-    chosen: list[TaskPlan] = []
-    solve = planning_of_goals.assign_steps
-
-    def noted(problem: AssignmentProblem) -> TaskPlan:
-        chosen.append(solve(problem))
-        return chosen[-1]
-
-    setattr(planning_of_goals, "assign_steps", noted)  # noqa: B010 - to look at it
+    if args.everybody:
+        setattr(planning, "chooses_crew", lambda _: False)  # noqa: B010 - to compare
     sys.stdout.write(
-        "| arms | makespan [s] | busiest arm [s] | cost [rad] | steps | CPU s |\n"
-        "|---:|---:|---:|---:|---|---:|\n"
+        "| structure | arms | makespan [s] | busiest arm [s] | cost [rad] | steps | CPU s |\n"
+        "|---|---:|---:|---:|---:|---|---:|\n"
     )
     with tempfile.TemporaryDirectory() as folder:
-        for arms in args.arms:
-            path = (args.write or Path(folder)) / f"ring_{arms}.yaml"
-            path.write_text(yaml.safe_dump(ring_scenario(arms), sort_keys=False))
+        for of, arms in product(args.of, args.arms):
+            path = (args.write or Path(folder)) / f"{of}_{arms}.yaml"
+            path.write_text(yaml.safe_dump(arms_scenario(of, arms), sort_keys=False))
             start = time.process_time()
             plan = twin.plan(twin.load(path))
             took = time.process_time() - start
             run = twin.simulate(plan)
-            tasks = chosen[-1].choices
+            tasks = plan.motions.task_plan.choices
             steps = Counter(choice.robot for choice in tasks)
             shares = ", ".join(f"{name} {count}" for name, count in steps.items())
             cost = sum(choice.cost for choice in tasks)
             bound = plan.load_bound_s or 0.0
             sys.stdout.write(
-                f"| {arms} | {run.makespan_s:.1f} | {bound:.1f} | {cost:.1f} | {shares} |"
+                f"| {of} | {arms} | {run.makespan_s:.1f} | {bound:.1f} | {cost:.1f} | {shares} |"
                 f" {took:.1f} |\n"
             )
             sys.stdout.flush()

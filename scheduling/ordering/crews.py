@@ -27,9 +27,6 @@ _SMALLEST = 2
 _MOST_CREWS = 32
 """So many crews are tried, larger ones first: all there are of up to five robots."""
 
-_NEAR = 0.05
-"""Share of the makespan by which shortcuts may turn the ranks of two plans."""
-
 
 def crews(problem: AssignmentProblem) -> Iterator[tuple[str, ...]]:
     """Yield the robots that may do everything while others of those that could help do nothing.
@@ -52,7 +49,7 @@ def rate_crews(
     start: RatedPlan,
     progress: Progress = no_progress,
 ) -> list[RatedPlan]:
-    """Return the plans of all crews that may turn out to be the shortest, best rated first.
+    """Return the plan of all robots and those of crews of fewer, each once, best rated first.
 
     Args:
         rater: rates plans.
@@ -60,20 +57,15 @@ def rate_crews(
         start: the plan of all robots.
         progress: told how many crews were looked at, and of how many.
     """
-    rated = [start]
+    rated = {start.task_plan: start}
     tried = list(crews(work.problem))
     for k, crew in enumerate(tried, start=1):
         own = replace(work, problem=work.problem.among(crew))
         try:
-            found = rater.rate(own, assign_steps(own.problem))
+            plan = assign_steps(own.problem)
         except InfeasibleStepError:
-            found = None
-        if found is not None:
-            rated.append(replace(found, work=work))
+            plan = start.task_plan
+        if plan not in rated and (found := rater.rate(own, plan)) is not None:
+            rated.setdefault(found.task_plan, replace(found, work=work))
         progress(k, len(tried))
-    rated.sort(key=lambda plan: plan.makespan_s)
-    longest = rated[0].makespan_s * (1.0 + _NEAR)
-    near = {
-        plan.task_plan: plan for plan in reversed(rated) if plan.makespan_s <= longest
-    }
-    return sorted(near.values(), key=lambda plan: plan.makespan_s)
+    return sorted(rated.values(), key=lambda plan: plan.makespan_s)

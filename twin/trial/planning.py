@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
 from planning.tasks.task import (
@@ -46,6 +48,9 @@ if TYPE_CHECKING:
 
 CREWS, IMPROVEMENT = "who takes part", "better choices"
 """Names of the stages for progress displays."""
+
+_NEAR = 0.05
+"""Share of the makespan within which shortcuts may turn the ranks of the plans of two crews."""
 
 
 def plan_scenario(
@@ -277,9 +282,10 @@ def chooses_crew(scenario: Scenario) -> bool:
 def _motions_of_crews(
     scenario: Scenario, first: PlannedMotions, watch: StageWatch
 ) -> list[PlannedMotions]:
-    """Return the motions of all robots and of crews of fewer that may end soonest, best rated first.
+    """Return the motions of all robots, and of crews of fewer that may end sooner, best rated first.
 
-    It is part of the assignment.
+    Where no shortcuts are taken a graph costs little, and those of all crews are compared. Finding
+    who takes part belongs to the assignment.
     """
     from scheduling.ordering.crews import rate_crews
     from scheduling.ordering.improvement import PlanRater
@@ -291,8 +297,11 @@ def _motions_of_crews(
         rater = PlanRater(first.cell, first.settings, shortcuts=shortcuts)
         start = rater.rate_motions(first.work, first.task_plan, first.motion_plan)
         found = rate_crews(rater, first.work, start, watch.reporter(CREWS))
+    longest = found[0].makespan_s * (1.0 + _NEAR) if shortcuts else np.inf
     return [
-        first if plan is start else _with_plan(scenario, first, plan) for plan in found
+        first if plan is start else _with_plan(scenario, first, plan)
+        for plan in found
+        if plan is start or plan.makespan_s <= longest
     ]
 
 

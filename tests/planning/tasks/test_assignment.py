@@ -296,6 +296,35 @@ def test_one_more_robot_never_makes_a_plan_worse(
     assert objective(more, better) <= objective(more, alone) + 1e-6
 
 
+@settings(max_examples=80, deadline=None)
+@given(problems(), st.data())
+def test_the_plans_of_a_crew_are_those_in_which_the_others_do_nothing(
+    problem: AssignmentProblem, data: st.DataObject
+) -> None:
+    crew = data.draw(st.sets(st.sampled_from(problem.robots), min_size=1))
+    theirs = problem.among(crew)
+    assert set(every_plan(theirs)) == {
+        plan
+        for plan in every_plan(problem)
+        if all(choice.robots <= crew for choice in plan.choices)
+    }
+    for step in range(1, len(problem.steps) + 1):
+        assert (theirs.lacking(step) is None) == any(
+            choice.robots <= crew for choice in _ways(problem, step)
+        )
+
+
+def _ways(problem: AssignmentProblem, step: int) -> Iterator[StepChoice]:
+    """Yield the ways to do a step, whatever is done in others."""
+    for p in problem.primaries_of.get(step, []):
+        if not problem.needs_support[step - 1]:
+            yield StepChoice(problem.primaries[p])
+            continue
+        for s in problem.supports_of.get(step, []):
+            if problem.compatible(p, s):
+                yield StepChoice(problem.primaries[p], problem.supports[s])
+
+
 def test_robots_take_turns_whoever_else_is_there() -> None:
     """An arm that can do one step of eight only leaves the others to take turns."""
     ways = [
