@@ -216,15 +216,11 @@ class Sharing:
                     ways += self._ways(number, robot, parts, None)
             found.primaries += ways
         return found.problem(
-            [f"fill goal {self._words(step.part.name)}" for step in self._steps],
+            [f"fill the goal of {step.part.name}" for step in self._steps],
             [False] * len(self._steps),
             mounted=self._changes.mounted,
             changes=self._changes.costs,
         )
-
-    def _words(self, goal: str) -> str:
-        number = self._group[goal].index(goal) + 1
-        return f"{number} of {goal.rpartition('.')[0]}"
 
     def _ways(
         self,

@@ -185,7 +185,11 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
                 of: tuple[str, ...] = ()
                 if step.part in goals:
                     own, number = goals[step.part]
-                    words, kind, of = own.goal(number), own.kind, own.names
+                    words, kind, of = (
+                        f"goal {number} of {own.kind}",
+                        own.kind,
+                        own.names,
+                    )
                 place = WantedPlace(
                     words,
                     assembly.goals[step.part],

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import product, zip_longest
 from typing import TypeVar
 
 from scheduling.repeat import numbered
@@ -43,14 +43,17 @@ class AlikeParts:
         """Names of those that are written out with a goal."""
         return self.names[: self.goals]
 
-    def goal(self, number: int) -> str:
-        """Return in words which goal one is, counted from 1."""
-        return f"goal {number} of {self.kind}"
-
 
 def alike_parts(section: PartsSection) -> tuple[AlikeParts, ...]:
     """Return the parts that are alike, kind by kind."""
-    return tuple(_alike(part) for part in section.parts if part.several)
+    found = []
+    for part in section.parts:
+        if part.several:
+            goals = len(_poses(part.goals))
+            count = part.count or len(_poses(part.starts)) or goals
+            names = tuple(numbered(part.name, k) for k in range(1, count + 1))
+            found.append(AlikeParts(part.name, names, goals, part.source is not None))
+    return tuple(found)
 
 
 def with_named_parts(section: PartsSection) -> PartsSection:
@@ -98,32 +101,16 @@ def listed_steps(section: PartsSection) -> tuple[int, ...]:
     )
 
 
-def _alike(part: PartSection) -> AlikeParts:
-    goals = _size(part.goals)
-    count = part.count or _size(part.starts) or goals
-    names = tuple(numbered(part.name, k) for k in range(1, count + 1))
-    return AlikeParts(part.name, names, goals, part.source is not None)
-
-
-def _size(places: Sequence[PlacesSection] | None) -> int:
-    return sum(place.size for place in places or ())
-
-
 def _poses(places: Sequence[PlacesSection] | None) -> list[PoseSection]:
     return [pose_section(at) for place in places or () for at in place.places()]
 
 
 def _named(part: PartSection, own: AlikeParts) -> Iterator[PartSection]:
     starts, goals = _poses(part.starts), _poses(part.goals)
-    for k, name in enumerate(own.names):
-        yield part.changed(
-            name=name,
-            count=None,
-            starts=None,
-            goals=None,
-            start=starts[k] if starts else None,
-            goal=goals[k] if k < len(goals) else None,
-        )
+    one = part.changed(count=None, starts=None, goals=None)
+    for name, start, goal in zip_longest(own.names, starts, goals):
+        if name is not None:
+            yield one.changed(name=name, start=start, goal=goal)
 
 
 def _steps(
@@ -188,13 +175,10 @@ def find_alike_problems(section: PartsSection) -> Found:
             yield ("assembly", "joined", k, "by"), words
     for k, step in enumerate(section.steps):
         at: KeyPath = ("assembly", "steps", k)
-        if step.place in kinds:
-            for key in ("at", "until"):
-                if getattr(step, key) is not None:
-                    words = (
-                        f"{step.place} stands for parts that are alike: leave {key} out"
-                    )
-                    yield (*at, key), words
+        alike = f"{step.place} stands for parts that are alike"
+        for key in ("at", "until"):
+            if step.place in kinds and getattr(step, key) is not None:
+                yield (*at, key), f"{alike}: leave {key} out"
         for key, name in (("hold", step.hold), ("at", step.at and step.at.part)):
             if name in kinds:
                 words = f"{name} stands for parts that are alike, and which is meant nobody says"
@@ -202,13 +186,17 @@ def find_alike_problems(section: PartsSection) -> Found:
 
 
 def _check_kind(part: PartSection, own: AlikeParts, at: KeyPath) -> Found:
-    count, starts = len(own.names), _size(part.starts)
+    count, starts, name = len(own.names), len(_poses(part.starts)), part.name
     if part.starts and count > starts:
-        words = f"{count} {part.name} need {count} places to lie at, and starts has {starts}"
+        words = f"{count} {name} need {count} places to lie at, and starts has {starts}"
         yield (*at, "starts"), f"{words}: give more places, or a lower count"
     if count < own.goals:
-        words = f"{own.goals} goals of {part.name} need {own.goals} parts, and there are {count}"
+        words = (
+            f"{own.goals} goals of {name} need {own.goals} parts, and there are {count}"
+        )
         yield (*at, "goals"), f"{words}: give a higher count, or fewer goals"
     if own.sourced and count > own.goals:
-        words = f"a source gives what is placed, and {count} {part.name} have {own.goals} goals"
+        words = (
+            f"a source gives what is placed, and {count} {name} have {own.goals} goals"
+        )
         yield (*at, "count"), f"{words}: leave count out"

@@ -50,11 +50,6 @@ class PlacesSection(PoseSection):
 
     grid: GridSection | None = None
 
-    @property
-    def size(self) -> int:
-        """Number of places."""
-        return 1 if self.grid is None else self.grid.size
-
     def places(self) -> list[Transform]:
         """Return the places in the world."""
         pose = build_transform(self)
