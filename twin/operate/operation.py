@@ -66,6 +66,7 @@ def operate(
     seed: int,
     replication: int = 0,
     recorders: Sequence[Recorder] = (),
+    halting: bool = False,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
 
@@ -76,6 +77,8 @@ def operate(
         model: how it is executed.
         seed, replication: name the random draws.
         recorders: told of every event, then closed.
+        halting: let everybody stop and go HOME before anything is planned anew, as without a graph that
+            is extended: what this is compared with.
 
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
@@ -88,7 +91,14 @@ def operate(
         )
         return sampler.sample(seed=seed, replication=replication)
 
-    planner = Recovery(scenario, motions, tpg.cell, draw)
+    planner = Recovery(
+        scenario,
+        motions,
+        tpg.cell,
+        draw,
+        cuts=(False,) if halting else (True, False),
+        all_aside=halting,
+    )
     kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
     cell: RollingExecution = kind(
         tpg,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,6 +53,9 @@ class Recovery:
         draw: times of new nodes.
         given_up: steps that are not done any more, by number, with the reason.
         planning_s: processor seconds of each plan.
+        cuts: whether robots bring their steps to an end before a cut, or their tasks only: the cuts that
+            are tried one after the other.
+        all_aside: let every robot go HOME first, as where nobody knows who may go on.
     """
 
     scenario: Scenario
@@ -61,6 +64,8 @@ class Recovery:
     draw: Draw
     given_up: dict[int, str] = field(default_factory=dict)
     planning_s: list[float] = field(default_factory=list)
+    cuts: tuple[bool, ...] = (True, False)
+    all_aside: bool = False
     _known: KnownMotions = field(default_factory=KnownMotions)
     _steps: tuple[StepTasks, ...] | None = None
     _past: tuple[StepTasks, ...] = ()
@@ -114,7 +119,7 @@ class Recovery:
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, dict[str, int]]:
         """Return the longer graph, the new one, and how many nodes of each robot were there before."""
         never, why = _never(tpg, incident), ""
-        for steps in (True, False):
+        for steps in self.cuts:
             counts = cut_after(tpg, incident.released, never, steps=steps)
             committed = self._committed(tpg, counts, incident, judged)
             own = {chain.robot: len(chain) for chain in committed.chains}
@@ -187,6 +192,8 @@ class Recovery:
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, aside = StageWatch(), frozenset[str]()
+        if self.all_aside:
+            aside = frozenset(self._standing(tpg, counts)) - incident.out
         while True:
             world = self._world(tpg, committed, counts, incident, judged)
             reopened = {**judged.reopened, **self._interrupted(incident.out, world)}
@@ -234,6 +241,15 @@ class Recovery:
             self.cell, self._task_plan = cell, onward.task_plan
             self._steps, self._past = onward.steps, onward.past
             return union, found.tpg
+
+    def _standing(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> Iterator[str]:
+        """Yield the robots that have something to bring to an end where they stand."""
+        world = world_at(tpg, counts, borders=False)
+        steps = world.steps if self._steps is None else self._steps
+        world = replace(world, steps=steps)
+        for item in leftovers(world, {}):
+            if not item.ends:
+                yield from (task.robot for task in item.tasks)
 
     def _in_the_way(self, now: Situation, error: TwinError) -> frozenset[str]:
         """Return the robots that stand with something to bring to an end, but in the step of an error."""

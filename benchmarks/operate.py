@@ -1,0 +1,227 @@
+"""What it costs that skills fail: planned anew while the others go on, or after everybody has stopped.
+
+    python -m benchmarks.operate [--seeds N] [--rates 0 0.05] [--only NAME] [--verified N]
+
+Every attempt at any skill fails with a probability, and a fifth of those lose the object; attempts are made
+three times. Compared are, for the same draws: *ours*; *stop*: everybody ends the task at hand, waits for the
+plan, and goes HOME before going on; *knew*: a plan from the beginning on without the objects that were to be
+lost, executed with attempts that fail and never for good. ``cliff with spares`` is the shipped cliff with
+twelve more bricks. The table goes to benchmarks/results/operate.md; rows that are measured are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import date_line, machine_line
+from benchmarks.store import RowStore
+from planning.cell.workcell import start_state
+from planning.tasks.task import FAILED, GONE
+from planning.worlds.onward import Situation
+from planning.worlds.world import World
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.invariant import check_invariant
+from scheduling.verification.verify import verify_plan
+from twin.host.progress import StageWatch
+from twin.operate.operation import Operation, operate
+from twin.planning.onward import plan_from
+from twin.planning.pipeline import planned_shortcuts
+from twin.trial.loaded_scenario import LoadedScenario, load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate, with_failures
+from twin.trial.simulation import execute, scenario_execution
+
+ROOT = Path(__file__).parents[1]
+CASES = (
+    *("cliff with spares", "lego/faucet", "lego/vessel", "assembly/gearbox"),
+    *("assembly/taskboard", "assembly/truss"),
+)
+RATES = (0.0, 0.01, 0.05, 0.1, 0.2)
+_SPARE = (
+    ("2x6", (14, 42)),
+    ("2x6", (32, 42)),
+    ("2x2", (14, 36)),
+    ("2x2", (32, 36)),
+    *(("2x4", at) for at in ((2, 6), (6, 6), (2, 12), (6, 12))),
+    *(("2x4", at) for at in ((44, 6), (40, 6), (44, 12), (40, 12))),
+)
+
+Row = dict[str, Any]
+
+
+def scenario_of(name: str, folder: Path) -> LoadedScenario:
+    """Return a case; what is made of a shipped one is written into a folder."""
+    if name != "cliff with spares":
+        return load(ROOT / "scenarios" / f"{name}.yaml")
+    text = (ROOT / "scenarios" / "lego" / "cliff.yaml").read_text(encoding="utf-8")
+    more = "".join(
+        f"    - {{name: spare_{k}, brick: {brick}, at: [{x}, {y}, 1]}}\n"
+        for k, (brick, (x, y)) in enumerate(_SPARE)
+    )
+    file = folder / "spares.yaml"
+    file.write_text(text.replace("  steps:\n", f"{more}\n  steps:\n", 1), "utf-8")
+    return load(file)
+
+
+def measure(plan: PlanResult, rate: float, seed: int, *, verified: bool) -> Row:
+    """Operate once in each way with the same draws."""
+    case = with_failures(plan.scenario, plan.tpg, rate)
+    sections, model = (
+        case.sections,
+        scenario_execution(case.sections, case.folder),
+    )
+    begin = time.process_time()
+    ours = operate(sections, plan.motions, plan.tpg, model, seed=seed)
+    row: Row = {"cpu_s": time.process_time() - begin, "ours": _told(ours)}
+    # Nodes of which all wait for what they must, whichever version they are of.
+    check_invariant(DerivedTpg(ours.tpg))
+    row["in_order"] = _in_order(ours)
+    if verified:
+        row["problems"] = len(verify_plan(ours.tpg).problems)
+    if ours.versions:
+        stop = operate(sections, plan.motions, plan.tpg, model, seed=seed, halting=True)
+        row["stop"] = _told(stop)
+    else:
+        row["stop"] = row["ours"]
+    row["knew_s"] = _knowing(plan, case, ours, seed)
+    return row
+
+
+def _told(done: Operation) -> Row:
+    return {
+        "makespan_s": done.record.makespan_s,
+        "completed": done.record.outcome == "completed",
+        "versions": len(done.versions),
+        "planning_s": list(done.planning_s),
+        "given_up": {str(k): v for k, v in done.given_up.items()},
+    }
+
+
+def _in_order(done: Operation) -> bool:
+    start, end = done.record.start_ns, done.record.end_ns
+    executed = all((own >= 0).all() for own in (*start, *end))
+    return executed and all(
+        end[k][u] <= start[i][v] for k, u, i, v in done.tpg.edges.tolist()
+    )
+
+
+def _knowing(
+    plan: PlanResult, case: LoadedScenario, ours: Operation, seed: int
+) -> float | None:
+    """Return the makespan of a plan that knew what would be lost [s]; None where there is none."""
+    tasks = {t.index: t for t in ours.tpg.tasks if t.kind == FAILED}
+    lost = {h.object for t in tasks.values() for h in t.handlings if h.holder == GONE}
+    tpg = plan.tpg
+    if ours.given_up:
+        return None
+    if lost:
+        cell = plan.motions.cell
+        world = World(start_state(cell), out=frozenset(lost))
+        now = Situation(world, plan.motions.task_plan)
+        tpg = plan_from(
+            plan.motions,
+            case.sections,
+            cell,
+            now,
+            (),
+            StageWatch(),
+            candidates=planned_shortcuts(case.sections),
+        ).tpg
+    failures = {
+        f"failures.{skill}": {
+            "probability": item.probability,
+            "retries": 1000,
+        }
+        for skill, item in case.sections.execution.failures.items()
+    }
+    sure = case.varied({**failures, "seed": seed})
+    return float(execute(sure.sections, tpg, sure.folder).makespan_s)
+
+
+def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:
+    """Return the report, as lines of Markdown."""
+    commits = ", ".join(sorted({row["commit"] for own in rows.values() for row in own}))
+    out = [
+        "# When skills fail",
+        "",
+        f"{date_line()}, {machine_line()}, commit {commits}. Made by `python -m benchmarks.operate --seeds"
+        f" {seeds}`; what is compared, and with which draws, is said there. Of failures for good, per run;"
+        " makespans are means over the runs that all three complete; planning is in processor seconds from"
+        " a failure to the plan that takes over, with other work on the machine.",
+        "",
+        "| case | rate | completed | failures for good | ours [s] | stop [s] | knew [s] | planning, median |"
+        " planning, p95 | wrong |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    for (name, rate), own in rows.items():
+        whole = [
+            row
+            for row in own
+            if row["knew_s"] is not None
+            and row["ours"]["completed"]
+            and row["stop"]["completed"]
+        ]
+        seconds = [s for row in own for s in row["ours"]["planning_s"]]
+        wrong = sum(not row["in_order"] or bool(row.get("problems")) for row in own)
+        cells = [
+            name,
+            f"{100 * rate:g} %",
+            f"{sum(row['ours']['completed'] for row in own)} of {len(own)}",
+            f"{np.mean([row['ours']['versions'] for row in own]):.2f}",
+            *(
+                f"{np.mean(values):.1f}" if values else "-"
+                for values in (
+                    [row["ours"]["makespan_s"] for row in whole],
+                    [row["stop"]["makespan_s"] for row in whole],
+                    [row["knew_s"] for row in whole],
+                )
+            ),
+            f"{np.median(seconds):.2f}" if seconds else "-",
+            f"{np.percentile(seconds, 95):.2f}" if seconds else "-",
+            str(wrong),
+        ]
+        out.append(f"| {' | '.join(cells)} |")
+    return out
+
+
+def main() -> int:
+    """Measure what is not in the store, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=20, metavar="N")
+    parser.add_argument("--rates", type=float, nargs="+", default=RATES)
+    parser.add_argument("--only", nargs="+", choices=CASES, default=CASES)
+    parser.add_argument("--verified", type=int, default=2, metavar="N")
+    options = parser.parse_args()
+    store = RowStore(ROOT / "benchmarks" / ".measured" / "operate", ROOT)
+    measured: dict[tuple[str, float], list[Row]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in options.only:
+            case = scenario_of(name, Path(folder))
+            text = "\n".join(case.document.lines).encode()
+            plan: PlanResult | None = None
+            for rate in options.rates:
+                rows = measured.setdefault((name, rate), [])
+                for seed in range(options.seeds):
+                    key = f"{name.replace('/', '-')}-{sha256(text).hexdigest()[:8]}-{rate:g}-{seed}"
+                    row = store.load(key)
+                    if row is None:
+                        plan = plan or plan_to_operate(case)
+                        sure = seed < options.verified
+                        row = store.save(key, measure(plan, rate, seed, verified=sure))
+                    sys.stderr.write(f"{key}: {row['ours']['makespan_s']:.1f} s\n")
+                    rows.append(row)
+    target = ROOT / "benchmarks" / "results" / "operate.md"
+    target.write_text("\n".join(table(measured, options.seeds)) + "\n", "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
