@@ -51,6 +51,7 @@ def operate(
     """
     engine = engine_named(audit_engine) if audit and audit_engine is not None else None
     case = load(scenario)
+    require_rolling(case.sections)
     checked = check(case, progress=progress)
     checked.require_ok()
     with run_folder(None if out is None else Path(out), case.name) as folder:
@@ -59,7 +60,6 @@ def operate(
         made = plan_to_operate(case, progress)
         if failures is not None:
             made = replace(made, scenario=with_failures(case, made.tpg, failures))
-        require_rolling(made.scenario.sections, made.motions)
         return try_plan(
             replace(made, warnings=checked.warnings, fits=checked.fits),
             folder,

@@ -21,7 +21,7 @@ from twin.operate.rolling import (
     RollingExecution,
     Version,
 )
-from twin.planning.kind import PlannedMotions
+from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.scenario import Scenario
@@ -83,7 +83,8 @@ def operate(
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
     """
-    require_rolling(scenario, motions)
+    require_rolling(scenario)
+    _require_no_windows(motions)
 
     def draw(graph: TemporalPlanGraph) -> NodeTimes:
         sampler = NodeTimeSampler(
@@ -150,13 +151,14 @@ def operate(
     )
 
 
-def require_rolling(scenario: Scenario, motions: PlannedMotions) -> None:
+def require_rolling(scenario: Scenario) -> None:
     """Refuse what cannot be planned anew while it is executed.
 
     Raises:
         RequestError: says why.
     """
-    if motions.work is None:
+    kind = assembly_kind(scenario.assembly)
+    if kind.at_once:
         raise RequestError(
             f"a {scenario.assembly.kind} is planned in space and time at once: it cannot be planned"
             " anew while it is executed"
@@ -166,12 +168,15 @@ def require_rolling(scenario: Scenario, motions: PlannedMotions) -> None:
             f"policy {policy!r}: only asynchronous execution can be planned anew",
             choices=("asynchronous",),
         )
+    if kind.machines():
+        raise RequestError(
+            "cells with machines, sources and products cannot be planned anew while they are executed"
+        )
+
+
+def _require_no_windows(motions: PlannedMotions) -> None:
     if motions.motion_plan.windows:
         raise RequestError(
             "windows of time between steps are not kept where plans are made anew: leave out within_s and"
             " at_least_s"
-        )
-    if motions.cell.machines:
-        raise RequestError(
-            "cells with machines, sources and products cannot be planned anew while they are executed"
         )

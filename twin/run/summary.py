@@ -239,6 +239,23 @@ def print_summary(
         console.print(f"replay:  twin replay {folder}", soft_wrap=True)
 
 
+def _operation_rows(
+    operation: Mapping[str, Any] | None,
+) -> list[tuple[str, str, str]]:
+    """Return how often was planned anew, and what was given up."""
+    if operation is None:
+        return []
+    versions = operation["versions"]
+    causes = "; ".join(version["cause"] for version in versions[:3])
+    more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
+    rows = [("planned anew", f"{len(versions)} times", causes + more)]
+    for step, why in list(operation["given_up"].items())[:5]:
+        rows.append((f"step {step}", "given up", why))
+    if (left := len(operation["given_up"]) - 5) > 0:
+        rows.append(("further steps", str(left), "given up"))
+    return rows
+
+
 def summary_rows(
     summary: Mapping[str, Any], *, compiled: bool = False
 ) -> list[tuple[str, str, str]]:
@@ -273,6 +290,7 @@ def summary_rows(
         rows.append(
             ("raised skills", str(summary["raised_skills"]), "to their joints' limits")
         )
+    rows += _operation_rows(summary.get("operation"))
     rows.append(("nodes", str(summary["nodes"]), ""))
     rows.append(("type-2 edges", str(summary["type2_edges"]), ""))
     for stage, seconds in summary["planning_s"].items():

@@ -61,7 +61,7 @@ def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
     assert done.versions == ()
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 10_000), retries=st.integers(0, 1))
 def test_whatever_fails_the_union_keeps_the_invariant(
     plan: PlanResult, seed: int, retries: int
@@ -114,7 +114,7 @@ def test_what_was_executed_is_verified_and_a_missing_edge_between_versions_is_fo
     ]
     assert across
     found = 0
-    for row in across:
+    for row in across[:6]:
         keep = np.arange(len(edges)) != row
         other = replace(done.tpg, edges=edges[keep], cause=done.tpg.cause[keep])
         found += bool(verify_plan(other, limit=1).problems)
@@ -144,7 +144,8 @@ def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
     file.write_text(STACK)
     options = ("--failures", "0.5", "--seed", "3", "--no-recording")
     out = tmp_path / "run"
-    invoke("operate", file, *options, "--out", out)
+    printed = invoke("operate", file, *options, "--out", out).stdout
+    assert "planned anew" in printed
     summary = json.loads((out / "summary.json").read_text())
     assert summary["audit"]["violations"] == []
     assert len(summary["operation"]["versions"]) >= 1
@@ -156,7 +157,6 @@ def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
     swap = next(k for k, line in enumerate(log) if '"replanned"' in line)
     (out / "events.jsonl").write_text("".join(log[: swap + 3]) + log[swap + 3][:20])
     (out / "summary.json").unlink()
-    (tmp_path / "kept").mkdir()
     invoke("resume", out)
     assert (out / "events.jsonl").read_text() == "".join(log)
     again = json.loads((out / "summary.json").read_text())
