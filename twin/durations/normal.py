@@ -177,6 +177,8 @@ class Lognormal(FittableModel):
     def _median_and_sigma(self) -> tuple[float, float]:
         """Return the median [s] and the standard deviation of the logarithm of seconds."""
         median, p95 = self._quantiles()
+        if median <= 0.0:  # a mean so small that its median is no number any more
+            return 0.0, 0.0
         return median, float(np.log(p95 / median)) / _Z95
 
     def _ppf(self, u: Array) -> Array:

@@ -302,3 +302,9 @@ def test_what_would_make_durations_negative_is_refused_with_its_files(
             Shifted(model=model, offset_s=offset).located(tmp_path)
     shifted = Shifted(model=Empirical(csv="t.csv"), offset_s=-1.0).located(tmp_path)
     assert shifted.ppf(U[::500]).tolist() == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_a_mean_next_to_nothing_is_nothing() -> None:
+    model = Lognormal(mean_s=5e-324, cv=2.0)
+    assert model.mean == 0.0
+    assert list(model.ppf([0.1, 0.9])) == [0.0, 0.0]
