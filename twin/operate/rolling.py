@@ -243,7 +243,11 @@ class RollingExecution(Execution):
             f" {version.cause}; cut at {cut}; planned in {seconds:.3f} s",
         )
         for failure, words in zip(failures, version.recovered, strict=True):
-            self.narrator.emit("recovered", failure.chain, failure.node, detail=words)
+            lost = failure.chain, failure.node
+            for h in version.tpg.handlings:
+                if (h.robot, h.node) == lost:
+                    self.narrator.handle(*lost, h.object, h.holder)
+            self.narrator.emit("recovered", *lost, detail=words)
 
     def _times(self, version: Version) -> NodeTimes:
         """Return the times of all nodes, those of the committed ones as they are."""

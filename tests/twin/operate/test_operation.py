@@ -81,6 +81,8 @@ def test_whatever_fails_the_union_keeps_the_invariant(
     assert len(placed) == len(set(placed))
     gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
     assert not gone & {t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    left = {e.object for e in events if e.detail == "leaves the cell"}
+    assert left == gone
     failures = [e for e in events if e.kind == "failed"]
     assert len([e for e in events if e.kind == "recovered"]) == len(failures)
     assert len([t for t in done.tpg.tasks if t.kind == FAILED]) == len(failures)
