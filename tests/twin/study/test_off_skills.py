@@ -42,6 +42,7 @@ def test_replications_are_audited_on_the_paths_that_are_drawn(tmp_path: Path) ->
     assert len({json.loads(f.read_text())["min_distance_m"] for f in files}) == 3
 
 
+@pytest.mark.expensive
 @pytest.mark.parametrize("limits", [False, True])
 def test_flanges_go_where_they_are_drawn_in_skills_and_nowhere_else(
     tmp_path: Path, limits: bool
