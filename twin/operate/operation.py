@@ -15,7 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel
-from twin.operate.recovery import Recovery
+from twin.operate.recovery import Cut, Recovery
 from twin.operate.rolling import (
     RollingDrivenExecution,
     RollingExecution,
@@ -92,14 +92,9 @@ def operate(
         )
         return sampler.sample(seed=seed, replication=replication)
 
-    planner = Recovery(
-        scenario,
-        motions,
-        tpg.cell,
-        draw,
-        cuts=(False,) if halting else (True, False),
-        all_aside=halting,
-    )
+    planner = Recovery(scenario, motions, tpg.cell, draw)
+    if halting:
+        planner.cuts = (Cut(steps=False, aside=True),)
     kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
     cell: RollingExecution = kind(
         tpg,

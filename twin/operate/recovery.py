@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,16 +21,19 @@ from planning.errors import (
     TwinError,
 )
 from planning.motion.known_motions import KnownMotions
+from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import GONE, TAKEN_OUT, TRANSIT, Handling, StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
 from planning.worlds.world import World, leftovers
+from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.attempt import with_attempt
 from scheduling.rolling.cut import complete_tasks, cut_after, world_at
 from scheduling.rolling.extension import committed_part, extended
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
+from twin.operate.dependents import resting_steps
 from twin.operate.rolling import Failure, Incident, Version
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
@@ -40,6 +43,32 @@ from twin.uncertainty.node_times import NodeTimes
 
 Draw = Callable[[TemporalPlanGraph], NodeTimes]
 """Returns the times of the nodes of a graph."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Where a plan is cut, and how it goes on there.
+
+    Attributes:
+        steps: whether robots bring their steps to an end before it; their tasks only otherwise.
+        aside: whether every robot goes HOME first with what it has to bring to an end, and comes back.
+    """
+
+    steps: bool
+    aside: bool = False
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is known of a plan from which it can be gone on."""
+
+    cell: Workcell
+    task_plan: TaskPlan
+    steps: tuple[StepTasks, ...] | None
+    past: tuple[StepTasks, ...]
+    given_up: dict[int, str]
+    gone: frozenset[str]
+    shunned: frozenset[str]
 
 
 @dataclass
@@ -53,9 +82,7 @@ class Recovery:
         draw: times of new nodes.
         given_up: steps that are not done any more, by number, with the reason.
         planning_s: processor seconds of each plan.
-        cuts: whether robots bring their steps to an end before a cut, or their tasks only: the cuts that
-            are tried one after the other.
-        all_aside: let every robot go HOME first, as where nobody knows who may go on.
+        cuts: that are tried; the one from which least is given up, and the sooner end is seen, is taken.
     """
 
     scenario: Scenario
@@ -64,8 +91,7 @@ class Recovery:
     draw: Draw
     given_up: dict[int, str] = field(default_factory=dict)
     planning_s: list[float] = field(default_factory=list)
-    cuts: tuple[bool, ...] = (True, False)
-    all_aside: bool = False
+    cuts: tuple[Cut, ...] = (Cut(steps=True), Cut(steps=False, aside=True))
     _known: KnownMotions = field(default_factory=KnownMotions)
     _steps: tuple[StepTasks, ...] | None = None
     _past: tuple[StepTasks, ...] = ()
@@ -81,7 +107,7 @@ class Recovery:
         )
         self.motions = replace(self.motions, settings=settings)
         self._task_plan = self.motions.task_plan
-        self._contacts = _touching_steps(self.motions)
+        self._contacts = resting_steps(self.motions)
 
     @property
     def work(self) -> AssemblyWork:
@@ -114,21 +140,44 @@ class Recovery:
             judged.words,
         )
 
+    def _state(self) -> _Plan:
+        return _Plan(
+            self.cell,
+            self._task_plan,
+            self._steps,
+            self._past,
+            dict(self.given_up),
+            frozenset(self._gone),
+            frozenset(self._shunned),
+        )
+
+    def _restore(self, plan: _Plan) -> None:
+        self.cell, self._task_plan = plan.cell, plan.task_plan
+        self._steps, self._past = plan.steps, plan.past
+        self.given_up = dict(plan.given_up)
+        self._gone, self._shunned = set(plan.gone), set(plan.shunned)
+
     def _from_some_cut(
         self, tpg: TemporalPlanGraph, incident: Incident, judged: _Judged
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, dict[str, int]]:
         """Return the longer graph, the new one, and how many nodes of each robot were there before."""
         never, why = _never(tpg, incident), ""
-        for steps in self.cuts:
-            counts = cut_after(tpg, incident.released, never, steps=steps)
+        before, found = self._state(), []
+        for cut in self.cuts:
+            counts = cut_after(tpg, incident.released, never, steps=cut.steps)
             committed = self._committed(tpg, counts, incident, judged)
             own = {chain.robot: len(chain) for chain in committed.chains}
-            kept = dict(self.given_up)
             try:
-                union, new = self._onward(tpg, committed, counts, incident, judged)
+                union, new = self._onward(tpg, committed, counts, incident, judged, cut)
             except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
-                self.given_up, why = kept, str(error)
-                continue
+                why = str(error)
+            else:
+                ends = len(self.given_up), earliest_times(union).makespan
+                found.append((ends, union, new, own, self._state()))
+            self._restore(before)
+        if found:
+            _, union, new, own, after = min(found, key=lambda item: item[0])
+            self._restore(after)
             return union, new, own
         world = self._world(tpg, committed, counts, incident, judged)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
@@ -189,10 +238,11 @@ class Recovery:
         counts: Sequence[int],
         incident: Incident,
         judged: _Judged,
+        cut: Cut,
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, aside = StageWatch(), frozenset[str]()
-        if self.all_aside:
+        if cut.aside:
             aside = frozenset(self._standing(tpg, counts)) - incident.out
         while True:
             world = self._world(tpg, committed, counts, incident, judged)
@@ -388,23 +438,3 @@ class _Judged:
     words: tuple[str, ...]
     changes: tuple[tuple[Handling, ...], ...]
     reopened: dict[int, frozenset[str]]
-
-
-def _touching_steps(motions: PlannedMotions) -> Mapping[int, frozenset[int]]:
-    """Return the later steps whose objects touch that of a step where they are put."""
-    plan = motions.motion_plan
-    placed = {
-        task.object: task.step
-        for task in plan.tasks
-        if task.kind in ("place-down", "place-up") and task.object is not None
-    }
-    step_of = {task.index: task.step for task in plan.tasks}
-    works = {t.index for t in plan.tasks if t.kind not in (TRANSIT, "pick", "handover")}
-    found: dict[int, set[int]] = {}
-    for contact in plan.allowed:
-        for name in (contact.first, contact.second):
-            step = placed.get(name)
-            if step is not None:
-                later = {step_of[t] for t in contact.tasks & works}
-                found.setdefault(step, set()).update(k for k in later if k > step)
-    return {step: frozenset(own) for step, own in found.items()}

@@ -44,7 +44,7 @@ class RecoverySection(Section):
     """
 
     planning_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
-    shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 200
+    shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 60
     remove_s: Annotated[float, Field(ge=0, le=3600)] = 10.0
     again: Annotated[int, Field(ge=0, le=100)] = 3
 
