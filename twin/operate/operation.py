@@ -15,7 +15,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel
-from twin.operate.recovery import Cut, Recovery
+from twin.operate.recovery import Recovery, Recut
 from twin.operate.rolling import (
     RollingDrivenExecution,
     RollingExecution,
@@ -94,7 +94,7 @@ def operate(
 
     planner = Recovery(scenario, motions, tpg.cell, draw)
     if halting:
-        planner.cuts = (Cut(steps=False, aside=True),)
+        planner.cuts = (Recut(steps=False, aside=True),)
     kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
     cell: RollingExecution = kind(
         tpg,

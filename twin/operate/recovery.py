@@ -46,7 +46,7 @@ Draw = Callable[[TemporalPlanGraph], NodeTimes]
 
 
 @dataclass(frozen=True)
-class Cut:
+class Recut:
     """Where a plan is cut, and how it goes on there.
 
     Attributes:
@@ -59,7 +59,7 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _Going:
     """What is known of a plan from which it can be gone on."""
 
     cell: Workcell
@@ -91,7 +91,7 @@ class Recovery:
     draw: Draw
     given_up: dict[int, str] = field(default_factory=dict)
     planning_s: list[float] = field(default_factory=list)
-    cuts: tuple[Cut, ...] = (Cut(steps=True), Cut(steps=False, aside=True))
+    cuts: tuple[Recut, ...] = (Recut(steps=True), Recut(steps=False, aside=True))
     _known: KnownMotions = field(default_factory=KnownMotions)
     _steps: tuple[StepTasks, ...] | None = None
     _past: tuple[StepTasks, ...] = ()
@@ -140,8 +140,8 @@ class Recovery:
             judged.words,
         )
 
-    def _state(self) -> _Plan:
-        return _Plan(
+    def _state(self) -> _Going:
+        return _Going(
             self.cell,
             self._task_plan,
             self._steps,
@@ -151,7 +151,7 @@ class Recovery:
             frozenset(self._shunned),
         )
 
-    def _restore(self, plan: _Plan) -> None:
+    def _restore(self, plan: _Going) -> None:
         self.cell, self._task_plan = plan.cell, plan.task_plan
         self._steps, self._past = plan.steps, plan.past
         self.given_up = dict(plan.given_up)
@@ -238,7 +238,7 @@ class Recovery:
         counts: Sequence[int],
         incident: Incident,
         judged: _Judged,
-        cut: Cut,
+        cut: Recut,
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, aside = StageWatch(), frozenset[str]()
