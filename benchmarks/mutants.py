@@ -63,7 +63,7 @@ MUTANTS = (
     Mutant("reduction: of equal edges both stay", "source[other] == source[e] and other < e", "source[other] == source[e] and other > e + 1", GRAPH),
     Mutant("rollout: a node begins before all it waits for", "t = max(t, end[graph.source[e]]) start[n] = t", "t = end[graph.source[e]]\n        start[n] = t", GRAPH),
     Mutant("dispatcher: the first edge is enough", "self._unmet[target] -= 1 if self._unmet[target] == 0:", "self._unmet[target] -= 1\n            if self._unmet[target] <= 1:", GRAPH),
-    Mutant("dispatcher: what is observed lets nobody go", "targets = self._successors.get(number, []) if done", "targets = self._successors.get(number, [])[1:]\n        if done", GRAPH),
+    Mutant("dispatcher: what is observed lets nobody go", "targets = self._successors.get(number, []) if self._lifted", "targets = self._successors.get(number, [])[1:]\n        if self._lifted", GRAPH),
     Mutant("shortcuts: in-edges end at the first new node", "out[into, 3] = last", "out[into, 3] = first", SHORTCUTS),
     Mutant("shortcuts: an order through replaced nodes is lost", "if edges[i, 3] <= edges[o, 1] and edges[i, 0] != edges[o, 2]", "if edges[i, 3] < edges[o, 1] and edges[i, 0] != edges[o, 2]", SHORTCUTS),
     Mutant("IK: a step beyond a limit", "trial[i] = min(max(q[i] + step[i], lower[i]), upper[i])", "trial[i] = max(q[i] + step[i], lower[i])", IK),
