@@ -22,6 +22,7 @@ from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
+    Causes,
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
@@ -205,13 +206,21 @@ def build_tpg(
     return connect_nodes(DerivedTpg(build_nodes(plan)), progress=progress)
 
 
+_NONE_KNOWN = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+
+
 def connect_nodes(
-    nodes: DerivedTpg, *, progress: Progress = no_progress
+    nodes: DerivedTpg,
+    known: tuple[Indices, Causes] = _NONE_KNOWN,
+    *,
+    progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
     """Return the graph of nodes that have planned times, reduced and checked.
 
     Args:
         nodes: a graph whose edges are not looked at.
+        known: edges that hold beside those of dependencies, shape (e, 4), and their causes: what they
+            imply is not searched again.
         progress: called as the conflict search goes on, see ``find_motion_edges``.
 
     Raises:
@@ -219,11 +228,15 @@ def connect_nodes(
             meanwhile.
     """
     task_edges = dependency_edges(nodes.tpg)
-    motion_edges = find_motion_edges(nodes, task_edges, progress)
-    causes = np.array([TASK_DEPENDENCY, MOTION_CONFLICT], dtype=np.uint8)
+    settled = np.concatenate([task_edges, known[0]])
+    motion_edges = find_motion_edges(nodes, settled, progress)
+    causes = [
+        np.full(len(task_edges), TASK_DEPENDENCY, dtype=np.uint8),
+        known[1],
+        np.full(len(motion_edges), MOTION_CONFLICT, dtype=np.uint8),
+    ]
     graph = nodes.with_edges(
-        np.concatenate([task_edges, motion_edges]),
-        np.repeat(causes, [len(task_edges), len(motion_edges)]),
+        np.concatenate([settled, motion_edges]), np.concatenate(causes)
     )
     # What precedes what is worked out anew, from the edges that are left.
     same = ("ranks", "history", "spans", "occupancies")

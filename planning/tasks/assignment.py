@@ -7,7 +7,7 @@ meaning only the maker of the candidates knows.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -151,22 +151,36 @@ class AssignmentProblem:
         Args:
             crew: their names.
         """
-        primaries = [
-            k
-            for k, item in enumerate(self.primaries)
-            if item.robot in crew and item.partner in (None, *crew)
-        ]
-        supports = [k for k, item in enumerate(self.supports) if item.robot in crew]
+        left = self.of_candidates(
+            lambda item: item.robot in crew and item.partner in (None, *crew),
+            lambda item: item.robot in crew,
+        )
+        return replace(
+            left,
+            robots=tuple(robot for robot in self.robots if robot in crew),
+            changes={key: cost for key, cost in self.changes.items() if key[0] in crew},
+        )
+
+    def of_candidates(
+        self,
+        primary: Callable[[PrimaryCandidate], bool],
+        support: Callable[[SupportCandidate], bool],
+    ) -> AssignmentProblem:
+        """Return the problem with some of its candidates.
+
+        Args:
+            primary, support: tell which are left.
+        """
+        primaries = [k for k, item in enumerate(self.primaries) if primary(item)]
+        supports = [k for k, item in enumerate(self.supports) if support(item)]
         first = {old: new for new, old in enumerate(primaries)}
         second = {old: new for new, old in enumerate(supports)}
         return replace(
             self,
-            robots=tuple(robot for robot in self.robots if robot in crew),
             primaries=tuple(self.primaries[k] for k in primaries),
             supports=tuple(self.supports[k] for k in supports),
             incompatible=_renumbered(self.incompatible, first, second),
             clashing=_renumbered(self.clashing, first, first),
-            changes={key: cost for key, cost in self.changes.items() if key[0] in crew},
         )
 
     def lacking(self, step: int) -> str | None:

@@ -15,7 +15,6 @@ from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.known_motions import KnownMotions, MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
-from planning.progress import Progress, no_progress
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -56,7 +55,6 @@ class Situation:
         reopened: steps that have begun and are to be done anew, with the robots that do nothing more
             for them.
         given_up: steps that are not to be done.
-        until: number of the last step whose motions are planned; None for all.
         aside: robots that go HOME with what they hold, and come back, so that others may pass.
     """
 
@@ -64,7 +62,6 @@ class Situation:
     task_plan: TaskPlan
     reopened: Mapping[int, frozenset[str]] = field(default_factory=dict)
     given_up: frozenset[int] = frozenset()
-    until: int | None = None
     aside: frozenset[str] = frozenset()
 
     @property
@@ -81,7 +78,6 @@ def plan_onward(
     work: AssemblyWork,
     settings: MotionSettings,
     now: Situation,
-    progress: Progress = no_progress,
     known: KnownMotions | None = None,
 ) -> Onward:
     """Plan what is left of an assembly.
@@ -91,7 +87,6 @@ def plan_onward(
         work: all candidates, and the tasks that follow from choices.
         settings: how tasks are turned into motions.
         now: where it begins.
-        progress: see ``plan_sequential``.
         known: ways found before.
 
     Raises:
@@ -103,19 +98,18 @@ def plan_onward(
     problem = narrowed(work.problem, kept, world.out, _busy_until(left))
     plan = assign_steps(problem)
     again = StepExpansions(replace(work, problem=problem), plan)
-    last = len(plan.choices) if now.until is None else now.until
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     away = (*_away(cell, world, left), *sorted(now.aside))
-    items += [_Item(_home(cell, world, name)) for name in away]
+    items += [_Item(_to(world, name, cell.robot(name).home)) for name in away]
     burdens = _burdens(world, left)
     items += [_Item(_taken_out(cell, world, *item)) for item in burdens.items()]
     goes_on = {item.step.step: item for item in left if not item.ends}
-    aside = set(now.aside)
+    aside, stands = set(now.aside), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
         if step in goes_on:
             item = goes_on[step]
             back = sorted(aside & {task.robot for task in item.tasks})
-            items += [_Item(_to(world, name, _stands(world, name))) for name in back]
+            items += [_Item(_to(world, name, stands[name])) for name in back]
             aside -= set(back)
             if step in now.reopened:
                 items.append(_of_leftover(item, now))
@@ -123,7 +117,7 @@ def plan_onward(
                 items.append(
                     _Item(partial(_going_on, again, item), step, item.with_done)
                 )
-        elif step not in kept and step <= last:
+        elif step not in kept:
             items.append(_Item(partial(again.ways, step), step))
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
@@ -142,7 +136,7 @@ def plan_onward(
 
     ways = [item.ways for item in items]
     motions = plan_sequential(
-        cell, ways, link, settings, progress, known, begins=world.beginning
+        cell, ways, link, settings, known=known, begins=world.beginning
     )
     whole = tuple(steps[number] for number in sorted(steps))
     return Onward(motions, again.plan, whole, tuple(past))
@@ -206,26 +200,14 @@ def narrowed(
             return item == kept[item.step].support
         return free(item.step, item.robot)
 
-    first = [k for k, item in enumerate(problem.primaries) if may(item)]
-    second = [k for k, item in enumerate(problem.supports) if may_support(item)]
-    p, s = ({k: n for n, k in enumerate(own)} for own in (first, second))
     # What stood on another one stands there no more once a step has used it.
     gone = used | set(out)
+    left = problem.of_candidates(may, may_support)
     primaries = tuple(
-        replace(item, after=item.after - gone) if item.step not in kept else item
-        for item in (problem.primaries[k] for k in first)
+        item if item.step in kept else replace(item, after=item.after - gone)
+        for item in left.primaries
     )
-    return replace(
-        problem,
-        primaries=primaries,
-        supports=tuple(problem.supports[k] for k in second),
-        incompatible=frozenset(
-            (p[a], s[b]) for a, b in problem.incompatible if a in p and b in s
-        ),
-        clashing=frozenset(
-            (p[a], p[b]) for a, b in problem.clashing if a in p and b in p
-        ),
-    )
+    return replace(left, primaries=primaries)
 
 
 def _carriers(left: list[Leftover]) -> Iterator[Task]:
@@ -251,10 +233,6 @@ def _once(
     return ways
 
 
-def _ways(again: StepExpansions, step: int) -> Callable[[int], Iterator[StepTasks]]:
-    return lambda first: again.ways(step, first)
-
-
 def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
     """Yield the robots that stand somewhere with nothing to bring to an end there."""
     going = {task.robot for item in left for task in item.tasks}
@@ -263,13 +241,6 @@ def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
         stands = abs(at - robot.home).max() > 1e-9
         if stands and robot.name not in {*going, *world.out}:
             yield robot.name
-
-
-def _home(
-    cell: Workcell, world: World, robot: str
-) -> Callable[[int], Iterator[StepTasks]]:
-    """Return how a robot goes HOME from where it stands."""
-    return _to(world, robot, cell.robot(robot).home)
 
 
 def _burdens(world: World, left: list[Leftover]) -> dict[str, str]:
@@ -302,10 +273,6 @@ def _taken_out(
         return StepTasks(1, (task,), (), ())
 
     return _once(numbered)
-
-
-def _stands(world: World, robot: str) -> Array:
-    return world.state.configurations[robot]
 
 
 def _to(world: World, robot: str, q: Array) -> Callable[[int], Iterator[StepTasks]]:

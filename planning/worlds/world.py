@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from planning.cell.workcell import Attachment, Workcell, WorldState, start_state
+from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import Beginning
 from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
@@ -57,14 +57,6 @@ class World:
             if at.holder is not None:
                 yield name, at
 
-    def pose_of(self, cell: Workcell, name: str) -> Transform:
-        """Return where an object is in the world."""
-        at = self.state.attachments[name]
-        if at.holder is None:
-            return at.pose
-        flange = frame_pose(cell.robot(at.holder), self.state.configurations[at.holder])
-        return readonly(flange @ at.pose)
-
     def begun(self) -> dict[int, StepTasks]:
         """Return the steps of which a skill is complete, by number: they go on as they were planned."""
         return {
@@ -74,9 +66,13 @@ class World:
         }
 
 
-def first_world(cell: Workcell) -> World:
-    """Return the world in which every robot is at HOME, and everything at its start."""
-    return World(start_state(cell))
+def pose_of(cell: Workcell, state: WorldState, name: str) -> Transform:
+    """Return where an object is in the world, be it in a hand or at rest."""
+    at = state.attachments[name]
+    if at.holder is None:
+        return at.pose
+    flange = frame_pose(cell.robot(at.holder), state.configurations[at.holder])
+    return readonly(flange @ at.pose)
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ def in_world(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
     objects = []
     for item in cell.objects:
         if item.name in world.state.attachments:
-            start = world.pose_of(cell, item.name)
+            start = pose_of(cell, world.state, item.name)
             objects.append(replace(item, start=start, later=False))
         else:
             objects.append(replace(item, later=True))

@@ -8,12 +8,9 @@ nobody who stands at it is in the way of any of them: who would be is ordered af
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 
-import numpy as np
-
-from planning.cell.workcell import start_state
-from planning.errors import PlanInvariantError
+from planning.cell.workcell import WorldState, start_state
 from planning.tasks.task import (
     LEFT_OUT,
     AllowedContact,
@@ -23,7 +20,7 @@ from planning.tasks.task import (
     apply_handlings,
     move_robot,
 )
-from planning.worlds.world import World
+from planning.transforms import Array
 from scheduling.conflicts.object_spans import handlings_in_order
 from scheduling.graph.task_edges import TaskNodes, task_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
@@ -145,57 +142,30 @@ def complete_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> frozenset[i
     return frozenset(found)
 
 
-def world_at(
-    tpg: TemporalPlanGraph, counts: Sequence[int], *, borders: bool = True
-) -> World:
-    """Return the world in which so many nodes of each chain are complete, and nothing moves.
+def state_at(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
+    """Return where everything is when so many nodes of each chain are complete, and nothing moves.
 
     Args:
         tpg: the graph.
         counts: nodes of each chain; what a node of them waits for is among them.
-        borders: whether to refuse a world in which a robot stands within a skill.
-
-    Raises:
-        PlanInvariantError: a robot would stand within a skill.
     """
     state = start_state(tpg.cell)
     for chain, count in zip(tpg.chains, counts, strict=True):
-        if borders:
-            _require_border(tpg, chain, count)
         state = move_robot(state, chain.robot, stands_at(chain, count))
-    for h in handlings_in_order(tpg, planned_ranks(tpg.chains)):
-        if h.node < counts[h.robot]:
-            change = Handling(h.object, h.waypoint, h.holder, h.pose)
-            state = apply_handlings(state, [change])
-    return World(
-        state,
-        tuple(_steps(tpg)),
-        complete=complete_tasks(tpg, counts),
-        tasks=1 + max(_begun_tasks(tpg, counts), default=-1),
-    )
+    done = [
+        Handling(h.object, h.waypoint, h.holder, h.pose)
+        for h in handlings_in_order(tpg, planned_ranks(tpg.chains))
+        if h.node < counts[h.robot]
+    ]
+    return apply_handlings(state, done)
 
 
-def _begun_tasks(tpg: TemporalPlanGraph, counts: Sequence[int]) -> Iterator[int]:
-    for chain, count in zip(tpg.chains, counts, strict=True):
-        yield from chain.task[:count].tolist()
-
-
-def stands_at(chain: NodeChain, count: int) -> np.ndarray:
+def stands_at(chain: NodeChain, count: int) -> Array:
     """Return where a robot stands when so many of its nodes are complete, shape (n,)."""
     return chain.start if count == 0 else chain.waypoints[chain.first[count] - 1]
 
 
-def _require_border(tpg: TemporalPlanGraph, chain: NodeChain, count: int) -> None:
-    if 0 < count < len(chain) and chain.skill[count] and chain.skill[count - 1]:
-        task = int(chain.task[count])
-        if task == int(chain.task[count - 1]):
-            raise PlanInvariantError(
-                f"robot {chain.robot!r} would stand within task {task}"
-                f" ({tpg.tasks[task].label}), where nothing can begin"
-            )
-
-
-def _steps(tpg: TemporalPlanGraph) -> list[StepTasks]:
+def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
     """Return the tasks of a graph step by step, with what belongs to them."""
     by_step: dict[int, list[Task]] = {}
     for task in tpg.tasks:
@@ -210,7 +180,7 @@ def _steps(tpg: TemporalPlanGraph) -> list[StepTasks]:
     for contact in tpg.allowed:
         for step in {step_of[t] for t in contact.tasks if t in step_of}:
             allowed.setdefault(step, []).append(contact)
-    return [
+    return tuple(
         StepTasks(
             step,
             tuple(tasks),
@@ -218,4 +188,4 @@ def _steps(tpg: TemporalPlanGraph) -> list[StepTasks]:
             tuple(allowed.get(step, ())),
         )
         for step, tasks in sorted(by_step.items())
-    ]
+    )

@@ -14,22 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.progress import Progress, no_progress
 from planning.tasks.task import LEFT_OUT, AllowedContact, Handling, Task
 from planning.transforms import Indices
-from scheduling.build_tpg import find_motion_edges
+from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.drive import joined_corners, joined_drives
-from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
-    MOTION_CONFLICT,
-    TASK_DEPENDENCY,
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
     join_chains,
 )
-from scheduling.invariant import check_invariant
 
 
 def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPlanGraph:
@@ -92,7 +87,6 @@ def extended(
     dependencies: Indices,
     *,
     order: Sequence[str] = (),
-    progress: Progress = no_progress,
 ) -> TemporalPlanGraph:
     """Return committed nodes with new ones after them, reduced and checked.
 
@@ -103,7 +97,6 @@ def extended(
         cell: with all objects, as it was at the very start.
         dependencies: between tasks of both, shape (e, 2).
         order: robots whose chains come first, in this order, by default that of the committed ones.
-        progress: called as the conflict search goes on.
 
     Raises:
         PlanInvariantError: a robot or an object that stands is in the way of a new motion.
@@ -148,23 +141,9 @@ def extended(
     for k, u, i, v in new.edges.tolist():
         a, b = (place[new.chains[c].robot] for c in (k, i))
         known.append((a, u + count[a], b, v + count[b]))
-    waits = dependency_edges(union)
-    known_edges = np.array(known, dtype=np.int64).reshape(-1, 4)
+    edges = np.array(known, dtype=np.int64).reshape(-1, 4)
     causes = np.concatenate([committed.cause, new.cause])
-    graph = DerivedTpg(union)
-    both = np.concatenate([waits, known_edges])
-    found = find_motion_edges(graph, both, progress)
-    cause = np.concatenate(
-        [
-            np.full(len(waits), TASK_DEPENDENCY, dtype=np.uint8),
-            causes,
-            np.full(len(found), MOTION_CONFLICT, dtype=np.uint8),
-        ]
-    )
-    graph = graph.with_edges(np.concatenate([both, found]), cause)
-    same = ("ranks", "history", "spans", "occupancies")
-    check_invariant(graph.derive(graph.tpg, *same), searched=True)
-    return graph.tpg
+    return connect_nodes(DerivedTpg(union), (edges, causes))
 
 
 def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:

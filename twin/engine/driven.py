@@ -55,7 +55,7 @@ class DrivenExecution(Execution):
                 by_node.setdefault(item.node, []).append(item)
             self._given.append(by_node)
 
-    def driven_times(self) -> NodeTimes:
+    def node_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood: some nodes after they began to brake."""
         motions, stalls, stands = [], [], []
         for k, own in enumerate(self._given):

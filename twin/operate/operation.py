@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,21 +37,28 @@ class Operation:
         record: when.
         versions: graphs that took the place of the first one.
         given_up: steps that were not done, by number, with the reason.
-        planning_s: processor seconds of each plan.
     """
 
     tpg: TemporalPlanGraph
     record: ExecutionRecord
     versions: tuple[Version, ...]
-    given_up: dict[int, str]
-    planning_s: tuple[float, ...]
+    given_up: Mapping[int, str]
+
+    @property
+    def planning_s(self) -> tuple[float, ...]:
+        """Processor seconds that each of these graphs took."""
+        return tuple(version.cpu_s for version in self.versions)
 
     def content(self) -> dict[str, Any]:
         """Return what ``summary.json`` says of it."""
         return {
             "versions": [
-                {"sha256": plan_sha256(v.tpg), "cause": v.cause, "cpu_s": round(s, 3)}
-                for v, s in zip(self.versions, self.planning_s, strict=False)
+                {
+                    "sha256": plan_sha256(version.tpg),
+                    "cause": version.cause,
+                    "cpu_s": round(version.cpu_s, 3),
+                }
+                for version in self.versions
             ],
             "given_up": {str(step): why for step, why in sorted(self.given_up.items())},
         }
@@ -92,7 +99,7 @@ def operate(
         )
         return sampler.sample(seed=seed, replication=replication)
 
-    planner = Recovery(scenario, motions, tpg.cell, draw)
+    planner = Recovery(scenario, motions, tpg, draw)
     if halting:
         planner.cuts = (Recut(steps=False, aside=True),)
     kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
@@ -109,10 +116,7 @@ def operate(
     outcome = cell.execute()
     if outcome == "completed" and planner.given_up:
         outcome = "failed"
-    times = (
-        cell.driven_times() if isinstance(cell, RollingDrivenExecution) else cell.times
-    )
-    commands = cell.commands() if isinstance(cell, RollingDrivenExecution) else ()
+    times = cell.node_times()
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -126,23 +130,20 @@ def operate(
         end_ns=tuple(np.array(own, dtype=np.int64) for own in cell.end),
         makespan_ns=makespan,
         standstills=times.standstills,
-        stops_ns=tuple(own.intervals(makespan) for own in times.stops)
-        if times.stops
-        else ((),) * len(cell.tpg.chains),
+        stops_ns=times.stopped_until(makespan),
         failed_nodes=(-1,) * len(cell.tpg.chains),
         failure="; ".join(
             f"step {step} is given up: {why}"
             for step, why in sorted(planner.given_up.items())
         ),
         raised_skills=times.raised,
-        commands=commands,
+        commands=cell.commands(),
     )
     return Operation(
         cell.tpg,
         record,
         tuple(cell.versions),
-        dict(planner.given_up),
-        tuple(planner.planning_s),
+        planner.given_up,
     )
 
 

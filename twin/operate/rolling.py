@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from itertools import zip_longest
 from typing import Any, Protocol
 
 import numpy as np
@@ -35,13 +34,11 @@ class Failure:
 
     Attributes:
         chain, node: its first node.
-        t_ns: when [ns].
         attempts: how many there were.
     """
 
     chain: int
     node: int
-    t_ns: int
     attempts: int
 
 
@@ -66,17 +63,21 @@ class Version:
 
     Attributes:
         tpg: what was executed, is still, and what is new.
-        counts: how many nodes of each of its first chains are not new.
-        times: of the new nodes, by robot; there are none of robots with nothing new.
+        counts: how many nodes of each chain are not new.
+        new: robots that have new nodes.
+        times: of the new nodes, an entry for each of these robots.
         planning_ns: how long planning it takes in the simulation [ns].
+        cpu_s: processor seconds that planning it took.
         cause: why, for people.
         recovered: what becomes of each failure, for people; one entry each.
     """
 
     tpg: TemporalPlanGraph
     counts: tuple[int, ...]
-    times: dict[str, tuple[Nanoseconds, Nanoseconds, tuple[Standstill, ...], int]]
+    new: tuple[str, ...]
+    times: NodeTimes
     planning_ns: int
+    cpu_s: float
     cause: str
     recovered: tuple[str, ...] = ()
 
@@ -85,7 +86,14 @@ class Planner(Protocol):
     """Plans what is left of an assembly while it is executed."""
 
     def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
-        """Return what takes the place of a graph; nothing beyond its counts is executed any more."""
+        """Return what is to take the place of a graph; nothing beyond its counts is executed any more.
+
+        It may be asked again for the same graph, with more that has happened, before it takes its place.
+        """
+        ...
+
+    def swapped(self) -> None:
+        """Take note that what was planned last has taken its place."""
         ...
 
 
@@ -156,7 +164,7 @@ class RollingExecution(Execution):
         self.end[chain][node] = self.now_ns
         stands = self.times.standstills[chain]
         attempts = sum(s.node == node and s.cause == "retry" for s in stands)
-        self._failures.append(Failure(chain, node, self.now_ns, attempts))
+        self._failures.append(Failure(chain, node, attempts))
         self._limit[chain] = node
         self._take_back(chain, node + 1)
         self._replan()
@@ -189,7 +197,6 @@ class RollingExecution(Execution):
         yield self._at_the_end_of_now(_AFTER_ALL)
         while self._again:
             self._again = False
-            known = len(self._failures)
             incident = Incident(
                 tuple(self._failures), frozenset(self._out), tuple(self.released)
             )
@@ -197,8 +204,8 @@ class RollingExecution(Execution):
             self._limit = list(version.counts[: len(self._limit)])
             if version.planning_ns:
                 yield self.env.timeout(version.planning_ns)
-            self._again |= len(self._failures) > known
         self._planning = False
+        self._planner.swapped()
         self._swap(version)
 
     def _swap(self, version: Version) -> None:
@@ -231,10 +238,7 @@ class RollingExecution(Execution):
         assert self.narrator is not None
         cut = ", ".join(
             f"{chain.robot} {count}"
-            for chain, count in zip_longest(
-                version.tpg.chains, version.counts, fillvalue=0
-            )
-            if not isinstance(chain, int)
+            for chain, count in zip(version.tpg.chains, version.counts, strict=True)
         )
         seconds = version.planning_ns / NANOSECONDS
         self.narrator.emit(
@@ -251,27 +255,35 @@ class RollingExecution(Execution):
 
     def _times(self, version: Version) -> NodeTimes:
         """Return the times of all nodes, those of the committed ones as they are."""
-        old, none = self.times, np.empty(0, dtype=np.int64)
+        old, new = self.times, version.times
+        place = {name: k for k, name in enumerate(version.new)}
         motion, stood, stands, failed = [], [], [], []
-        for k, chain in enumerate(version.tpg.chains):
-            known = k < len(self.tpg.chains)
-            count = version.counts[k] if known else 0
-            new = version.times.get(chain.robot, (none, none, (), -1))
-            more = (replace(s, node=s.node + count) for s in new[2])
-            before = [s for s in old.standstills[k] if s.node < count] if known else []
-            motion.append(
-                np.concatenate([old.motion[k][:count] if known else none, new[0]])
-            )
-            stood.append(
-                np.concatenate([old.stood[k][:count] if known else none, new[1]])
-            )
-            stands.append((*before, *more))
-            fails = new[3] + count if new[3] >= 0 else -1
-            if known and 0 <= old.failed[k] < count and self.end[k][old.failed[k]] < 0:
-                fails = old.failed[k]
+        for k, (chain, count) in enumerate(
+            zip(version.tpg.chains, version.counts, strict=True)
+        ):
+            motions: list[Nanoseconds] = []
+            stalls: list[Nanoseconds] = []
+            entries: list[Standstill] = []
+            fails = -1
+            if k < len(old.motion):
+                motions.append(old.motion[k][:count])
+                stalls.append(old.stood[k][:count])
+                entries += [s for s in old.standstills[k] if s.node < count]
+            if (own := place.get(chain.robot)) is not None:
+                motions.append(new.motion[own])
+                stalls.append(new.stood[own])
+                later = new.standstills[own]
+                entries += [replace(s, node=s.node + count) for s in later]
+                fails = new.failed[own] + count if new.failed[own] >= 0 else -1
+            if k < len(old.failed) and 0 <= (node := old.failed[k]) < count:
+                # One that is still to fail comes before all that is new.
+                fails = node if self.end[k][node] < 0 else fails
+            motion.append(np.concatenate(motions))
+            stood.append(np.concatenate(stalls))
+            stands.append(tuple(entries))
             failed.append(fails)
-        for failure in self._tried(version):
-            motion[failure[0]][failure[1]] = 0
+        for chain_index, node in self._tried(version):
+            motion[chain_index][node] = 0
         return replace(
             old,
             motion=tuple(motion),
@@ -299,7 +311,7 @@ class RollingExecution(Execution):
                 self.idle.append(None)
                 self.outstanding.append(0)
                 self.released.append(0)
-            count = version.counts[k] if k < before else 0
+            count = version.counts[k]
             more = [-1] * (len(chain) - count)
             self.start[k] = [*self.start[k][:count], *more]
             self.end[k] = [*self.end[k][:count], *more]

@@ -80,6 +80,12 @@ class NodeTimes:
             out.append(total)
         return tuple(out)
 
+    def stopped_until(self, t_ns: int) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """Return when the clock has stopped each robot until a time, see ``ExecutionRecord`` [ns]."""
+        if not self.stops:
+            return ((),) * len(self.motion)
+        return tuple(own.intervals(t_ns) for own in self.stops)
+
     def cut_failed(
         self, start: Sequence[Nanoseconds], end: Sequence[Nanoseconds]
     ) -> None:

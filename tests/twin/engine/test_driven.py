@@ -136,7 +136,7 @@ def test_the_order_of_messages_makes_no_difference(
     execution = Jumbled(tpg, times, Dispatcher(tpg), Messages())
     Jumbled.rng = np.random.default_rng(seed)
     assert execution.execute() == "completed"
-    driven = execution.driven_times()
+    driven = execution.node_times()
     jumbled = replace(
         run,
         start_ns=tuple(map(np.array, execution.start)),

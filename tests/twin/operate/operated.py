@@ -5,25 +5,16 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
-STACK = """
-version: 1
-name: stack
-seed: 0
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246], rpy_deg: [0, 0, 0]}}
-    - {name: right, model: gp4, base: {xyz_m: [0.88, 0, 0.9246], rpy_deg: [0, 0, 180]}}
-  fixtures:
-    - {name: table, size_m: [0.6, 1.2, 0.02], pose: {xyz_m: [0.44, 0, 1.1045]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.44, 0, 1.1145]}, studs: [48, 48]}
+STACK = (
+    FACING_ARMS
+    + """\
   stock:
     - {name: left_a, brick: 2x4, at: [2, 30, 1]}
     - {name: left_b, brick: 2x4, at: [6, 30, 1]}
@@ -42,6 +33,7 @@ assembly:
     - {brick: 2x4, at: [23, 15, 4]}
 planning: {shortcut_candidates: 300}
 """
+)
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,9 @@ def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
 def test_whatever_fails_the_union_keeps_the_invariant(
     plan: PlanResult, seed: int, retries: int
 ) -> None:
-    done, events = operated(plan, seed, **lost(0.25, retries))
+    # However often something fails, it is tried again: what is given up cannot be done.
+    patient = {"recovery.again": 100}
+    done, events = operated(plan, seed, **lost(0.25, retries), **patient)
     assert done.record.outcome in ("completed", "failed")
     assert (done.record.outcome == "failed") == bool(done.given_up)
     # Searched anew, not taken from the edges that the extension was made of.
@@ -88,6 +91,41 @@ def test_whatever_fails_the_union_keeps_the_invariant(
     assert len([t for t in done.tpg.tasks if t.kind == FAILED]) == len(failures)
     if len(gone) < 4:
         assert done.record.outcome == "completed", done.given_up
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_what_is_planned_and_does_not_take_over_leaves_nothing_behind(
+    plan: PlanResult, seed: int
+) -> None:
+    """More fails while a plan is made, so that it is made once more."""
+    slow = {"recovery.planning_s": 40.0, "recovery.again": 1}
+    done, events = operated(plan, seed, **lost(0.35), **slow)
+    check_invariant(DerivedTpg(done.tpg))
+    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
+    assert len(placed) == len(set(placed))
+    assert sorted({*placed, *done.given_up}) == [1, 2, 3, 4]
+    assert not set(placed) & done.given_up.keys()
+    failures = [e for e in events if e.kind == "failed"]
+    assert len([e for e in events if e.kind == "recovered"]) == len(failures)
+    assert len(done.versions) <= len(failures)
+    # What has failed once is counted once, however often it is planned for.
+    kinds = {e.task: e.detail.split("(")[1].split()[0] for e in failures}
+    steps = {t.index: t.step for t in done.tpg.tasks}
+    often = Counter((steps[task], kind) for task, kind in kinds.items())
+    for step, why in done.given_up.items():
+        if why.endswith(" times"):
+            kind = why.split()[0]
+            assert f"failed {often[step, kind]} times" in why
+
+
+@pytest.mark.parametrize("at_s", [0.0, 0.01])
+def test_a_robot_may_be_out_before_it_has_done_anything(
+    plan: PlanResult, at_s: float
+) -> None:
+    done, _ = operated(plan, 0, outages=[{"robot": "right", "at_s": at_s}])
+    assert done.record.outcome == "completed"
+    assert {t.robot for t in done.tpg.tasks if t.kind == "place-down"} == {"left"}
 
 
 def first_with_a_swap(plan: PlanResult) -> Operation:

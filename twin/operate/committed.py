@@ -1,0 +1,96 @@
+"""What is committed when something has failed: what is still executed of a plan, and what comes of that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from planning.cell.workcell import WorldState
+from planning.tasks.task import Handling, Task
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.rolling.attempt import with_attempt
+from scheduling.rolling.cut import complete_tasks, state_at
+from scheduling.rolling.extension import committed_part
+from twin.operate.rolling import Failure, Incident
+
+
+def not_executed(tpg: TemporalPlanGraph, incident: Incident) -> list[tuple[int, int]]:
+    """Return the nodes that are not executed any more, nor what waits for them."""
+    index = tpg.chain_index
+    never = [(failure.chain, failure.node) for failure in incident.failures]
+    never += [
+        (index[robot], incident.released[index[robot]])
+        for robot in sorted(incident.out & index.keys())
+    ]
+    return never
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is done about failures.
+
+    Attributes:
+        words: for people, one entry a failure.
+        changes: what becomes of the object of each.
+        reopened: steps that are begun anew, with the robots that have nothing to bring to an end in them.
+    """
+
+    words: tuple[str, ...]
+    changes: tuple[tuple[Handling, ...], ...]
+    reopened: dict[int, frozenset[str]]
+
+
+@dataclass(frozen=True)
+class Committed:
+    """What is committed at a cut, failed attempts included.
+
+    Attributes:
+        committed: its graph.
+        robots: of the graph that is cut, in the order of its chains.
+        complete: tasks that are complete then.
+        state: where everything is then.
+        tried: tasks of which all attempts have failed.
+        out: robots that are out.
+        judged: what is done about failures.
+    """
+
+    committed: TemporalPlanGraph
+    robots: tuple[str, ...]
+    complete: frozenset[int]
+    state: WorldState
+    tried: tuple[Task, ...]
+    out: frozenset[str]
+    judged: Judged
+
+    @property
+    def lengths(self) -> dict[str, int]:
+        """Number of committed nodes of each robot that has some."""
+        return {chain.robot: len(chain) for chain in self.committed.chains}
+
+
+def committed_at(
+    tpg: TemporalPlanGraph,
+    counts: Sequence[int],
+    incident: Incident,
+    judged: Judged,
+) -> Committed:
+    """Return what is committed at a cut of a graph."""
+    committed = committed_part(tpg, counts)
+    for failure, changes in zip(incident.failures, judged.changes, strict=True):
+        robot = tpg.chains[failure.chain].robot
+        committed = with_attempt(committed, tpg, robot, failure.node, changes)
+    full = [len(chain) for chain in committed.chains]
+    return Committed(
+        committed,
+        tuple(chain.robot for chain in tpg.chains),
+        complete_tasks(tpg, counts),
+        state_at(committed, full),
+        tuple(tried_task(tpg, failure) for failure in incident.failures),
+        incident.out,
+        judged,
+    )
+
+
+def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
+    """Return the task of which all attempts have failed."""
+    return tpg.tasks[int(tpg.chains[failure.chain].task[failure.node])]
