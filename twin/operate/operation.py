@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.scenario import Scenario
+from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 
 
@@ -93,9 +95,11 @@ def operate(
     require_rolling(scenario)
     _require_no_windows(motions)
 
-    def draw(graph: TemporalPlanGraph) -> NodeTimes:
+    def draw(
+        graph: TemporalPlanGraph, names: Mapping[int, TaskName] = MappingProxyType({})
+    ) -> NodeTimes:
         sampler = NodeTimeSampler(
-            at_full_speed(graph), model.durations, model.disturbances
+            at_full_speed(graph), model.durations, model.disturbances, names
         )
         return sampler.sample(seed=seed, replication=replication)
 

@@ -40,15 +40,17 @@ from twin.operate.committed import (
     tried_task,
 )
 from twin.operate.dependents import resting_steps
+from twin.operate.luck import Luck
 from twin.operate.rolling import Failure, Incident, Version
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.chain_draws import HANDLING
+from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
 
-Draw = Callable[[TemporalPlanGraph], NodeTimes]
-"""Returns the times of the nodes of a graph."""
+Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
+"""Returns the times of the nodes of a graph, given the names of the draws of tasks."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,13 @@ class _Going:
         gone: objects that are lost.
         shunned: objects that could not be picked, and are only tried again where there are no others.
         tries: how often all attempts at a skill of a step have failed.
+        luck: of its tasks.
     """
 
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
+    luck: Luck
     past: tuple[StepTasks, ...] = ()
     given_up: Mapping[int, str] = field(default_factory=dict)
     gone: frozenset[str] = frozenset()
@@ -119,7 +123,7 @@ class Recovery:
         self.motions = replace(self.motions, settings=settings)
         self._contacts = resting_steps(self.motions)
         steps = planned_steps(tpg)
-        self._executed = _Going(tpg.cell, self.motions.task_plan, steps)
+        self._executed = _Going(tpg.cell, self.motions.task_plan, steps, Luck.of(tpg))
         self._planned = self._executed
         self._restore(self._executed)
 
@@ -143,13 +147,15 @@ class Recovery:
         begin = time.process_time()
         self._restore(self._executed)
         judged = self._judged(tpg, incident)
-        union, new, counts = self._from_some_cut(tpg, incident, judged)
+        union, new, at = self._from_some_cut(tpg, incident, judged)
+        self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
+        counts = at.lengths
         self._planned = self._state()
         return Version(
             union,
             tuple(counts.get(chain.robot, 0) for chain in union.chains),
             tuple(chain.robot for chain in new.chains),
-            self.draw(new),
+            self.draw(new, self._luck.names),
             round(self.scenario.execution.recovery.planning_s * NANOSECONDS),
             time.process_time() - begin,
             self._cause(tpg, incident),
@@ -161,6 +167,7 @@ class Recovery:
             self._cell,
             self._task_plan,
             self._steps,
+            self._luck,
             self._past,
             dict(self._given_up),
             frozenset(self._gone),
@@ -170,15 +177,15 @@ class Recovery:
 
     def _restore(self, going: _Going) -> None:
         self._cell, self._task_plan = going.cell, going.task_plan
-        self._steps, self._past = going.steps, going.past
+        self._steps, self._past, self._luck = going.steps, going.past, going.luck
         self._given_up = dict(going.given_up)
         self._gone, self._shunned = set(going.gone), set(going.shunned)
         self._tries = Counter(going.tries)
 
     def _from_some_cut(
         self, tpg: TemporalPlanGraph, incident: Incident, judged: Judged
-    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, dict[str, int]]:
-        """Return the longer graph, the new one, and how many nodes of each robot were there before."""
+    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+        """Return the longer graph, the new one, and what was there before."""
         never, why = not_executed(tpg, incident), ""
         before, found = self._state(), []
         for cut in self.cuts:
@@ -190,12 +197,12 @@ class Recovery:
                 why = str(error)
             else:
                 ends = len(self._given_up), earliest_times(union).makespan
-                found.append((ends, union, new, at.lengths, self._state()))
+                found.append((ends, union, new, at, self._state()))
             self._restore(before)
         if found:
-            _, union, new, own, after = min(found, key=lambda item: item[0])
+            _, union, new, at, after = min(found, key=lambda item: item[0])
             self._restore(after)
-            return union, new, own
+            return union, new, at
         world = self._world(at)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
         done = world.begun().keys() - left
@@ -205,7 +212,7 @@ class Recovery:
         nothing = committed_part(at.committed, [0] * len(at.committed.chains))
         waits = np.empty((0, 2), dtype=np.int64)
         union = extended(at.committed, nothing, self._cell, waits, order=at.robots)
-        return union, nothing, at.lengths
+        return union, nothing, at
 
     def _world(self, at: Committed) -> World:
         """Return the world once all that is committed is complete."""

@@ -6,6 +6,7 @@ comes seldom is kept as single entries of (node, replication), not as arrays of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +21,7 @@ from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import Exponential
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.uncertainty.disturbances import Disturbances, SkillFailure, Stalls
-from twin.uncertainty.draws import uniforms
+from twin.uncertainty.draws import TaskName, uniforms
 
 Cause = Literal["stall", "breakdown", "retry"]
 
@@ -66,15 +67,24 @@ class RobotTaskNodes:
         first: first node of each task and the number of nodes, shape (tasks + 1,).
         of_node: place in ``tasks`` of every node's task, shape (nodes,).
         moves: whether a node is a plain motion, shape (nodes,).
+        robots, numbers: what names the draws of each task.
     """
 
-    def __init__(self, tpg: TemporalPlanGraph, chain: NodeChain) -> None:
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        chain: NodeChain,
+        names: Mapping[int, TaskName],
+    ) -> None:
         self.chain = chain
         self.moves = moving_nodes(tpg, chain)
         opens = np.flatnonzero(np.diff(chain.task, prepend=-1) != 0)
         self.tasks: Indices = chain.task[opens]
         self.kinds = [tpg.tasks[task].kind for task in self.tasks.tolist()]
         self.objects = [tpg.tasks[task].object for task in self.tasks.tolist()]
+        named = [names.get(k, (chain.robot, k)) for k in self.tasks.tolist()]
+        self.robots = [robot for robot, _ in named]
+        self.numbers: Indices = np.array([k for _, k in named], dtype=np.int64)
         self.first: Indices = np.append(opens, len(chain)).astype(np.int64)
         self.of_node: Indices = np.repeat(
             np.arange(len(self.tasks)), np.diff(self.first)
@@ -107,8 +117,8 @@ class ChainDraws:
         return uniforms(
             self.seed,
             self.numbers,
-            [self.own.chain.robot] * len(which),
-            self.own.tasks[which],
+            [self.own.robots[k] for k in which.tolist()],
+            self.own.numbers[which],
             [self.own.kinds[k] for k in which.tolist()],
             purpose,
             index,

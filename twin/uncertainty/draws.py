@@ -19,6 +19,9 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.transforms import Array
 
+TaskName = tuple[str, int]
+"""Robot and number of a task that name its draws: its own, unless something else is said."""
+
 Words = npt.NDArray[np.uint64]
 """Unsigned 64-bit words."""
 

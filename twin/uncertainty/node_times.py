@@ -7,9 +7,10 @@ engine and the engine that computes many replications side by side take the same
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from twin.durations.model import Nanoseconds
 from twin.uncertainty.chain_draws import Cause, ChainDraws, RobotTaskNodes, Standstills
 from twin.uncertainty.contraction import Contraction
 from twin.uncertainty.disturbances import Disturbances
+from twin.uncertainty.draws import TaskName
 from twin.uncertainty.skill_durations import SkillDurations, least_ns, nominal_ns
 from twin.uncertainty.stops import Stops, sample_stops
 
@@ -140,23 +142,30 @@ class SegmentTimes:
 
 
 class NodeTimeSampler:
-    """Draws what the nodes of one graph take, as often as asked."""
+    """Draws what the nodes of one graph take, as often as asked.
+
+    Args:
+        tpg: the graph.
+        durations, disturbances: what is drawn.
+        names: of the draws of tasks that are not named by themselves, by index.
+    """
 
     def __init__(
         self,
         tpg: TemporalPlanGraph,
         durations: SkillDurations,
         disturbances: Disturbances,
+        names: Mapping[int, TaskName] = MappingProxyType({}),
     ) -> None:
         self._tpg = tpg
-        self._skills = durations.bind(tpg)
+        self._skills = durations.bind(tpg, names)
         self._disturbances = disturbances
         machines = machine_chains(tpg)
         self._by_chain = [
             disturbances.of_machine(chain.robot) if k in machines else disturbances
             for k, chain in enumerate(tpg.chains)
         ]
-        self._chains = [RobotTaskNodes(tpg, chain) for chain in tpg.chains]
+        self._chains = [RobotTaskNodes(tpg, chain, names) for chain in tpg.chains]
         # A transit that is drawn quicker than planned stays within its joints' speed limits.
         self._floor = [
             np.where(chain.moves, np.minimum(least, nominal), 0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import SkillOverride
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
-from twin.uncertainty.draws import uniforms
+from twin.uncertainty.draws import TaskName, uniforms
 
 _ROUNDING = 1e-9
 """Share of a duration by which rounding may have lengthened what a path asks for."""
@@ -108,8 +109,17 @@ class SkillDurations:
             for item in self.overrides
         }
 
-    def bind(self, tpg: TemporalPlanGraph) -> SkillDraws:
-        """Return the draws of one TPG; keep it where the same TPG is asked again and again."""
+    def bind(
+        self,
+        tpg: TemporalPlanGraph,
+        names: Mapping[int, TaskName] = MappingProxyType({}),
+    ) -> SkillDraws:
+        """Return the draws of one TPG; keep it where the same TPG is asked again and again.
+
+        Args:
+            tpg: the graph.
+            names: of the draws of tasks that are not named by themselves, by index.
+        """
         drawn = sorted(self._drawn(tpg), key=lambda item: item.task)
         least = least_ns(tpg)
         groups: dict[DurationModel, list[int]] = {}
@@ -118,7 +128,10 @@ class SkillDurations:
         return SkillDraws(
             nominal=nominal_ns(tpg),
             tasks=np.array([item.task for item in drawn], dtype=np.int64),
-            robots=[tpg.tasks[item.task].robot for item in drawn],
+            names=tuple(
+                names.get(item.task, (tpg.tasks[item.task].robot, item.task))
+                for item in drawn
+            ),
             skills=[item.what for item in drawn],
             groups=tuple(
                 (model, np.array(rows, dtype=np.int64))
@@ -201,7 +214,7 @@ class SkillDraws:
     Attributes:
         nominal: planned duration of every node, per chain [ns].
         tasks: indices of the tasks that vary, in which a skill or a tool does, never falling, shape (s,).
-        robots: robot of each of them.
+        names: of the draws of each of them.
         skills: skill of each of them, or what a tool does.
         groups: each model, and the positions in ``tasks`` that draw from it.
         nodes: chain, skill nodes and their nominal durations [s] of each of the tasks.
@@ -212,7 +225,7 @@ class SkillDraws:
 
     nominal: tuple[Nanoseconds, ...]
     tasks: Indices
-    robots: list[str]
+    names: tuple[TaskName, ...]
     skills: list[str]
     groups: tuple[tuple[DurationModel, Indices], ...]
     nodes: tuple[tuple[int, Indices, Array], ...]
@@ -239,7 +252,9 @@ class SkillDraws:
         """Return what the models say, shape (s, replications) [ns]."""
         numbers = np.asarray(replications, dtype=np.int64)
         keys = numbers & ~1 if self.antithetic else numbers
-        u = uniforms(seed, keys, self.robots, self.tasks, self.skills, "duration")
+        robots = [robot for robot, _ in self.names]
+        tasks = np.array([number for _, number in self.names], dtype=np.int64)
+        u = uniforms(seed, keys, robots, tasks, self.skills, "duration")
         if self.antithetic:
             mirrored = (numbers & 1).astype(bool)
             # Exact: u is an odd multiple of 2**-53.

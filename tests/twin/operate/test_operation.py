@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,7 +34,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
 
 
 def operated(
-    plan: PlanResult, seed: int, **values: Any
+    plan: PlanResult, seed: int, *, halting: bool = False, **values: Any
 ) -> tuple[Operation, list[Event]]:
     case = plan.scenario.varied(values)
     memory = MemoryRecorder()
@@ -44,6 +45,7 @@ def operated(
         scenario_execution(case.sections, case.folder),
         seed=seed,
         recorders=(memory,),
+        halting=halting,
     )
     return done, memory.events
 
@@ -119,6 +121,34 @@ def test_what_is_planned_and_does_not_take_over_leaves_nothing_behind(
             assert f"failed {often[step, kind]} times" in why
 
 
+def tries(done: Operation) -> dict[tuple[int, str], list[int]]:
+    """Return how many attempts failed in each try at each skill of a step."""
+    found: dict[tuple[int, str], list[int]] = {}
+    for task in done.tpg.tasks:
+        kind = task.label.split()[0] if task.kind == FAILED else task.kind
+        if kind in ("pick", "place-down"):
+            k = done.tpg.chain_index[task.robot]
+            (node, *_) = np.flatnonzero(done.tpg.chains[k].task == task.index)
+            skill = done.tpg.chains[k].skill
+            node += int(np.argmax(skill[node:]))
+            own = [s.node for s in done.record.standstills[k] if s.cause == "retry"]
+            found.setdefault((task.step, kind), []).append(own.count(node))
+    return found
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_luck_is_that_of_the_step_however_it_is_planned_anew(
+    plan: PlanResult, seed: int
+) -> None:
+    one, other = (
+        operated(plan, seed, halting=halting, **lost(0.3, 1), **{"recovery.again": 100})
+        for halting in (False, True)
+    )
+    if not one[0].given_up and not other[0].given_up:
+        assert tries(one[0]) == tries(other[0])
+
+
 @pytest.mark.parametrize("at_s", [0.0, 0.01])
 def test_a_robot_may_be_out_before_it_has_done_anything(
     plan: PlanResult, at_s: float
@@ -128,10 +158,17 @@ def test_a_robot_may_be_out_before_it_has_done_anything(
     assert {t.robot for t in done.tpg.tasks if t.kind == "place-down"} == {"left"}
 
 
+def edges_across(done: Operation) -> list[int]:
+    """Return the edges from what was committed to what the last version has anew."""
+    counts = done.versions[-1].counts
+    edges = enumerate(done.tpg.edges.tolist())
+    return [row for row, (k, u, i, v) in edges if u < counts[k] and v >= counts[i]]
+
+
 def first_with_a_swap(plan: PlanResult) -> Operation:
     for seed in range(100):
         done, _ = operated(plan, seed, **lost(0.25))
-        if done.versions and not done.given_up:
+        if done.versions and not done.given_up and edges_across(done):
             return done
     raise AssertionError("nothing ever fails")
 
@@ -141,20 +178,10 @@ def test_what_was_executed_is_verified_and_a_missing_edge_between_versions_is_fo
 ) -> None:
     from dataclasses import replace
 
-    import numpy as np
-
     done = first_with_a_swap(plan)
     assert verify_plan(done.tpg).problems == ()
-    counts = done.versions[-1].counts
-    edges = done.tpg.edges
-    across = [
-        row
-        for row, (k, u, i, v) in enumerate(edges.tolist())
-        if u < counts[k] and v >= counts[i]
-    ]
-    assert across
-    found = 0
-    for row in across[:6]:
+    edges, found = done.tpg.edges, 0
+    for row in edges_across(done)[:6]:
         keep = np.arange(len(edges)) != row
         other = replace(done.tpg, edges=edges[keep], cause=done.tpg.cause[keep])
         found += bool(verify_plan(other, limit=1).problems)
