@@ -15,6 +15,9 @@ TRANSIT = "transit"
 SKILLS = ("pick", "place-down", "place-up", "handover", "support-bottom", "support-top")
 """Skills with timings of their own in the package; further ones have any other name."""
 
+HANDLING = ("pick", "place-down", "place-up", "handover")
+"""Skills in which an object changes hands, so that it can be lost."""
+
 STRAIGHT = "straight"
 """Kind of a motion on a given path that takes as long as the robot's speed lets it, such as the
 way to where a process begins."""

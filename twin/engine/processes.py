@@ -116,7 +116,8 @@ class Execution:
             if self.narrator is not None and self.stops is not None:
                 self._run_and_tell_of_stops(self.narrator, self.stops)
             else:
-                self.env.run()
+                while self._upcoming() < math.inf:
+                    self.env.step()
             if any(end and end[-1] < 0 for end in self.end):
                 outcome = "failed"
                 if self.narrator is not None and not self.failed:
@@ -130,6 +131,10 @@ class Execution:
                 self.narrator.emit("finished", detail=outcome)
                 self.narrator.close()
         return outcome
+
+    def _upcoming(self) -> float:
+        """Return when something happens next [ns]; infinity at the end of the run."""
+        return self.env.peek()
 
     def node_times(self) -> NodeTimes:
         """Return how long nodes took, and where robots stood."""
@@ -292,7 +297,7 @@ class Execution:
         They are not events of the simulation: nobody would know when to stop waiting for them.
         """
         edge = min(own.next_edge(-1) for own in stops)
-        while (upcoming := self.env.peek()) < math.inf:
+        while (upcoming := self._upcoming()) < math.inf:
             while edge <= upcoming:
                 for chain in range(len(stops)):
                     if self._has_work_left(chain):

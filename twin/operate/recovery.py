@@ -22,7 +22,15 @@ from planning.errors import (
 )
 from planning.motion.known_motions import KnownMotions
 from planning.tasks.assignment import TaskPlan
-from planning.tasks.task import GONE, TAKEN_OUT, TRANSIT, Handling, StepTasks, Task
+from planning.tasks.task import (
+    GONE,
+    HANDLING,
+    TAKEN_OUT,
+    TRANSIT,
+    Handling,
+    StepTasks,
+    Task,
+)
 from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
 from planning.worlds.world import Leftover, World, leftovers, pose_of
@@ -45,7 +53,6 @@ from twin.operate.rolling import Failure, Incident, Version
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
 from twin.scenario.sections.scenario import Scenario
-from twin.uncertainty.chain_draws import HANDLING
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
 

@@ -7,6 +7,7 @@ takes the place of the one that is executed.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -143,6 +144,13 @@ class RollingExecution(Execution):
 
     def _done(self) -> bool:
         return all(not end or end[-1] >= 0 for end in self.end)
+
+    def _upcoming(self) -> float:
+        upcoming = super()._upcoming()
+        if self._planning or not self._done():
+            return upcoming
+        last = max((end[-1] for end in self.end if end), default=0)
+        return upcoming if upcoming <= last else math.inf
 
     # Robots
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
 from planning.files import file_named
 from planning.tasks.task import (
+    HANDLING,
     HOLD,
     LEAVE_TOOL,
     SKILLS,
@@ -211,6 +212,14 @@ def _check_robot_names(scenario: Scenario) -> Found:
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
         yield from unless_known(("execution", *path), "robot", name, names)
+    first: dict[str, int] = {}
+    for i, outage in enumerate(scenario.execution.outages):
+        if first.setdefault(outage.robot, i) != i:
+            words = f"{outage.robot} is out for good by entry {first[outage.robot] + 1}"
+            yield (
+                ("execution", "outages", i, "robot"),
+                f"{words} already: leave one out",
+            )
 
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:
@@ -254,10 +263,11 @@ def _check_skills(scenario: Scenario) -> Found:
     ]
     for path, name in named:
         yield from unless_known(("execution", *path), "skill", name, valid)
+    place: KeyPath
     said = {"planning": scenario.planning.deviation, "execution": execution.deviation}
     for key, deviations in said.items():
         for name in deviations or ():
-            place: KeyPath = (key, "deviation", name, "[key]")
+            place = (key, "deviation", name, "[key]")
             if scenario.assembly.kind == "construction":
                 text = "a construction is planned without deviation: leave it out"
                 yield (key, "deviation"), text
@@ -267,6 +277,10 @@ def _check_skills(scenario: Scenario) -> Found:
     things = [part.name for part in own]
     robots = [robot.name for robot in scenario.cell.robots]
     for skill, failure in execution.failures.items():
+        if failure.loses > 0.0 and skill not in HANDLING:
+            words = f"nothing can be lost in {skill}, in which nothing changes hands: leave it out"
+            place = ("execution", "failures", skill, "loses")
+            yield place, f"{words} (valid: {', '.join(HANDLING)})"
         for name in failure.parts:
             at: KeyPath = ("execution", "failures", skill, "parts", name, "[key]")
             robot, _, part = name.rpartition("/")

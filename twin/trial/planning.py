@@ -12,6 +12,7 @@ import numpy as np
 from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
 from planning.tasks.task import (
+    HANDLING,
     LEAVE_TOOL,
     STRAIGHT,
     SUPPLY_KINDS,
@@ -116,7 +117,10 @@ def with_failures(
     said = case.sections.execution.failures
     return case.varied(
         {
-            f"failures.{skill}": {"probability": chance, "loses": LOSES}
+            f"failures.{skill}": {
+                "probability": chance,
+                "loses": LOSES if skill in HANDLING else 0.0,
+            }
             for skill in sorted(skills - said.keys())
         }
     )

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
-from planning.tasks.task import STRAIGHT
+from planning.tasks.task import HANDLING, STRAIGHT
 from planning.transforms import Array, Indices
 from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
@@ -24,9 +24,6 @@ from twin.uncertainty.disturbances import Disturbances, SkillFailure, Stalls
 from twin.uncertainty.draws import TaskName, uniforms
 
 Cause = Literal["stall", "breakdown", "retry"]
-
-HANDLING = frozenset({"pick", "place-down", "place-up", "handover"})
-"""Skills in which an object can be lost."""
 
 _HOUR_NS = 3600 * NANOSECONDS
 

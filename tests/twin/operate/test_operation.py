@@ -158,6 +158,13 @@ def test_a_robot_may_be_out_before_it_has_done_anything(
     assert {t.robot for t in done.tpg.tasks if t.kind == "place-down"} == {"left"}
 
 
+def test_an_outage_after_the_end_changes_nothing(plan: PlanResult) -> None:
+    late = [{"robot": "left", "at_s": 1e5}]
+    done, events = operated(plan, 0, outages=late)
+    assert events == operated(plan, 0)[1]
+    assert events[-1].t_ns == done.record.makespan_ns
+
+
 def edges_across(done: Operation) -> list[int]:
     """Return the edges from what was committed to what the last version has anew."""
     counts = done.versions[-1].counts
