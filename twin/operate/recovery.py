@@ -34,7 +34,6 @@ from planning.tasks.task import (
 from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
 from planning.worlds.world import Leftover, World, leftovers, pose_of
-from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import cut_after, planned_steps, state_at
 from scheduling.rolling.extension import committed_part, extended
@@ -111,7 +110,7 @@ class Recovery:
         motions: what the first plan was made of.
         tpg: the first plan.
         draw: times of new nodes.
-        cuts: that are tried; the one from which least is given up, and the sooner end is seen, is taken.
+        cuts: that are tried, in this order, until nothing has to be given up; else that from which least is.
     """
 
     scenario: Scenario
@@ -203,9 +202,11 @@ class Recovery:
             except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
                 why = str(error)
             else:
-                ends = len(self._given_up), earliest_times(union).makespan
-                found.append((ends, union, new, at, self._state()))
+                more = len(self._given_up) - len(before.given_up)
+                found.append((more, union, new, at, self._state()))
             self._restore(before)
+            if found and found[-1][0] == 0:
+                break
         if found:
             _, union, new, at, after = min(found, key=lambda item: item[0])
             self._restore(after)

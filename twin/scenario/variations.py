@@ -18,7 +18,7 @@ from typing import Any, get_args
 import numpy as np
 
 from planning.errors import ScenarioError
-from planning.tasks.task import HOLD
+from planning.tasks.task import HOLD, SKILLS
 from twin.durations.lifetimes import Distribution
 from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
 from twin.scenario.document.yaml_text import read_yaml
@@ -178,7 +178,7 @@ def _make_entries(content: dict[str, Any], key: str) -> None:
     execution = content["execution"]
     processes = content["assembly"].get("processes", {})
     if section in ("skills", "failures") and rest:
-        known = (*execution["skills"], HOLD, *processes)
+        known = tuple(dict.fromkeys([*SKILLS, HOLD, *execution["skills"], *processes]))
         if skill not in known:
             raise ScenarioError(
                 f"cannot vary {key}: there is no skill {skill!r}", choices=known

@@ -73,6 +73,14 @@ def test_skills_without_a_section_can_be_varied(cliff: Scenario) -> None:
     assert other.execution.failures["pick"].probability == 0.1
 
 
+@pytest.mark.parametrize("file", ["assembly/magazine", "multi_arm/tray"])
+def test_skills_that_the_scenario_says_nothing_of_can_fail(file: str) -> None:
+    case = load(CLIFF.parents[1] / f"{file}.yaml").varied(
+        {"failures.handover.probability": 0.1}
+    )
+    assert case.sections.execution.failures["handover"].probability == 0.1
+
+
 UNIFORM = {"kind": "uniform", "low_s": 1.0, "high_s": 2.0}
 
 
