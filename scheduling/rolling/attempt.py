@@ -14,6 +14,7 @@ import numpy as np
 from planning.tasks.task import FAILED, Handling
 from planning.transforms import readonly
 from scheduling.graph.drive import Drive
+from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
@@ -29,6 +30,8 @@ def with_attempt(
     robot: str,
     node: int,
     changes: Sequence[Handling] = (),
+    *,
+    missing: bool = False,
 ) -> TemporalPlanGraph:
     """Return committed nodes with one more, in which a robot has tried a skill and stands where it was.
 
@@ -38,6 +41,7 @@ def with_attempt(
         robot: who tried.
         node: the first node of the skill.
         changes: what has become of the object, at waypoint 1.
+        missing: whether what it is about was not there, so that it waited for no machine to bring it.
     """
     whole = tpg.chains[tpg.chain_index[robot]]
     index = int(whole.task[node])
@@ -63,13 +67,15 @@ def with_attempt(
         at, chains = len(committed.chains), [*committed.chains, stood]
     own = tpg.chain_index[robot]
     place = {chain.robot: k for k, chain in enumerate(chains)}
+    brings = machine_chains(tpg) if missing else frozenset[int]()
+    rows = [
+        row
+        for row, (k, _, i, v) in enumerate(tpg.edges.tolist())
+        if (i, v) == (own, node) and k not in brings
+    ]
     into = [
         (place[tpg.chains[k].robot], u, at, node)
-        for k, u, i, v in tpg.edges.tolist()
-        if (i, v) == (own, node)
-    ]
-    rows = [
-        k for k, (_, _, i, v) in enumerate(tpg.edges.tolist()) if (i, v) == (own, node)
+        for k, u, _, _ in tpg.edges[rows].tolist()
     ]
     task = replace(
         tpg.tasks[index],

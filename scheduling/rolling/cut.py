@@ -13,6 +13,7 @@ from collections.abc import Collection, Sequence
 from planning.cell.workcell import WorldState, start_state
 from planning.tasks.task import (
     LEFT_OUT,
+    PRESENT,
     AllowedContact,
     Handling,
     StepTasks,
@@ -166,15 +167,16 @@ def stands_at(chain: NodeChain, count: int) -> Array:
 
 
 def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
-    """Return the tasks of a graph step by step, with what belongs to them."""
+    """Return the tasks of a graph step by step, with what belongs to them; nothing of what is brought."""
     by_step: dict[int, list[Task]] = {}
+    step_of: dict[int, int] = {}
     for task in tpg.tasks:
-        if task.kind != LEFT_OUT:
+        if task.kind not in (LEFT_OUT, PRESENT):
             by_step.setdefault(task.step, []).append(task)
-    step_of = {task.index: task.step for task in tpg.tasks}
+            step_of[task.index] = task.step
     waits: dict[int, list[tuple[int, int]]] = {}
     for a, b in tpg.dependencies.tolist():
-        if step_of[a] == step_of[b]:
+        if a in step_of and step_of[a] == step_of.get(b):
             waits.setdefault(step_of[a], []).append((a, b))
     allowed: dict[int, list[AllowedContact]] = {}
     for contact in tpg.allowed:

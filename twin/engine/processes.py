@@ -118,7 +118,7 @@ class Execution:
             else:
                 while self._upcoming() < math.inf:
                     self.env.step()
-            if any(end and end[-1] < 0 for end in self.end):
+            if not self._done():
                 outcome = "failed"
                 if self.narrator is not None and not self.failed:
                     self.narrator.emit("failed", detail=self.deadlock())
@@ -131,6 +131,10 @@ class Execution:
                 self.narrator.emit("finished", detail=outcome)
                 self.narrator.close()
         return outcome
+
+    def _done(self) -> bool:
+        """Tell whether all that there is to do is done."""
+        return all(not end or end[-1] >= 0 for end in self.end)
 
     def _upcoming(self) -> float:
         """Return when something happens next [ns]; infinity at the end of the run."""
@@ -182,9 +186,7 @@ class Execution:
 
     def _fails(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Execute a node from rest to rest, report it, and return whether its task failed for good."""
-        stops = None if self.stops is None else self.stops[chain]
-        if stops is not None and (stop := stops.after(self.now_ns) - self.now_ns) > 0:
-            yield self.env.timeout(stop)
+        yield from self._until_stops_end(chain)
         failed = node == self.times.failed[chain]
         self.start[chain][node] = int(self.env.now)
         self._count_patience(chain, node)
@@ -199,6 +201,11 @@ class Execution:
             return True
         self._complete(chain, node)
         return False
+
+    def _until_stops_end(self, chain: int) -> Steps:
+        stops = None if self.stops is None else self.stops[chain]
+        if stops is not None and (stop := stops.after(self.now_ns) - self.now_ns) > 0:
+            yield self.env.timeout(stop)
 
     def _complete(self, chain: int, node: int, late_ns: int = 0) -> None:
         """Report a node complete, now or in a moment."""

@@ -78,7 +78,9 @@ def committed_at(
     committed = committed_part(tpg, counts)
     for failure, changes in zip(incident.failures, judged.changes, strict=True):
         robot = tpg.chains[failure.chain].robot
-        committed = with_attempt(committed, tpg, robot, failure.node, changes)
+        committed = with_attempt(
+            committed, tpg, robot, failure.node, changes, missing=failure.missing
+        )
     full = [len(chain) for chain in committed.chains]
     return Committed(
         committed,

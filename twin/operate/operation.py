@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from planning.errors import RequestError
+from scheduling.build_tpg import connect_nodes
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
+from scheduling.rolling.supply import with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.recovery import Recovery, Recut
@@ -28,6 +31,8 @@ from twin.run.events import ExecutionRecord
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,10 @@ def operate(
         )
         return sampler.sample(seed=seed, replication=replication)
 
+    late = scenario.execution.late
+    _require_picked(motions, [item.part for item in late])
+    first = len(tpg.chains)
+    tpg = _with_late(tpg, [item.part for item in late])
     planner = Recovery(scenario, motions, tpg, draw)
     if halting:
         planner.cuts = (Recut(steps=False, aside=True),)
@@ -117,10 +126,17 @@ def operate(
     )
     for outage in scenario.execution.outages:
         cell.outage(outage.robot, round(outage.at_s * NANOSECONDS))
+    for k, item in enumerate(late):
+        cell.late(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
     if outcome == "completed" and planner.given_up:
         outcome = "failed"
-    times = cell.node_times()
+    unused = cell.never_came
+
+    def used(rows: Iterable[T]) -> tuple[T, ...]:
+        return tuple(row for k, row in enumerate(rows) if k not in unused)
+
+    executed, times = without_chains(cell.tpg, unused), cell.node_times()
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -128,27 +144,55 @@ def operate(
         policy=model.policy,
         seed=seed,
         replication=replication,
-        duration_ns=times.motion,
-        stood_ns=times.stood,
-        start_ns=tuple(np.array(own, dtype=np.int64) for own in cell.start),
-        end_ns=tuple(np.array(own, dtype=np.int64) for own in cell.end),
+        duration_ns=used(times.motion),
+        stood_ns=used(times.stood),
+        start_ns=used(np.array(own, dtype=np.int64) for own in cell.start),
+        end_ns=used(np.array(own, dtype=np.int64) for own in cell.end),
         makespan_ns=makespan,
-        standstills=times.standstills,
-        stops_ns=times.stopped_until(makespan),
-        failed_nodes=(-1,) * len(cell.tpg.chains),
+        standstills=used(times.standstills),
+        stops_ns=used(times.stopped_until(makespan)),
+        failed_nodes=(-1,) * len(executed.chains),
         failure="; ".join(
             f"step {step} is given up: {why}"
             for step, why in sorted(planner.given_up.items())
         ),
         raised_skills=times.raised,
-        commands=cell.commands(),
+        commands=used(cell.commands()),
     )
     return Operation(
-        cell.tpg,
+        executed,
         record,
         tuple(cell.versions),
         planner.given_up,
     )
+
+
+def _require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
+    """Refuse parts that are late and that nobody picks, or that something stands on."""
+    assert motions.work is not None
+    primaries = motions.work.problem.primaries
+    picked = {item.object for item in primaries}
+    for name in late:
+        if name not in picked:
+            words = f"{name} is late, and no step picks it: only what is picked is waited for"
+            raise RequestError(words, choices=tuple(sorted(picked)))
+        above = sorted(
+            {q for item in primaries if item.object == name for q in item.after}
+        )
+        if above:
+            words = (
+                f"{name} is late, and {above[0]} stands on it or before it at the start"
+            )
+            raise RequestError(words)
+
+
+def _with_late(tpg: TemporalPlanGraph, late: Sequence[str]) -> TemporalPlanGraph:
+    """Return a graph in which parts are brought, each by a machine of its own."""
+    if not late:
+        return tpg
+    for k, name in enumerate(late, start=1):
+        tpg = with_supply(tpg, f"supply{k}", name)
+    return connect_nodes(DerivedTpg(tpg), (tpg.edges, tpg.cause))
 
 
 def require_rolling(scenario: Scenario) -> None:

@@ -37,6 +37,7 @@ from planning.worlds.world import Leftover, World, leftovers, pose_of
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import cut_after, planned_steps, state_at
 from scheduling.rolling.extension import committed_part, extended
+from scheduling.rolling.supply import brought_by, supply_waits
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
@@ -282,7 +283,9 @@ class Recovery:
             onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
             self._cell = replace(self._cell, objects=(*self._cell.objects, *come_up))
-            waits = onward.motions.dependencies
+            brought = brought_by(at.committed.tasks)
+            late = supply_waits(found.tpg.tasks[now.world.tasks :], brought)
+            waits = np.concatenate([onward.motions.dependencies, late])
             union = extended(
                 at.committed, found.tpg, self._cell, waits, order=at.robots
             )
@@ -335,7 +338,7 @@ class Recovery:
             task = tried_task(tpg, failure)
             change = self._changes(tpg, incident, failure, task)
             changes.append(change)
-            self._tries[task.step, task.kind] += 1
+            self._tries[task.step, task.kind] += not failure.missing
             often = self._tries[task.step, task.kind]
             if often > self.scenario.execution.recovery.again:
                 self._give_up(task.step, f"{task.label} failed {often} times")
@@ -343,6 +346,7 @@ class Recovery:
             elif change or task.kind == "pick":
                 reopened[task.step] = frozenset({task.robot})
                 how = "is lost" if change else "is left where it is"
+                how = "has not come yet" if failure.missing else how
                 words.append(f"step {task.step} is begun anew: {task.object} {how}")
             else:
                 words.append(f"{task.label} is done again")
@@ -358,6 +362,9 @@ class Recovery:
         """Return what becomes of the object of a skill that failed: nothing, unless it is lost."""
         name = task.object
         if name is None or task.kind not in HANDLING:
+            return ()
+        if failure.missing:
+            self._shunned.add(name)
             return ()
         # What it holds does not change any more before its robot goes on.
         counts = cut_after(
@@ -390,7 +397,13 @@ class Recovery:
         return found
 
     def _cause(self, tpg: TemporalPlanGraph, incident: Incident) -> str:
-        words = [f"{tried_task(tpg, f).label} failed" for f in incident.failures]
+        words = []
+        for failure in incident.failures:
+            task = tried_task(tpg, failure)
+            missing = failure.missing
+            words.append(
+                f"{task.object} is not there" if missing else f"{task.label} failed"
+            )
         words += [f"{name} is out" for name in sorted(incident.out)]
         return "; ".join(words)
 

@@ -22,7 +22,8 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.driven import DrivenExecution
 from twin.engine.passage import Passage
-from twin.engine.processes import Execution, Steps
+from twin.engine.processes import Steps
+from twin.operate.supplied import SuppliedExecution
 from twin.uncertainty.node_times import NodeTimes, Standstill
 
 _AFTER_ALL = EventPriority(10)
@@ -36,11 +37,13 @@ class Failure:
     Attributes:
         chain, node: its first node.
         attempts: how many there were.
+        missing: whether there was none, as what it is about was not there.
     """
 
     chain: int
     node: int
     attempts: int
+    missing: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ class Planner(Protocol):
         ...
 
 
-class RollingExecution(Execution):
+class RollingExecution(SuppliedExecution):
     """State of one run in which the graph may be extended.
 
     Attributes:
@@ -142,9 +145,6 @@ class RollingExecution(Execution):
         if self.narrator is not None:
             self.narrator.emit("failed", chain, detail="is out for good")
 
-    def _done(self) -> bool:
-        return all(not end or end[-1] >= 0 for end in self.end)
-
     def _upcoming(self) -> float:
         upcoming = super()._upcoming()
         if self._planning or not self._done():
@@ -172,7 +172,8 @@ class RollingExecution(Execution):
         self.end[chain][node] = self.now_ns
         stands = self.times.standstills[chain]
         attempts = sum(s.node == node and s.cause == "retry" for s in stands)
-        self._failures.append(Failure(chain, node, attempts))
+        missing = self._missing(chain, node) is not None
+        self._failures.append(Failure(chain, node, attempts, missing))
         self._limit[chain] = node
         self._take_back(chain, node + 1)
         self._replan()
@@ -206,7 +207,12 @@ class RollingExecution(Execution):
         while self._again:
             self._again = False
             incident = Incident(
-                tuple(self._failures), frozenset(self._out), tuple(self.released)
+                tuple(self._failures),
+                frozenset(self._out),
+                # Whatever is done, what is to be brought is brought.
+                tuple(
+                    max(n, int(k in self._coming)) for k, n in enumerate(self.released)
+                ),
             )
             version = self._planner.plan(self.tpg, incident)
             self._limit = list(version.counts[: len(self._limit)])
@@ -229,6 +235,7 @@ class RollingExecution(Execution):
         for k, count in enumerate(reported):
             if count:
                 self.dispatcher.observe(k, count - 1)
+        self._lift_unknown()
         self._resize(version)
         for failure in failures:
             self.outstanding[failure.chain] = 0
@@ -239,8 +246,7 @@ class RollingExecution(Execution):
         self.versions.append(version)
         swapped, self._swapped = self._swapped, self.env.event()
         swapped.succeed()
-        if not self.report_arrived.triggered:
-            self.report_arrived.succeed()
+        self._dispatch_again()
 
     def _tell_of_swap(self, version: Version, failures: list[Failure]) -> None:
         assert self.narrator is not None
@@ -337,6 +343,10 @@ class RollingExecution(Execution):
 
 class RollingDrivenExecution(RollingExecution, DrivenExecution):
     """State of one run in which the graph may be extended, and robots pass borders at speed."""
+
+    def _never_tried(self, chain: int, node: int) -> None:
+        super()._never_tried(chain, node)
+        self._given[chain].pop(node, None)
 
     def _resize(self, version: Version) -> None:
         super()._resize(version)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from planning.errors import FittingError, RobotModelError, ScenarioError, ShapeError
@@ -212,14 +212,24 @@ def _check_robot_names(scenario: Scenario) -> Found:
     names = [robot.name for robot in scenario.cell.robots]
     for path, name in scenario.execution.named_robots():
         yield from unless_known(("execution", *path), "robot", name, names)
-    first: dict[str, int] = {}
-    for i, outage in enumerate(scenario.execution.outages):
-        if first.setdefault(outage.robot, i) != i:
-            words = f"{outage.robot} is out for good by entry {first[outage.robot] + 1}"
-            yield (
-                ("execution", "outages", i, "robot"),
-                f"{words} already: leave one out",
-            )
+    outages, late = scenario.execution.outages, scenario.execution.late
+    for i, name in _again([item.robot for item in outages]):
+        words = f"{name} is out for good by another entry already: leave one out"
+        yield ("execution", "outages", i, "robot"), words
+    parts = [name for _, name in assembly_kind(scenario.assembly).names()]
+    for i, item in enumerate(late):
+        place: KeyPath = ("execution", "late", i, "part")
+        yield from unless_known(place, "part", item.part, parts, "there are no parts")
+    for i, name in _again([item.part for item in late]):
+        words = f"{name} comes at another time by another entry: leave one out"
+        yield ("execution", "late", i, "part"), words
+
+
+def _again(names: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the names that are there before, each with its place."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield i, name
 
 
 def _check_durations(value: object, at: KeyPath, folder: Path) -> Found:

@@ -180,7 +180,7 @@ class SkillFailure(Section):
         retry: distribution of the time until the next attempt begins; by default as long as
             the skill takes in that run.
         loses: probability that the object is lost in an attempt that fails, dropped or broken, so that
-            it is not made again.
+            it is not made again; of picks, places and handovers.
     """
 
     probability: Probability
@@ -224,6 +224,18 @@ class Outage(Section):
     """
 
     robot: Name
+    at_s: Annotated[float, Field(ge=0, le=1e6)]
+
+
+class LatePart(Section):
+    """A part, or a brick in stock, that is not there at the start, as the plan has it.
+
+    Attributes:
+        part: its name.
+        at_s: when it comes to where it was to be [s].
+    """
+
+    part: Name
     at_s: Annotated[float, Field(ge=0, le=1e6)]
 
 

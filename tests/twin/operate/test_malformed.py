@@ -15,13 +15,17 @@ from tests.twin.written import loaded, refusal, written
 WRONG = rows(r"""
 cell  | section                                                        | at       | says
 stack | outages: [{robot: lefd, at_s: 1}]                              | lefd     | unknown robot 'lefd'; did you mean 'left'? (valid: left, right)
-stack | outages: [{robot: left, at_s: 1}, {robot: left, at_s: 5}]      | left, at_s: 5 | left is out for good by entry 1 already: leave one out
+stack | outages: [{robot: left, at_s: 1}, {robot: left, at_s: 5}]      | left, at_s: 5 | left is out for good by another entry already: leave one out
 stack | outages: [{robot: left, at_s: -1}]                             | -1       | must be at least 0, not -1
 stack | outages: [{robot: left, at_s: 1e12}]                           | 1e12     | must be at most 1e+06
 stack | outages: [{robot: left, at_s: .nan}]                           | .nan     | a finite number expected
 stack | outages: [{robot: left}]                                       | {robot   | key 'at_s' is missing
 stack | outages: [{robot: left, at_s: 5, for_s: 3}]                    | for_s    | unknown key 'for_s' (valid: robot, at_s)
 stack | outages: {robot: left, at_s: 5}                                | {robot   | a list [..] expected, not a mapping
+stack | late: [{part: left_x, at_s: 4}]                                | left_x   | unknown part 'left_x'; did you mean 'left_
+stack | late: [{part: left_a, at_s: 4}, {part: left_a, at_s: 9}]       | left_a, at_s: 9 | left_a comes at another time by another entry: leave one out
+stack | late: [{part: left_a, at_s: -4}]                               | -4       | must be at least 0
+stack | late: [{part: left_a}]                                         | {part    | key 'at_s' is missing
 stack | failures: {pik: {probability: 0.1}}                            | pik      | unknown skill 'pik'; did you mean 'pick'? (valid: pick, place-down
 stack | failures: {transit: {probability: 0.1}}                        | transit  | unknown skill 'transit' (valid: pick, place-down
 stack | failures: {pick: 0.1}                                          | 0.1      | a mapping (key: value) expected, not 0.1

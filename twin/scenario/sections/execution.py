@@ -14,7 +14,7 @@ from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.windows import WindowsSection
-from twin.uncertainty.disturbances import Disturbances, Outage
+from twin.uncertainty.disturbances import Disturbances, LatePart, Outage
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
@@ -67,6 +67,7 @@ class ExecutionSection(Disturbances):
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
         windows: how windows of time between steps are kept.
         outages: robots that stop for good, for ``twin operate``.
+        late: parts that are not there in time, which nobody knows beforehand, for ``twin operate``.
         recovery: what is done then, and when a skill has failed for good.
     """
 
@@ -81,6 +82,7 @@ class ExecutionSection(Disturbances):
     skill_overrides: tuple[SkillOverride, ...] = ()
     windows: WindowsSection = WindowsSection()
     outages: tuple[Outage, ...] = ()
+    late: tuple[LatePart, ...] = ()
     recovery: RecoverySection = RecoverySection()
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
