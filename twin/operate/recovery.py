@@ -7,7 +7,6 @@ the integer program chooses; else the step is given up with what rests on it, an
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 
@@ -48,6 +47,7 @@ from twin.operate.committed import (
     tried_task,
 )
 from twin.operate.dependents import resting_steps
+from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
 from twin.operate.rolling import Failure, Incident, Version
 from twin.planning.kind import PlannedMotions
@@ -81,22 +81,16 @@ class _Going:
         cell: with the objects that have come up.
         task_plan: the choices.
         steps, past: tasks, as of a world.
-        given_up: steps that are not done any more, by number, with the reason.
-        gone: objects that are lost.
-        shunned: objects that could not be picked, and are only tried again where there are no others.
-        tries: how often all attempts at a skill of a step have failed.
         luck: of its tasks.
+        ledger: what has become of steps and objects.
     """
 
     cell: Workcell
     task_plan: TaskPlan
     steps: tuple[StepTasks, ...]
     luck: Luck
+    ledger: Ledger
     past: tuple[StepTasks, ...] = ()
-    given_up: Mapping[int, str] = field(default_factory=dict)
-    gone: frozenset[str] = frozenset()
-    shunned: frozenset[str] = frozenset()
-    tries: Mapping[tuple[int, str], int] = field(default_factory=dict)
 
 
 @dataclass
@@ -128,16 +122,20 @@ class Recovery:
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )
         self.motions = replace(self.motions, settings=settings)
-        self._contacts = resting_steps(self.motions)
-        steps = planned_steps(tpg)
-        self._executed = _Going(tpg.cell, self.motions.task_plan, steps, Luck.of(tpg))
+        self._executed = _Going(
+            tpg.cell,
+            self.motions.task_plan,
+            planned_steps(tpg),
+            Luck.of(tpg),
+            Ledger(resting_steps(self.motions)),
+        )
         self._planned = self._executed
         self._restore(self._executed)
 
     @property
     def given_up(self) -> Mapping[int, str]:
         """Steps that are not done any more in what is executed, by number, with the reason."""
-        return self._executed.given_up
+        return self._executed.ledger.given_up
 
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""
@@ -175,19 +173,14 @@ class Recovery:
             self._task_plan,
             self._steps,
             self._luck,
+            self._ledger.copy(),
             self._past,
-            dict(self._given_up),
-            frozenset(self._gone),
-            frozenset(self._shunned),
-            dict(self._tries),
         )
 
     def _restore(self, going: _Going) -> None:
         self._cell, self._task_plan = going.cell, going.task_plan
         self._steps, self._past, self._luck = going.steps, going.past, going.luck
-        self._given_up = dict(going.given_up)
-        self._gone, self._shunned = set(going.gone), set(going.shunned)
-        self._tries = Counter(going.tries)
+        self._ledger = going.ledger.copy()
 
     def _from_some_cut(
         self, tpg: TemporalPlanGraph, incident: Incident, judged: Judged
@@ -203,7 +196,7 @@ class Recovery:
             except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
                 why = str(error)
             else:
-                more = len(self._given_up) - len(before.given_up)
+                more = len(self._ledger.given_up) - len(before.ledger.given_up)
                 found.append((more, union, new, at, self._state()))
             self._restore(before)
             if found and found[-1][0] == 0:
@@ -217,7 +210,7 @@ class Recovery:
         done = world.begun().keys() - left
         for choice in self._task_plan.choices:
             if choice.step not in done:
-                self._give_up(choice.step, why)
+                self._ledger.give_up(choice.step, why)
         nothing = committed_part(at.committed, [0] * len(at.committed.chains))
         waits = np.empty((0, 2), dtype=np.int64)
         union = extended(at.committed, nothing, self._cell, waits, order=at.robots)
@@ -227,14 +220,14 @@ class Recovery:
         """Return the world once all that is committed is complete."""
         complete = set(at.complete)
         for task in at.tried:
-            if task.step in at.judged.reopened or task.step in self._given_up:
+            if task.step in at.judged.reopened or task.step in self._ledger.given_up:
                 complete.add(task.index)
         return World(
             at.state,
             self._steps,
             self._past,
             frozenset(complete),
-            frozenset(self._gone | self._shunned) | at.out,
+            frozenset(self._ledger.gone | self._ledger.shunned) | at.out,
             len(at.committed.tasks),
         )
 
@@ -248,16 +241,16 @@ class Recovery:
         while True:
             world = self._world(at)
             reopened = {**at.judged.reopened, **self._interrupted(at.out, world)}
-            for step in self._given_up.keys() & world.begun().keys():
+            for step in self._ledger.given_up.keys() & world.begun().keys():
                 reopened.setdefault(step, frozenset())
-            given_up = frozenset(self._given_up)
+            given_up = frozenset(self._ledger.given_up)
             now = Situation(
                 world, self._task_plan, reopened, given_up, aside=goes_aside
             )
             if hopeless := self._hopeless(now):
-                if not self._takes_what_is_there():
+                if not self._ledger.takes_what_is_there():
                     for step, why in hopeless.items():
-                        self._give_up(step, why)
+                        self._ledger.give_up(step, why)
                 continue
             try:
                 found = plan_from(
@@ -277,7 +270,9 @@ class Recovery:
                     others = _standing(left, but=error.step) - world.out
                 if others - goes_aside:
                     goes_aside |= others
-                elif not self._takes_what_is_there() and not self._retreat(now, error):
+                elif not self._ledger.takes_what_is_there() and not self._retreat(
+                    now, error
+                ):
                     raise
                 continue
             onward = found.onward
@@ -293,43 +288,31 @@ class Recovery:
             self._steps, self._past = onward.steps, onward.past
             return union, found.tpg
 
-    def _takes_what_is_there(self) -> bool:
-        """Try again what could not be picked before; return whether there is anything of that kind."""
-        there = bool(self._shunned)
-        self._shunned.clear()
-        return there
-
     def _hopeless(self, now: Situation) -> dict[int, str]:
         """Return the steps that nobody can do any more, with the reason."""
         problem = narrowed(self.work.problem, now.kept, now.world.out, {})
         return {
             step: problem.lacking(step) or ""
             for step in problem.impossible
-            if step not in now.kept and step not in self._given_up
+            if step not in now.kept and step not in self._ledger.given_up
         }
 
     def _retreat(self, now: Situation, error: TwinError) -> bool:
         """Give up a step, and tell whether there was one: that of the error, else what fewest rest on."""
-        left = [c.step for c in self._task_plan.choices if c.step not in self._given_up]
+        left = [
+            c.step
+            for c in self._task_plan.choices
+            if c.step not in self._ledger.given_up
+        ]
         named = error.step if isinstance(error, TransitError) else None
         if named not in left:
             steps = [step for step in left if step not in now.kept]
             if not steps:
                 return False
-            named = min(steps, key=lambda k: (len(self._contacts.get(k, ())), -k))
+            named = min(steps, key=lambda k: (len(self._ledger.resting.get(k, ())), -k))
         assert named is not None
-        self._give_up(named, str(error))
+        self._ledger.give_up(named, str(error))
         return True
-
-    def _give_up(self, step: int, why: str) -> None:
-        """Give up a step with all that rests on it."""
-        todo = [step]
-        while todo:
-            one = todo.pop()
-            if one not in self._given_up:
-                words = why if one == step else f"it rests on step {step}"
-                self._given_up[one] = words.splitlines()[0]
-                todo += [k for k in self._contacts.get(one, ()) if k > one]
 
     def _judged(self, tpg: TemporalPlanGraph, incident: Incident) -> Judged:
         """Decide what is done about each failure, and what becomes of the object."""
@@ -338,10 +321,10 @@ class Recovery:
             task = tried_task(tpg, failure)
             change = self._changes(tpg, incident, failure, task)
             changes.append(change)
-            self._tries[task.step, task.kind] += not failure.missing
-            often = self._tries[task.step, task.kind]
+            self._ledger.tries[task.step, task.kind] += not failure.missing
+            often = self._ledger.tries[task.step, task.kind]
             if often > self.scenario.execution.recovery.again:
-                self._give_up(task.step, f"{task.label} failed {often} times")
+                self._ledger.give_up(task.step, f"{task.label} failed {often} times")
                 words.append(f"step {task.step} is given up")
             elif change or task.kind == "pick":
                 reopened[task.step] = frozenset({task.robot})
@@ -364,7 +347,7 @@ class Recovery:
         if name is None or task.kind not in HANDLING:
             return ()
         if failure.missing:
-            self._shunned.add(name)
+            self._ledger.shunned.add(name)
             return ()
         # What it holds does not change any more before its robot goes on.
         counts = cut_after(
@@ -375,9 +358,9 @@ class Recovery:
         retries = self.scenario.execution.failures[task.kind].retries
         if failure.attempts > retries or at is None:
             if task.kind == "pick":
-                self._shunned.add(name)
+                self._ledger.shunned.add(name)
             return ()
-        self._gone.add(name)
+        self._ledger.gone.add(name)
         if at.holder is None:
             return (Handling(name, 1, GONE, at.pose),)
         pose = pose_of(tpg.cell, state, name)
@@ -387,12 +370,12 @@ class Recovery:
         self, out: frozenset[str], world: World
     ) -> dict[int, frozenset[str]]:
         """Return the steps in the middle of which a robot is out; what it holds is lost."""
-        self._gone |= {name for name, at in world.held() if at.holder in out}
+        self._ledger.gone |= {name for name, at in world.held() if at.holder in out}
         found = {}
         for number, step in world.begun().items():
             left = [t for t in step.tasks if t.index not in world.complete]
             if any(t.robot in out and t.kind != TRANSIT for t in left):
-                self._gone |= {t.object for t in left if t.object is not None}
+                self._ledger.gone |= {t.object for t in left if t.object is not None}
                 found[number] = out
         return found
 

@@ -1,0 +1,52 @@
+"""What has become of steps and objects in an operation: what is given up, lost, or was tried in vain."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+
+@dataclass
+class Ledger:
+    """What is known of the steps and objects of an operation at one time.
+
+    Attributes:
+        resting: the later steps that rest on each step, by number.
+        given_up: steps that are not done any more, by number, with the reason.
+        gone: objects that are lost.
+        shunned: objects that could not be picked, and are only tried again where there are no others.
+        tries: how often all attempts at a skill of a step have failed.
+    """
+
+    resting: Mapping[int, frozenset[int]]
+    given_up: dict[int, str] = field(default_factory=dict)
+    gone: set[str] = field(default_factory=set)
+    shunned: set[str] = field(default_factory=set)
+    tries: Counter[tuple[int, str]] = field(default_factory=Counter)
+
+    def copy(self) -> Ledger:
+        """Return one that goes on independently."""
+        return replace(
+            self,
+            given_up=dict(self.given_up),
+            gone=set(self.gone),
+            shunned=set(self.shunned),
+            tries=Counter(self.tries),
+        )
+
+    def give_up(self, step: int, why: str) -> None:
+        """Give up a step with all that rests on it."""
+        todo = [step]
+        while todo:
+            one = todo.pop()
+            if one not in self.given_up:
+                words = why if one == step else f"it rests on step {step}"
+                self.given_up[one] = words.splitlines()[0]
+                todo += [k for k in self.resting.get(one, ()) if k > one]
+
+    def takes_what_is_there(self) -> bool:
+        """Try again what could not be picked before; return whether there is anything of that kind."""
+        there = bool(self.shunned)
+        self.shunned.clear()
+        return there
