@@ -23,7 +23,15 @@ from planning.tasks.assignment import (
     TaskPlan,
 )
 from planning.tasks.highs_solver import assign_steps
-from planning.tasks.task import GONE, TAKEN_OUT, TRANSIT, Handling, StepTasks, Task
+from planning.tasks.task import (
+    GONE,
+    TAKEN_OUT,
+    TRANSIT,
+    AllowedContact,
+    Handling,
+    StepTasks,
+    Task,
+)
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, readonly
 from planning.worlds.world import Leftover, World, continued, leftovers
@@ -270,7 +278,9 @@ def _taken_out(
         )
         path, label = readonly(placed.home[None]), f"{name} is taken out"
         task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
-        return StepTasks(1, (task,), (), ())
+        # As it is let go of, it is still where the tool touches it.
+        touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
+        return StepTasks(1, (task,), (), (touches,))
 
     return _once(numbered)
 

@@ -51,6 +51,7 @@ class Committed:
         state: where everything is then.
         tried: tasks of which all attempts have failed.
         out: robots that are out.
+        unwanted: steps that are not wanted any more, unless they have begun.
         judged: what is done about failures.
     """
 
@@ -60,6 +61,7 @@ class Committed:
     state: WorldState
     tried: tuple[Task, ...]
     out: frozenset[str]
+    unwanted: frozenset[int]
     judged: Judged
 
     @property
@@ -89,6 +91,7 @@ def committed_at(
         state_at(committed, full),
         tuple(tried_task(tpg, failure) for failure in incident.failures),
         incident.out,
+        incident.unwanted,
         judged,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 
@@ -13,7 +13,8 @@ class Ledger:
 
     Attributes:
         resting: the later steps that rest on each step, by number.
-        given_up: steps that are not done any more, by number, with the reason.
+        given_up: steps that nobody does any more, by number, with the reason.
+        dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
         gone: objects that are lost.
         shunned: objects that could not be picked, and are only tried again where there are no others.
         tries: how often all attempts at a skill of a step have failed.
@@ -21,6 +22,7 @@ class Ledger:
 
     resting: Mapping[int, frozenset[int]]
     given_up: dict[int, str] = field(default_factory=dict)
+    dropped: dict[int, str] = field(default_factory=dict)
     gone: set[str] = field(default_factory=set)
     shunned: set[str] = field(default_factory=set)
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
@@ -30,20 +32,39 @@ class Ledger:
         return replace(
             self,
             given_up=dict(self.given_up),
+            dropped=dict(self.dropped),
             gone=set(self.gone),
             shunned=set(self.shunned),
             tries=Counter(self.tries),
         )
 
+    @property
+    def undone(self) -> frozenset[int]:
+        """Steps that are not done any more, whatever the reason."""
+        return frozenset(self.given_up.keys() | self.dropped.keys())
+
     def give_up(self, step: int, why: str) -> None:
         """Give up a step with all that rests on it."""
-        todo = [step]
+        for one, words in self._with_resting(step, why):
+            if one not in self.dropped:
+                self.given_up.setdefault(one, words)
+
+    def drop(self, step: int) -> None:
+        """Take note that a step is not wanted any more, so that all that rests on it cannot be done."""
+        for one, words in self._with_resting(step, "it is not wanted any more"):
+            self.given_up.pop(one, None)
+            if one == step or one not in self.dropped:
+                self.dropped[one] = words
+
+    def _with_resting(self, step: int, why: str) -> Iterator[tuple[int, str]]:
+        todo, seen = [step], {step}
         while todo:
             one = todo.pop()
-            if one not in self.given_up:
-                words = why if one == step else f"it rests on step {step}"
-                self.given_up[one] = words.splitlines()[0]
-                todo += [k for k in self.resting.get(one, ()) if k > one]
+            words = why if one == step else f"it rests on step {step}"
+            yield one, words.splitlines()[0]
+            more = {k for k in self.resting.get(one, ()) if k > one} - seen
+            todo += sorted(more)
+            seen |= more
 
     def takes_what_is_there(self) -> bool:
         """Try again what could not be picked before; return whether there is anything of that kind."""

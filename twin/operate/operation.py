@@ -44,12 +44,14 @@ class Operation:
         record: when.
         versions: graphs that took the place of the first one.
         given_up: steps that were not done, by number, with the reason.
+        dropped: steps that were not wanted any more, and not done, likewise.
     """
 
     tpg: TemporalPlanGraph
     record: ExecutionRecord
     versions: tuple[Version, ...]
     given_up: Mapping[int, str]
+    dropped: Mapping[int, str]
 
     @property
     def planning_s(self) -> tuple[float, ...]:
@@ -68,6 +70,7 @@ class Operation:
                 for version in self.versions
             ],
             "given_up": {str(step): why for step, why in sorted(self.given_up.items())},
+            "dropped": {str(step): why for step, why in sorted(self.dropped.items())},
         }
 
 
@@ -126,6 +129,8 @@ def operate(
     )
     for outage in scenario.execution.outages:
         cell.outage(outage.robot, round(outage.at_s * NANOSECONDS))
+    for change in scenario.execution.changes:
+        cell.drop(change.drop, round(change.at_s * NANOSECONDS))
     for k, item in enumerate(late):
         cell.late(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
@@ -164,6 +169,7 @@ def operate(
         record,
         tuple(cell.versions),
         planner.given_up,
+        planner.dropped,
     )
 
 

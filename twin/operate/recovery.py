@@ -137,6 +137,11 @@ class Recovery:
         """Steps that are not done any more in what is executed, by number, with the reason."""
         return self._executed.ledger.given_up
 
+    @property
+    def dropped(self) -> Mapping[int, str]:
+        """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
+        return self._executed.ledger.dropped
+
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""
         self._executed = self._planned
@@ -220,7 +225,7 @@ class Recovery:
         """Return the world once all that is committed is complete."""
         complete = set(at.complete)
         for task in at.tried:
-            if task.step in at.judged.reopened or task.step in self._ledger.given_up:
+            if task.step in at.judged.reopened or task.step in self._ledger.undone:
                 complete.add(task.index)
         return World(
             at.state,
@@ -241,9 +246,11 @@ class Recovery:
         while True:
             world = self._world(at)
             reopened = {**at.judged.reopened, **self._interrupted(at.out, world)}
-            for step in self._ledger.given_up.keys() & world.begun().keys():
+            for step in at.unwanted - (world.begun().keys() - reopened.keys()):
+                self._ledger.drop(step)
+            given_up = self._ledger.undone
+            for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
-            given_up = frozenset(self._ledger.given_up)
             now = Situation(
                 world, self._task_plan, reopened, given_up, aside=goes_aside
             )
@@ -294,16 +301,13 @@ class Recovery:
         return {
             step: problem.lacking(step) or ""
             for step in problem.impossible
-            if step not in now.kept and step not in self._ledger.given_up
+            if step not in now.kept and step not in self._ledger.undone
         }
 
     def _retreat(self, now: Situation, error: TwinError) -> bool:
         """Give up a step, and tell whether there was one: that of the error, else what fewest rest on."""
-        left = [
-            c.step
-            for c in self._task_plan.choices
-            if c.step not in self._ledger.given_up
-        ]
+        undone = self._ledger.undone
+        left = [c.step for c in self._task_plan.choices if c.step not in undone]
         named = error.step if isinstance(error, TransitError) else None
         if named not in left:
             steps = [step for step in left if step not in now.kept]
@@ -388,6 +392,9 @@ class Recovery:
                 f"{task.object} is not there" if missing else f"{task.label} failed"
             )
         words += [f"{name} is out" for name in sorted(incident.out)]
+        if incident.unwanted:
+            steps = ", ".join(map(str, sorted(incident.unwanted)))
+            words.append(f"not wanted any more: steps {steps}")
         return "; ".join(words)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -53,11 +54,13 @@ class Incident:
     Attributes:
         failures: skills that failed.
         out: robots that are out.
+        unwanted: steps that are not wanted any more, by number.
         released: how many nodes of each chain have been released.
     """
 
     failures: tuple[Failure, ...]
     out: frozenset[str]
+    unwanted: frozenset[int]
     released: tuple[int, ...]
 
 
@@ -121,6 +124,7 @@ class RollingExecution(SuppliedExecution):
         self._limit = [len(chain) for chain in self.tpg.chains]
         self._failures: list[Failure] = []
         self._out: set[str] = set()
+        self._unwanted: set[int] = set()
         self._again = False
         self._planning = False
         self._finished: dict[int, int] = {}
@@ -140,6 +144,26 @@ class RollingExecution(SuppliedExecution):
                 self._replan()
 
         self.env.process(stop())
+
+    def drop(self, steps: Collection[int], at_ns: int) -> None:
+        """Let steps be not wanted any more from a time on [ns]."""
+
+        def change() -> Steps:
+            yield self.env.timeout(at_ns)
+            self._unwanted.update(steps)
+            # Steps that have begun are brought to an end.
+            if self._unwanted - self._begun():
+                self._replan()
+
+        self.env.process(change())
+
+    def _begun(self) -> set[int]:
+        """Return the steps of which a skill has been released."""
+        return {
+            self.tpg.tasks[int(task)].step
+            for chain, count in zip(self.tpg.chains, self.released, strict=True)
+            for task in chain.task[:count][chain.skill[:count]]
+        }
 
     def _tell_of_outage(self, chain: int) -> None:
         if self.narrator is not None:
@@ -209,6 +233,7 @@ class RollingExecution(SuppliedExecution):
             incident = Incident(
                 tuple(self._failures),
                 frozenset(self._out),
+                frozenset(self._unwanted),
                 # Whatever is done, what is to be brought is brought.
                 tuple(
                     max(n, int(k in self._coming)) for k, n in enumerate(self.released)

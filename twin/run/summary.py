@@ -249,10 +249,11 @@ def _operation_rows(
     causes = "; ".join(version["cause"] for version in versions[:3])
     more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
     rows = [("planned anew", f"{len(versions)} times", causes + more)]
-    for step, why in list(operation["given_up"].items())[:5]:
-        rows.append((f"step {step}", "given up", why))
-    if (left := len(operation["given_up"]) - 5) > 0:
-        rows.append(("further steps", str(left), "given up"))
+    for key, words in (("given_up", "given up"), ("dropped", "dropped")):
+        undone = list(operation.get(key, {}).items())
+        rows += [(f"step {step}", words, why) for step, why in undone[:5]]
+        if (left := len(undone) - 5) > 0:
+            rows.append(("further steps", str(left), words))
     return rows
 
 

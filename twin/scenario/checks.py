@@ -223,6 +223,15 @@ def _check_robot_names(scenario: Scenario) -> Found:
     for i, name in _again([item.part for item in late]):
         words = f"{name} comes at another time by another entry: leave one out"
         yield ("execution", "late", i, "part"), words
+    count, seen = assembly_kind(scenario.assembly).steps(), set[int]()
+    for i, change in enumerate(scenario.execution.changes):
+        for k, step in enumerate(change.drop):
+            words = f"there is no step {step} (valid: 1 to {count})"
+            if step in seen:
+                words = f"step {step} is dropped already: leave it out"
+            if step > count or step in seen:
+                yield ("execution", "changes", i, "drop", k), words
+            seen.add(step)
 
 
 def _again(names: Sequence[str]) -> Iterator[tuple[int, str]]:

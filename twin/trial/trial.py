@@ -194,12 +194,14 @@ def _conclude(
         progress(RECORDS, total, total)
 
     audit = None
+    # What is not wanted any more need not be in place.
+    dropped = done.operation is not None and done.operation.dropped
     if about.audit and record.outcome != "aborted":
         report = audit_execution(
             scenario,
             folder,
             ordered=record.policy != "open-loop",
-            finished=record.outcome == "completed",
+            finished=record.outcome == "completed" and not dropped,
             engine=None if about.audit is True else engine_named(str(about.audit)),
             progress=progress,
         )

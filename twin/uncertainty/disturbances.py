@@ -239,6 +239,18 @@ class LatePart(Section):
     at_s: Annotated[float, Field(ge=0, le=1e6)]
 
 
+class OrderChange(Section):
+    """A change of what is wanted, which nobody knows beforehand.
+
+    Attributes:
+        at_s: when it is known [s].
+        drop: steps that are not wanted any more from then on, by their numbers in the plan.
+    """
+
+    at_s: Annotated[float, Field(ge=0, le=1e6)]
+    drop: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)]
+
+
 class MachineDisturbances(Section):
     """What disturbs one machine; nothing by default.
 

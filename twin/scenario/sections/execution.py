@@ -14,7 +14,7 @@ from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.windows import WindowsSection
-from twin.uncertainty.disturbances import Disturbances, LatePart, Outage
+from twin.uncertainty.disturbances import Disturbances, LatePart, OrderChange, Outage
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
@@ -68,6 +68,7 @@ class ExecutionSection(Disturbances):
         windows: how windows of time between steps are kept.
         outages: robots that stop for good, for ``twin operate``.
         late: parts that are not there in time, which nobody knows beforehand, for ``twin operate``.
+        changes: of what is wanted, for ``twin operate``.
         recovery: what is done then, and when a skill has failed for good.
     """
 
@@ -83,6 +84,7 @@ class ExecutionSection(Disturbances):
     windows: WindowsSection = WindowsSection()
     outages: tuple[Outage, ...] = ()
     late: tuple[LatePart, ...] = ()
+    changes: tuple[OrderChange, ...] = ()
     recovery: RecoverySection = RecoverySection()
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
