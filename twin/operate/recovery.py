@@ -12,7 +12,7 @@ from dataclasses import InitVar, dataclass, field, replace
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import Workcell, start_state
 from planning.errors import (
     InfeasibleStepError,
     PlanInvariantError,
@@ -34,7 +34,12 @@ from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
 from planning.worlds.world import Leftover, World, leftovers, pose_of
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.cut import cut_after, planned_steps, state_at
+from scheduling.rolling.cut import (
+    complete_tasks,
+    cut_after,
+    planned_steps,
+    state_at,
+)
 from scheduling.rolling.extension import committed_part, extended
 from scheduling.rolling.supply import brought_by, supply_waits
 from twin.durations.model import NANOSECONDS
@@ -141,6 +146,12 @@ class Recovery:
     def dropped(self) -> Mapping[int, str]:
         """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
         return self._executed.ledger.dropped
+
+    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
+        """Return the steps that have begun once so many nodes of each chain are executed."""
+        complete = complete_tasks(tpg, counts)
+        steps = self._executed.steps
+        return set(World(start_state(tpg.cell), steps, complete=complete).begun())
 
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""

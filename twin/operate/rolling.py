@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -99,6 +99,10 @@ class Planner(Protocol):
         """
         ...
 
+    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
+        """Return the steps that have begun once so many nodes of each chain are executed."""
+        ...
+
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""
         ...
@@ -151,19 +155,12 @@ class RollingExecution(SuppliedExecution):
         def change() -> Steps:
             yield self.env.timeout(at_ns)
             self._unwanted.update(steps)
-            # Steps that have begun are brought to an end.
-            if self._unwanted - self._begun():
+            failed = {f.chain: f.node for f in self._failures}
+            counts = [failed.get(k, n) for k, n in enumerate(self.released)]
+            if self._unwanted - self._planner.begun(self.tpg, counts):
                 self._replan()
 
         self.env.process(change())
-
-    def _begun(self) -> set[int]:
-        """Return the steps of which a skill has been released."""
-        return {
-            self.tpg.tasks[int(task)].step
-            for chain, count in zip(self.tpg.chains, self.released, strict=True)
-            for task in chain.task[:count][chain.skill[:count]]
-        }
 
     def _tell_of_outage(self, chain: int) -> None:
         if self.narrator is not None:

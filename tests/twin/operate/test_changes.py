@@ -83,9 +83,9 @@ def test_what_is_wanted_is_done_and_the_rest_is_said(
 
 
 def test_steps_that_have_begun_are_brought_to_an_end(plan: PlanResult) -> None:
-    same, events = operated(plan, 0)
-    begins = first_skill_ns(same)
-    done, others = operated(plan, 0, **dropping(begins[2] / 1e9 + 1.0, 2))
+    _, events = operated(plan, 0)
+    picked = next(e for e in events if e.kind == "attached" and e.object == "left_a")
+    done, others = operated(plan, 0, **dropping(picked.t_ns / 1e9 + 5.0, 2))
     assert done.dropped == {}
     assert others == events
 
