@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,14 @@ class _Places:
         self.solids: list[Solid] = []
         self._known: dict[tuple[ConvexBody, bytes], int] = {}
         self._lock = Lock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process needs."""
+        return {k: v for k, v in vars(self).items() if k != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take it over, with a lock of its own."""
+        vars(self).update(state, _lock=Lock())
 
     @property
     def full(self) -> bool:

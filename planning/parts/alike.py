@@ -27,7 +27,7 @@ from planning.grips.friction import firm_grips
 from planning.grips.tool_grips import overload, robot_grips
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart
 from planning.parts.candidates import PartCandidates
-from planning.parts.part_skills import PartSkills, SkillTry
+from planning.parts.part_skills import SkillTry, ToolSkills
 from planning.parts.part_steps import PartStep, part_steps
 from planning.steps.handovers import CandidateCollector
 from planning.steps.skill import Obstruction, joint_distance
@@ -36,7 +36,6 @@ from planning.steps.tool_changes import (
     in_racks,
     mounted_tool,
     with_each_tool,
-    with_tools,
 )
 from planning.tasks.assignment import AssignmentProblem, PrimaryCandidate
 from planning.tasks.highs_solver import assign_steps
@@ -124,7 +123,7 @@ class Sharing:
         self._cell, self._assembly, around = cell, assembly, in_racks(cell)
         self._robots = tuple(with_each_tool(cell.robots))
         self._changes = find_tool_changes(cell, assembly.goals)
-        self._skills = cache(lambda own: PartSkills(with_tools(cell, own), assembly))
+        self._skills = ToolSkills(cell, assembly)
         self._ends = cache(self._find_ends)
         self._group = {name: group for group in assembly.alike for name in group}
         items = [item for item in around.objects if item.name in self._group]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from planning.grips.tool_grips import (
 )
 from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Process, Work
 from planning.parts.balance import stand_of_all
-from planning.parts.part_skills import PartSkills, SkillTry, process_targets
+from planning.parts.part_skills import SkillTry, ToolSkills, process_targets
 from planning.parts.part_steps import (
     KnownStep,
     PartStep,
@@ -147,9 +146,7 @@ class PartCollector(CandidateCollector):
         super().__init__(cell.robots)
         self._cell, self._assembly = cell, assembly
         self._robots = tuple(with_each_tool(cell.robots))
-        self._skills = cache(
-            lambda tools: PartSkills(with_tools(cell, tools), assembly)
-        )
+        self._skills = ToolSkills(cell, assembly)
         self.paths = StepPaths(self._skills, steps, keeps)
         self.pairing = Pairing(self.paths, self)
 

@@ -67,10 +67,16 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
     """Return the assembly work of part candidates, for assignment and motion planning."""
     return AssemblyWork(
         candidates.problem,
-        lambda plan, step, first: _Expansion(candidates, plan, step, first).tasks(),
+        partial(_tasks, candidates),
         partial(_waiting_tasks, candidates),
         windows=partial(_time_windows, candidates.steps),
     )
+
+
+def _tasks(
+    candidates: PartCandidates, plan: TaskPlan, step: int, first: int
+) -> StepTasks:
+    return _Expansion(candidates, plan, step, first).tasks()
 
 
 class _Expansion:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -44,6 +44,8 @@ from planning.steps.skill_scene import (
     find_obstruction,
     resolve_skill,
 )
+from planning.steps.tool_changes import with_tools
+from planning.tasks.assignment import Tools
 from planning.tasks.task import HOLD
 from planning.transforms import (
     Array,
@@ -384,3 +386,24 @@ class PartSkills:
     @property
     def _at_home(self) -> dict[str, Array]:
         return {robot.name: robot.home for robot in self.cell.robots}
+
+
+@dataclass
+class ToolSkills:
+    """Skills in one cell by the tools of its robots; a plain class, as closures cannot be sent to other processes.
+
+    Attributes:
+        cell: robots and fixtures.
+        assembly: grips, approaches and ways back.
+    """
+
+    cell: Workcell
+    assembly: PartAssembly
+    _known: dict[Tools, PartSkills] = field(default_factory=dict)
+
+    def __call__(self, tools: Tools) -> PartSkills:
+        """Return the skills with some tools mounted."""
+        if tools not in self._known:
+            cell = with_tools(self.cell, tools)
+            self._known[tools] = PartSkills(cell, self.assembly)
+        return self._known[tools]

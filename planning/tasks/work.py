@@ -19,6 +19,14 @@ _MOST_WAYS = 12
 """How many ways are tried for one step."""
 
 
+def _none(_: object) -> None:
+    """Return that there is nothing; unlike a lambda it can be sent to another process."""
+
+
+def _no_items(_: object) -> tuple[()]:
+    return ()
+
+
 @dataclass(frozen=True)
 class AssemblyWork:
     """An assembly ready to be assigned and planned, whatever it is made of.
@@ -38,15 +46,15 @@ class AssemblyWork:
 
     problem: AssignmentProblem
     expand: Callable[[TaskPlan, int, int], StepTasks]
-    waits: Callable[[Sequence[StepTasks]], Iterable[tuple[Task, Task]]] = lambda _: ()
+    waits: Callable[[Sequence[StepTasks]], Iterable[tuple[Task, Task]]] = _no_items
     assembly: Any = None
     order: tuple[int, ...] = ()
-    exchanged: Callable[[int], AssemblyWork | None] = lambda _: None
-    windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = lambda _: ()
+    exchanged: Callable[[int], AssemblyWork | None] = _none
+    windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = _no_items
 
     def in_this_order(self) -> AssemblyWork:
         """Return the same work without any other order of its steps."""
-        return replace(self, exchanged=lambda _: None)
+        return replace(self, exchanged=_none)
 
     def link(self, steps: Sequence[StepTasks]) -> Indices:
         """Return all dependencies between tasks, those within the steps included.
