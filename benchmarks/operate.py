@@ -23,21 +23,16 @@ import numpy as np
 
 from benchmarks.machine import date_line, machine_line
 from benchmarks.store import RowStore
-from planning.cell.workcell import start_state
-from planning.tasks.task import FAILED, GONE
-from planning.worlds.onward import Situation
-from planning.worlds.world import World
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from twin.host.progress import StageWatch
+from twin.durations.model import NANOSECONDS
+from twin.operate.hindsight import Hindsight
 from twin.operate.operation import Operation, operate
-from twin.planning.onward import plan_from
-from twin.planning.pipeline import planned_shortcuts
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
-from twin.trial.simulation import execute, scenario_execution
+from twin.trial.simulation import scenario_execution
 
 ROOT = Path(__file__).parents[1]
 CASES = (
@@ -91,7 +86,8 @@ def measure(plan: PlanResult, rate: float, seed: int, *, verified: bool) -> Row:
         row["stop"] = _told(stop)
     else:
         row["stop"] = row["ours"]
-    row["knew_s"] = _knowing(plan, case, ours, seed)
+    knew = Hindsight(sections, plan.motions, plan.tpg, model).makespan_ns(ours)
+    row["knew_s"] = None if knew is None else knew / NANOSECONDS
     return row
 
 
@@ -111,39 +107,6 @@ def _in_order(done: Operation) -> bool:
     return executed and all(
         end[k][u] <= start[i][v] for k, u, i, v in done.tpg.edges.tolist()
     )
-
-
-def _knowing(
-    plan: PlanResult, case: LoadedScenario, ours: Operation, seed: int
-) -> float | None:
-    """Return the makespan of a plan that knew what would be lost [s]; None where there is none."""
-    tasks = {t.index: t for t in ours.tpg.tasks if t.kind == FAILED}
-    lost = {h.object for t in tasks.values() for h in t.handlings if h.holder == GONE}
-    tpg = plan.tpg
-    if ours.given_up:
-        return None
-    if lost:
-        cell = plan.motions.cell
-        world = World(start_state(cell), out=frozenset(lost))
-        now = Situation(world, plan.motions.task_plan)
-        tpg = plan_from(
-            plan.motions,
-            case.sections,
-            cell,
-            now,
-            (),
-            StageWatch(),
-            candidates=planned_shortcuts(case.sections),
-        ).tpg
-    failures = {
-        f"failures.{skill}": {
-            "probability": item.probability,
-            "retries": 1000,
-        }
-        for skill, item in case.sections.execution.failures.items()
-    }
-    sure = case.varied({**failures, "seed": seed})
-    return float(execute(sure.sections, tpg, sure.folder).makespan_s)
 
 
 def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from twin.api.runs import Begun, check
+from planning.errors import RequestError
+from twin.api.runs import AnyPlan, Begun, check
 from twin.audit.worlds.engines import engine_named
 from twin.host.progress import Report, report_nothing
-from twin.operate.operation import require_rolling
+from twin.operate.operation import require_picked, require_rolling
 from twin.run.folder import run_folder
-from twin.trial.loaded_scenario import AnyScenario, PathOrName, load
+from twin.run.policies import NAMED_POLICIES
+from twin.scenario.variations import Variant, layout_of, varied
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
+from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
 from twin.trial.run_result import RunResult
 from twin.trial.trial import try_plan
@@ -68,3 +73,73 @@ def operate(
             operated=True,
             progress=progress,
         )
+
+
+def require_operable(
+    plan: AnyPlan,
+    case: LoadedScenario,
+    names: Sequence[str],
+    variants: Sequence[Variant],
+) -> None:
+    """Refuse a study of what cannot be planned anew while it is executed.
+
+    Args:
+        plan, case: what is to be studied, and its scenario.
+        names: policies that are asked for.
+        variants: values of what is varied.
+
+    Raises:
+        RequestError: says why.
+    """
+    if isinstance(plan, PlanResult) and (
+        plan.made_of is None or plan.made_of.work is None
+    ):
+        raise RequestError(
+            "a plan alone does not say what others can be made from: operate a scenario"
+        )
+    for name in names:
+        if NAMED_POLICIES[name].release != "asynchronous":
+            could = [p for p, own in NAMED_POLICIES.items() if own[1] == "asynchronous"]
+            raise RequestError(
+                f"policy {name!r} cannot be planned anew while it is executed",
+                choices=tuple(could),
+            )
+    for variant in variants:
+        if keys := ", ".join(layout_of(variant)):
+            raise RequestError(
+                f"{keys}: what is operated has one plan; study each layout by itself"
+            )
+        require_rolling(varied(case.sections, variant))
+
+
+def operated_plan(
+    plan: AnyPlan,
+    variants: Sequence[Variant],
+    shortcuts: int | None,
+    failures: float | None,
+    progress: Report,
+) -> PlanResult:
+    """Return the plan that is operated in a study, with the scenario that says what fails.
+
+    Args:
+        plan: what is to be studied.
+        variants: values of what is varied.
+        shortcuts: most that are tried, in place of the scenario's.
+        failures: probability that an attempt fails where the scenario says nothing of the skill.
+        progress: told how far each stage has come.
+
+    Raises:
+        RequestError: a part is late that cannot be.
+        TwinError: there is no plan; see ``twin.plan``.
+    """
+    if not isinstance(plan, PlanResult):
+        tried = {"planning.shortcut_candidates": shortcuts}
+        case = load(plan).varied({} if shortcuts is None else tried)
+        plan = plan_to_operate(case, progress)
+    if failures is not None:
+        case = with_failures(plan.scenario, plan.tpg, failures)
+        plan = replace(plan, scenario=case)
+    for variant in variants:
+        late = varied(plan.scenario.sections, variant).execution.late
+        require_picked(plan.motions, [item.part for item in late])
+    return plan

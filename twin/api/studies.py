@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import RequestError
+from twin.api.operations import operated_plan, require_operable
 from twin.api.runs import AnyPlan, scenario_of
 from twin.audit.worlds.engines import engine_named
 from twin.comparison.chart import draw_comparison, mean, percent, spread
@@ -29,7 +30,11 @@ from twin.run.folder import CHART, COMPARISON, locked, new_results, run_folder
 from twin.run.policies import OPEN_LOOP, policy_named
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
-from twin.scenario.variations import Variation, variants, variation
+from twin.scenario.variations import (
+    Variation,
+    variants,
+    variation,
+)
 from twin.study.folder import (
     EDGES,
     REPLICATIONS,
@@ -42,6 +47,7 @@ from twin.study.folder import (
 from twin.study.plans import (
     default_policies,
     given_plans,
+    operated_policies,
     possible_policies,
     with_baselines,
 )
@@ -174,6 +180,8 @@ def study(
     audited: int = 20,
     audit_engine: str | None = None,
     shortcuts: int | None = None,
+    operate: bool = False,
+    failures: float | None = None,
     workers: int | None = 0,
     cluster: Cluster | None = None,
     out: PathOrName | None = None,
@@ -200,6 +208,10 @@ def study(
         audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
             is installed, else coal.
         shortcuts: most shortcuts tried on each plan, in place of the scenario's.
+        operate: plan anew what is left where a skill fails for good or a robot is out, as twin operate
+            does, of the plan that it executes.
+        failures: with it, probability that an attempt at any skill fails, of which a fifth loses what is
+            handled, where the scenario says nothing of that skill.
         workers: processes; 0 for none besides this one, None for one a core. A script that asks
             for some must be importable: what it does stands under ``if __name__ == "__main__":``.
         cluster: whose workers do it instead.
@@ -208,7 +220,8 @@ def study(
 
     Raises:
         ScenarioError: the file is not valid, or a varied input does not fit.
-        RequestError: the request contradicts itself, or the folder holds a study.
+        RequestError: the request contradicts itself, the folder holds a study, or what is to be operated
+            cannot be planned anew.
         TwinError: the scenario cannot be planned; see ``twin.plan``.
     """
     engine = engine_named(audit_engine) if audit_engine else None
@@ -217,12 +230,20 @@ def study(
     case = scenario_of(plan)
     names = tuple(map(policy_named, policies))
     varied = starmap(variation, vary.items()) if isinstance(vary, Mapping) else vary
-    plans, saved = None, ""
-    if isinstance(plan, PlanResult):
-        if shortcuts is not None:
-            raise RequestError(
-                "shortcuts are for planning, not for a plan that is there"
-            )
+    combined = variants(list(varied))
+    place, plans, saved = None if out is None else Path(out), None, ""
+    if isinstance(plan, PlanResult) and shortcuts is not None:
+        raise RequestError("shortcuts are for planning, not for a plan that is there")
+    motions = None
+    if operate:
+        require_operable(plan, case, names, combined)
+        require_no_study(place, case.sections)
+        plan = operated_plan(plan, combined, shortcuts, failures, progress)
+        case, names = plan.scenario, names or operated_policies(plan)[-1:]
+        plans, motions = given_plans(plan, names), plan.motions
+    elif failures is not None:
+        raise RequestError("failures are for what is operated: give operate, too")
+    elif isinstance(plan, PlanResult):
         possible = [p for p in possible_policies(plan) if p != OPEN_LOOP]
         own = with_baselines(possible[-1])
         names = names or tuple(policy for policy in own if policy in possible)
@@ -230,7 +251,7 @@ def study(
         saved = "" if plan.folder is None else str(plan.folder.resolve())
     experiment = Experiment(
         policies=names or default_policies(case.sections),
-        variants=variants(list(varied)),
+        variants=combined,
         replications=replications,
         precision=precision or Precision(),
         antithetic=antithetic,
@@ -239,13 +260,13 @@ def study(
     )
     budget = shortcut_budget(case.sections) if shortcuts is None else shortcuts
     request = StudyRequest(
-        case.sections, case.folder, experiment, budget, deadline_s, sobol, saved
+        *(case.sections, case.folder, experiment, budget, deadline_s, sobol, saved),
+        operated=operate,
     )
-    place = None if out is None else Path(out)
     require_no_study(place, request.scenario)
     executor = partial(open_executor, workers, cluster)
     with run_folder(place, f"study-{case.name}") as folder:
-        result = start_study(request, folder, executor, progress, plans)
+        result = start_study(request, folder, executor, progress, plans, motions)
     write_report(result, progress)
     return Study(result)
 

@@ -176,6 +176,7 @@ study = command(
     policies={"names": ("--policy",)},
     deadline_s={"names": ("--deadline",)},
     audited={"names": ("--audit-sample",)},
+    failures={"min": 0, "max": 1, "metavar": "P"},
     resume={"metavar": "DIR"},
 )
 compare = command("twin.api.studies:compare", _show_comparison, seeds={"min": 1})

@@ -7,8 +7,9 @@ Time is in integer nanoseconds. Events happen in the total order (time, priority
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from twin.engine.processes import Execution
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import POLICIES, DeadlockError, ExecutionRecord
 from twin.uncertainty.contraction import Contraction, contract
+from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import nominal_ns
 
@@ -41,13 +43,19 @@ class Simulator:
     Args:
         tpg: what to execute.
         model: how it is executed, and what varies.
+        names: of the draws of tasks that are not named by themselves, by index.
 
     Raises:
         PlanInvariantError: the policy is synchronous, but the plan was not made in slots.
         TwinError: there is no such policy.
     """
 
-    def __init__(self, tpg: TemporalPlanGraph, model: ExecutionModel) -> None:
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        model: ExecutionModel,
+        names: Mapping[int, TaskName] = MappingProxyType({}),
+    ) -> None:
         policy = model.policy
         if policy not in POLICIES:
             raise TwinError(f"no policy {policy!r}", choices=POLICIES)
@@ -59,7 +67,7 @@ class Simulator:
         self.tpg = tpg
         self._model = model
         self._sampler = NodeTimeSampler(
-            at_full_speed(tpg), model.durations, model.disturbances
+            at_full_speed(tpg), model.durations, model.disturbances, names
         )
         self._dispatcher = Dispatcher(tpg)
         self.contraction: Contraction | None = None

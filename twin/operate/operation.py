@@ -28,6 +28,7 @@ from twin.operate.rolling import (
 from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
+from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
@@ -45,6 +46,7 @@ class Operation:
         versions: graphs that took the place of the first one.
         given_up: steps that were not done, by number, with the reason.
         dropped: steps that were not wanted any more, and not done, likewise.
+        out: robots that were out.
     """
 
     tpg: TemporalPlanGraph
@@ -52,6 +54,7 @@ class Operation:
     versions: tuple[Version, ...]
     given_up: Mapping[int, str]
     dropped: Mapping[int, str]
+    out: frozenset[str]
 
     @property
     def planning_s(self) -> tuple[float, ...]:
@@ -101,7 +104,6 @@ def operate(
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
     """
     require_rolling(scenario)
-    _require_no_windows(motions)
 
     def draw(
         graph: TemporalPlanGraph, names: Mapping[int, TaskName] = MappingProxyType({})
@@ -112,7 +114,7 @@ def operate(
         return sampler.sample(seed=seed, replication=replication)
 
     late = scenario.execution.late
-    _require_picked(motions, [item.part for item in late])
+    require_picked(motions, [item.part for item in late])
     first = len(tpg.chains)
     tpg = _with_late(tpg, [item.part for item in late])
     planner = Recovery(scenario, motions, tpg, draw)
@@ -170,11 +172,16 @@ def operate(
         tuple(cell.versions),
         planner.given_up,
         planner.dropped,
+        cell.out,
     )
 
 
-def _require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
-    """Refuse parts that are late and that nobody picks, or that something stands on."""
+def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
+    """Refuse parts that are late and that nobody picks, or that something stands on.
+
+    Raises:
+        RequestError: names the part.
+    """
     assert motions.work is not None
     primaries = motions.work.problem.primaries
     picked = {item.object for item in primaries}
@@ -222,10 +229,11 @@ def require_rolling(scenario: Scenario) -> None:
         raise RequestError(
             "cells with machines, sources and products cannot be planned anew while they are executed"
         )
-
-
-def _require_no_windows(motions: PlannedMotions) -> None:
-    if motions.motion_plan.windows:
+    if isinstance(section := scenario.assembly, PartsSection) and any(
+        own.within_s is not None or own.at_least_s > 0.0
+        for step in section.steps
+        for own in step.follows
+    ):
         raise RequestError(
             "windows of time between steps are not kept where plans are made anew: leave out within_s and"
             " at_least_s"

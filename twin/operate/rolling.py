@@ -134,6 +134,11 @@ class RollingExecution(SuppliedExecution):
         self._finished: dict[int, int] = {}
         self._swapped = self.env.event()
 
+    @property
+    def out(self) -> frozenset[str]:
+        """Robots that are out."""
+        return frozenset(self._out)
+
     def outage(self, robot: str, at_ns: int) -> None:
         """Let a robot stop for good at a time [ns]."""
 

@@ -59,6 +59,7 @@ class StudyRequest:
         sobol_points: of the sample for Sobol indices, 0 for none.
         plan: folder of the run whose plan is studied; empty where it was planned for the study.
         refused: layouts that were asked for and cannot be planned.
+        operated: whether what fails is planned anew.
 
     Raises:
         RequestError: the deadline is no positive time, or the points are no power of 2.
@@ -72,6 +73,7 @@ class StudyRequest:
     sobol_points: int = 0
     plan: str = ""
     refused: tuple[Refused, ...] = ()
+    operated: bool = False
 
     def __post_init__(self) -> None:
         deadline_s = self.deadline_s
@@ -104,6 +106,7 @@ def write_request(
         "plan": request.plan,
         "refused": [asdict(item) for item in request.refused],
         "plans_sha256": dict(plans),
+        **({"operated": True} if request.operated else {}),
     }
     write_manifest(folder, request.scenario, cell, request.base, study=study)
 
@@ -130,6 +133,7 @@ def read_request(folder: Path) -> StudyRequest:
             int(study["sobol_points"]),
             str(study.get("plan", "")),
             TypeAdapter(tuple[Refused, ...]).validate_python(study.get("refused", ())),
+            bool(study.get("operated", False)),
         )
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         path = folder / MANIFEST

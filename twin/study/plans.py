@@ -16,6 +16,7 @@ from twin.check.check import check_scenario
 from twin.engine.bulk.holding import held_back
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
+from twin.planning.kind import PlannedMotions
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import plan_motions, planned_shortcuts
 from twin.run.policies import (
@@ -38,6 +39,7 @@ from twin.scenario.manifest import file_hashes, scenario_sha256
 from twin.scenario.sections.scenario import Scenario, resolved
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
+from twin.study.replications.operating import Operated
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload, timing_graph
 from twin.trial.plan_result import PlanResult
@@ -132,6 +134,12 @@ def given_plans(given: PlanResult, policies: tuple[str, ...]) -> Plans:
     }
 
 
+def operated_policies(given: PlanResult) -> tuple[str, ...]:
+    """Return the policies under which what fails of a plan can be planned anew."""
+    could = possible_policies(given)
+    return tuple(p for p in could if NAMED_POLICIES[p].release == "asynchronous")
+
+
 def possible_policies(given: PlanResult) -> tuple[str, ...]:
     """Return the policies that a plan left by a run can be studied under."""
     there = _plans_of(given)
@@ -180,9 +188,20 @@ def plan_hashes(plans: Plans) -> dict[str, str]:
 
 
 def workloads(
-    scenario: Scenario, base: Path, plans: Plans, experiment: Experiment
+    scenario: Scenario,
+    base: Path,
+    plans: Plans,
+    experiment: Experiment,
+    motions: PlannedMotions | None = None,
 ) -> list[Workload]:
     """Return the work of every cell of an experiment.
+
+    Args:
+        scenario: what is studied.
+        base: where relative paths of the scenario start.
+        plans: of all layouts.
+        experiment: policies and varied inputs.
+        motions: what the plans were made of, where what fails is planned anew.
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
@@ -199,6 +218,10 @@ def workloads(
             own, base, policy=release, antithetic=experiment.antithetic
         )
         reasons = tuple(own.execution.needs_event_engine())
+        operated = None
+        if motions is not None:
+            operated = Operated(own, motions, plans[name])
+            reasons += tuple(own.execution.known_when_it_happens())
         origin = {
             "scenario": scenario_sha256(resolved(own)),
             "plan": hashes[name],
@@ -206,6 +229,7 @@ def workloads(
             "antithetic": experiment.antithetic,
             "files": files,
             "versions": packages,
+            **({} if operated is None else {"operated": True}),
         }
         text = json.dumps(origin, sort_keys=True)
         made_from = hashlib.sha256(text.encode()).hexdigest()
@@ -214,7 +238,8 @@ def workloads(
             graph = plans[name]  # whom the clock stops in a skill brakes along its path
         held = held_back(graph, model)
         free = None if held is graph else graph
-        loads.append(Workload(held, model, scenario.seed, reasons, made_from, free))
+        about = held, model, scenario.seed, reasons, made_from, free
+        loads.append(Workload(*about, operated))
     return loads
 
 

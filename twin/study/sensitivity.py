@@ -169,8 +169,8 @@ def sobol_indices(
 
 
 def makespans_s(load: Workload, block: Block) -> Array:
-    """Return the makespans of some replications, NaN where one did not complete [s]."""
-    return Engines(load).compute(block).rows.makespans_s()
+    """Return the makespans of some replications, NaN where one did not complete as planned [s]."""
+    return Engines(replace(load, operated=None)).compute(block).rows.makespans_s()
 
 
 def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:

@@ -26,7 +26,7 @@ from twin.engine.execution_model import Messages
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.planning.build_workcell import build_workcell
-from twin.planning.kind import assembly_kind
+from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.sections.scenario import Scenario
@@ -49,6 +49,7 @@ from twin.study.gains.gains import CellGains, study_gains, write_gains
 from twin.study.line import product_columns, product_times
 from twin.study.plans import (
     Plans,
+    given_plans,
     load_plans,
     plan_hashes,
     plan_key,
@@ -69,6 +70,8 @@ from twin.study.tables import (
     write_replications,
     write_tables,
 )
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.base_errors import drawn_base, drawn_deviations
 from twin.uncertainty.disturbances import Speed
@@ -105,6 +108,7 @@ def start_study(
     open_executor: OpenExecutor,
     progress: Report = report_nothing,
     plans: Plans | None = None,
+    motions: PlannedMotions | None = None,
 ) -> StudyResult:
     """Plan what is to be studied, and run the study into a folder.
 
@@ -114,6 +118,7 @@ def start_study(
         open_executor: gives who computes.
         progress: told how far each stage has come.
         plans: what is studied, where it is there already.
+        motions: what these were made of, where what fails is planned anew.
 
     Raises:
         ScenarioError: a varied input does not fit the scenario.
@@ -133,7 +138,7 @@ def start_study(
     # The manifest comes last: a folder that has one can be gone on with.
     cell = build_workcell(scenario, request.base)
     write_request(folder, request, cell, plan_hashes(plans))
-    return _run(request, folder, plans, open_executor, progress)
+    return _run(request, folder, plans, motions, open_executor, progress)
 
 
 def resume_study(
@@ -141,24 +146,30 @@ def resume_study(
 ) -> StudyResult:
     """Resume an interrupted study; nothing is computed twice.
 
+    What others can be made from is not kept: where what fails is planned anew, the plans are made again.
+
     Raises:
         OutputError: the folder is not one of a study that got as far as its plans.
     """
     request = read_request(folder)
-    plans = load_plans(folder / PLANS, request.experiment)
+    plans, motions = load_plans(folder / PLANS, request.experiment), None
+    if request.operated:
+        made = plan_to_operate(LoadedScenario(request.scenario, request.base), progress)
+        motions, plans = made.motions, given_plans(made, request.experiment.policies)
     require_same_plans(folder, plan_hashes(plans))
-    return _run(request, folder, plans, open_executor, progress)
+    return _run(request, folder, plans, motions, open_executor, progress)
 
 
 def _run(
     request: StudyRequest,
     folder: Path,
     plans: Plans,
+    motions: PlannedMotions | None,
     open_executor: OpenExecutor,
     progress: Report,
 ) -> StudyResult:
     experiment = request.experiment
-    loads = workloads(request.scenario, request.base, plans, experiment)
+    loads = workloads(request.scenario, request.base, plans, experiment, motions)
     _check_possible(request.deadline_s, loads)
     blocks = folder / BLOCKS
     try:

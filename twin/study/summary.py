@@ -287,7 +287,8 @@ def _figures(
     figures["makespan_s"] = mean_interval(
         completed, confidence=confidence, antithetic=mirrored
     )
-    figures["makespan_sd_s"] = float(np.std(completed, ddof=1)) if count > 1 else None
+    several = len(completed) > 1
+    figures["makespan_sd_s"] = float(np.std(completed, ddof=1)) if several else None
     for p in QUANTILES:
         figures[f"makespan_p{p}_s"] = quantile_interval(
             completed, p / 100, confidence=confidence

@@ -167,6 +167,15 @@ class ExecutionSection(Disturbances):
             reasons.append("breakdowns happen at times of the run's clock")
         return reasons
 
+    def known_when_it_happens(self) -> list[str]:
+        """Return what is only planned for once it has happened, at times of the run's clock, in words."""
+        told = {"outages": self.outages, "late": self.late, "changes": self.changes}
+        return [
+            f"{key}: happens at times of the run's clock"
+            for key, own in told.items()
+            if own
+        ]
+
     @property
     def report_s(self) -> float:
         """Time that a message takes from a robot to the dispatcher [s]."""

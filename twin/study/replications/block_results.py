@@ -8,10 +8,10 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.max_plus import OTHER, Completions
 from twin.host.guard import replacing
 from twin.run.throughput import product_nodes
+from twin.study.replications.operating import Operated, OperatedRows
 from twin.study.replications.statistics import Block
 
 COMPLETED, ERROR = "completed", "error"
@@ -53,8 +54,6 @@ _SEAL = "made_from_and_sha256"
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.npz")
 _TEXTS = ("outcome", "error")
 _ROWS = ("replication", "makespan_ns", "busy_ns", "waited_ns")
-_PRODUCTS = ("product_begin_ns", "product_end_ns")
-_WINDOWS = ("gap_ns", "free_gap_ns", "free_makespan_ns")
 
 UNKNOWN = -(2**62)
 """Time that passed in a window of a replication that did not complete [ns]."""
@@ -75,6 +74,7 @@ class ReplicationRows:
         engine: ``bulk`` or ``events``.
         error: what went wrong, empty where nothing did, shape (r,).
         robots: names of robots and machines.
+        operated: what came of planning anew; None where that is not done.
     """
 
     replication: Indices
@@ -85,6 +85,7 @@ class ReplicationRows:
     engine: str
     error: npt.NDArray[Any]
     robots: tuple[str, ...]
+    operated: OperatedRows | None = None
 
     def fill(
         self,
@@ -103,7 +104,9 @@ class ReplicationRows:
         self.outcome[which] = COMPLETED
         self.makespan_ns[which] = found.makespan_ns
         busy = found.chain_end_ns - found.waited_ns.sum(axis=1)
-        self.busy_ns[:, which] = busy[[*robots, *machines]]
+        self.busy_ns[:, which] = 0
+        for k in (*robots, *machines):
+            self.busy_ns[self.robots.index(tpg.chains[k].robot), which] = busy[k]
         self.waited_ns[:, which] = found.waited_ns[robots].sum(axis=0)
 
     def makespans_s(self) -> npt.NDArray[np.float64]:
@@ -123,6 +126,8 @@ class ReplicationRows:
             out[name] = _seconds(self.waited_ns[cause], completed)
         for k, robot in enumerate(self.robots):
             out[f"busy_s_{robot}"] = _seconds(self.busy_ns[k], completed)
+        if self.operated is not None:
+            out |= self.operated.columns(self.makespan_ns)
         out["engine"] = np.full(len(completed), self.engine)
         out["error"] = self.error.astype(str)
         return out
@@ -234,6 +239,9 @@ class BlockResult:
     windows: WindowTimes | None = None
 
 
+Part = TypeVar("Part", OperatedRows, ProductTimes, WindowTimes)
+
+
 def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
     """Return the chains of the robots, and those of the machines that work at parts."""
     machines = machine_chains(tpg)
@@ -241,11 +249,18 @@ def worker_chains(tpg: TemporalPlanGraph) -> tuple[list[int], tuple[int, ...]]:
     return robots, working_machines(tpg)
 
 
-def empty_rows(block: Block, tpg: TemporalPlanGraph, *, engine: str) -> ReplicationRows:
-    """Return rows to be filled, of those robots that have work."""
+def empty_rows(
+    block: Block,
+    tpg: TemporalPlanGraph,
+    *,
+    engine: str,
+    operated: Operated | None = None,
+) -> ReplicationRows:
+    """Return rows to be filled, of those robots that have work, or may get some."""
     count = block.count
     robots, machines = worker_chains(tpg)
-    names = tuple(tpg.chains[k].robot for k in (*robots, *machines))
+    work = [tpg.chains[k].robot for k in (*robots, *machines)]
+    names = tuple(dict.fromkeys([*work, *(operated.robots if operated else ())]))
     return ReplicationRows(
         replication=np.asarray(block.replications, dtype=np.int64),
         outcome=np.full(count, "", dtype=object),
@@ -255,6 +270,7 @@ def empty_rows(block: Block, tpg: TemporalPlanGraph, *, engine: str) -> Replicat
         engine=engine,
         error=np.full(count, "", dtype=object),
         robots=names,
+        operated=None if operated is None else operated.rows(count),
     )
 
 
@@ -311,7 +327,7 @@ def write_block(folder: Path, result: BlockResult, made_from: str = "") -> None:
     """
     block = result.block
     arrays: dict[str, Any] = {**vars(result.rows), **vars(result.tally)}
-    for more in (result.products, result.windows):
+    for more in (arrays.pop("operated"), result.products, result.windows):
         arrays |= {} if more is None else vars(more)
     arrays |= {name: arrays[name].astype(str) for name in _TEXTS}
     arrays["robots"] = np.array(result.rows.robots, dtype=str)
@@ -343,16 +359,12 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
             **{name: arrays[name].astype(object) for name in _TEXTS},
             engine=str(arrays["engine"]),
             robots=tuple(arrays["robots"].tolist()),
+            operated=_part(OperatedRows, arrays),
         )
         tally = TaskTally(
             int(arrays["count"]), **{name: arrays[name] for name in _TALLY}
         )
-        products = None
-        if _PRODUCTS[0] in arrays:
-            products = ProductTimes(**{name: arrays[name] for name in _PRODUCTS})
-        windows = None
-        if _WINDOWS[0] in arrays:
-            windows = WindowTimes(**{name: arrays[name] for name in _WINDOWS})
+        products, windows = _part(ProductTimes, arrays), _part(WindowTimes, arrays)
     except NPZ_ERRORS as error:
         raise OutputError(f"{path}: is no block of a study: {error}") from error
     if made_from not in (None, origin):
@@ -360,6 +372,12 @@ def read_block(folder: Path, block: Block, made_from: str | None = None) -> Bloc
             f"{path}: was made from another scenario, plan, policy, variant or version of a package"
         )
     return BlockResult(block, rows, tally, products, windows)
+
+
+def _part(kind: type[Part], arrays: Mapping[str, Any]) -> Part | None:
+    """Return a part of what a block holds; None where it is not in it."""
+    names = [item.name for item in fields(kind)]
+    return kind(**{k: arrays[k] for k in names}) if names[0] in arrays else None
 
 
 def _digest(

@@ -103,7 +103,7 @@ def run_replications(
 
 def _block_size(load: Workload) -> int:
     """Return how many replications are worth sending away, and have room in memory together."""
-    if load.reasons:
+    if load.reasons or load.operated is not None:
         return EVENTS_BLOCK
     return max(1, min(BULK_BLOCK, _MOST_TASKS // max(len(load.tpg.tasks), 1)))
 

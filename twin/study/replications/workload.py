@@ -22,6 +22,7 @@ from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
@@ -33,6 +34,7 @@ from twin.cluster.client import ANSWER_WITHIN_S, cluster_executor
 from twin.durations.model import Nanoseconds
 from twin.engine.bulk.bulk_engine import BulkEngine
 from twin.engine.bulk.max_plus import (
+    Completions,
     PrecedenceArrays,
     explain,
     policy_graph,
@@ -48,6 +50,7 @@ from twin.study.replications.block_results import (
     block_result,
     empty_rows,
 )
+from twin.study.replications.operating import SAME, Operated, Operator
 from twin.study.replications.statistics import Block
 from twin.uncertainty.skill_durations import least_seconds
 
@@ -67,6 +70,7 @@ class Workload:
             of replications are kept with.
         free: the plan in which nothing is held back, which is executed with the same draws to be compared
             with; None where nothing is.
+        operated: what is needed to plan anew where a skill fails for good; None where that ends a replication.
     """
 
     tpg: TemporalPlanGraph
@@ -75,6 +79,7 @@ class Workload:
     reasons: tuple[str, ...] = ()
     made_from: str = ""
     free: TemporalPlanGraph | None = None
+    operated: Operated | None = None
 
 
 def pack(workload: Workload) -> bytes:
@@ -133,27 +138,52 @@ class Engines:
     def _in_bulk(self, block: Block) -> BlockResult:
         """Execute a block side by side; replications in which a task fails go by events."""
         load, bulk = self.workload, self._bulk
-        rows = empty_rows(block, load.tpg, engine="bulk")
+        rows = self._rows(block, "bulk")
         times = bulk.sample(seed=load.seed, replications=rows.replication)
         found = bulk.execute(times.completing())
         for place in np.flatnonzero(times.fails).tolist():
             self._by_event(rows, place)
-        tpg = bulk.contraction.tpg
-        return block_result(block, rows, ~times.fails, found, tpg)
+        return self._result(block, rows, ~times.fails, found, bulk.contraction.tpg)
 
     def _by_events(self, block: Block) -> BlockResult:
         """Execute a block with the event engine, one replication after the other."""
-        tpg = self.workload.tpg
-        rows = empty_rows(block, tpg, engine="events")
+        rows = self._rows(block, "events")
         runs = [self._by_event(rows, place) for place in range(block.count)]
-        done = [run for run in runs if run is not None and run.outcome == "completed"]
-        well = rows.outcome == COMPLETED
+        done = [run for run in runs if run is not None and run.outcome == COMPLETED]
+        well = np.isin(
+            [-1 if run is None else run.replication for run in runs],
+            [run.replication for run in done],
+        )
         found = explain(
             self._node_graph,
             _columns([run.start_ns for run in done], len(self._node_graph.order)),
             _columns([run.end_ns for run in done], len(self._node_graph.order)),
         )
-        return block_result(block, rows, well, found, tpg)
+        return self._result(block, rows, well, found, self.workload.tpg)
+
+    def _rows(self, block: Block, engine: str) -> ReplicationRows:
+        load = self.workload
+        return empty_rows(block, load.tpg, engine=engine, operated=load.operated)
+
+    def _result(
+        self,
+        block: Block,
+        rows: ReplicationRows,
+        well: npt.NDArray[np.bool_],
+        found: Completions,
+        tpg: TemporalPlanGraph,
+    ) -> BlockResult:
+        """Return the result of a block; in what completed by the plan nothing was lost."""
+        result = block_result(block, rows, well, found, tpg)
+        if rows.operated is not None:
+            rows.operated.knew_ns[well] = rows.makespan_ns[well]
+        return result
+
+    @cached_property
+    def _operator(self) -> Operator:
+        load = self.workload
+        assert load.operated is not None
+        return Operator(load.operated, load.execution, load.seed)
 
     @cached_property
     def _bulk(self) -> BulkEngine:
@@ -168,10 +198,20 @@ class Engines:
         return policy_graph(self.workload.tpg, self.workload.execution.policy)
 
     def _by_event(self, rows: ReplicationRows, place: int) -> ExecutionRecord | None:
-        """Execute one replication with the event engine; enter its outcome and end."""
+        """Execute one replication with the event engine; enter its outcome and end.
+
+        Returns:
+            When everything happened; None where something raised, or what was executed is not the plan.
+        """
+        number, seed = int(rows.replication[place]), self.workload.seed
+        operated = self.workload.operated
+        if operated is not None and operated.leaves(number):
+            rows.outcome[place] = SAME
+            return None
         try:
-            number = int(rows.replication[place])
-            run = self._simulator.run(seed=self.workload.seed, replication=number)
+            if operated is not None:
+                return self._operate(rows, place, number)
+            run = self._simulator.run(seed=seed, replication=number)
         except DeadlockError as error:
             run = error.run
             rows.error[place] = str(error)
@@ -182,6 +222,26 @@ class Engines:
         rows.outcome[place] = run.outcome
         rows.makespan_ns[place] = run.makespan_ns
         return run
+
+    def _operate(
+        self, rows: ReplicationRows, place: int, number: int
+    ) -> ExecutionRecord | None:
+        """Operate one replication, and enter what came of it."""
+        done = self._operator.run(number)
+        run, tpg = done.record, done.tpg
+        assert rows.operated is not None
+        self._operator.enter(rows.operated, place, done)
+        rows.outcome[place] = run.outcome
+        rows.makespan_ns[place] = run.makespan_ns
+        if not done.versions and len(tpg.chains) == len(self.workload.tpg.chains):
+            return run
+        if run.outcome == COMPLETED:
+            graph = policy_graph(tpg, self.workload.execution.policy)
+            nodes = len(graph.order)
+            times = _columns([run.start_ns], nodes), _columns([run.end_ns], nodes)
+            which = np.arange(len(rows.outcome)) == place
+            rows.fill(which, explain(graph, *times), tpg)
+        return None
 
 
 def _columns(values: Sequence[tuple[Nanoseconds, ...]], nodes: int) -> Nanoseconds:
