@@ -70,6 +70,19 @@ class AssemblyWork:
         return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
 
+@dataclass(frozen=True)
+class WorkAhead:
+    """An assembly that is ordered, and of which as many steps are looked at as are to be planned.
+
+    Attributes:
+        steps: how many there are.
+        first: returns the work of the first so many of them.
+    """
+
+    steps: int
+    first: Callable[[int], AssemblyWork]
+
+
 class TaskHistory:
     """Tasks so far, by what they did and to which object: those that later ones may wait for."""
 

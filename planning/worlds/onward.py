@@ -125,7 +125,7 @@ def plan_onward(
                 items.append(
                     _Item(partial(_going_on, again, item), step, item.with_done)
                 )
-        elif step not in kept:
+        elif step not in kept and step not in now.given_up:
             items.append(_Item(partial(again.ways, step), step))
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
-from planning.tasks.task import TRANSIT
-from twin.planning.kind import PlannedMotions
+from planning.tasks.assignment import TaskPlan
+from planning.tasks.task import TRANSIT, AllowedContact, Task
 
 
-def resting_steps(motions: PlannedMotions) -> Mapping[int, frozenset[int]]:
-    """Return the later steps in which something touches the object of a step where that is put, by number."""
-    plan = motions.motion_plan
-    placed = {
-        task.object: task.step
-        for task in plan.tasks
-        if task.kind in ("place-down", "place-up") and task.object is not None
-    }
-    step_of = {task.index: task.step for task in plan.tasks}
-    works = {t.index for t in plan.tasks if t.kind not in (TRANSIT, "pick", "handover")}
+def resting_steps(
+    tasks: Iterable[Task], allowed: Iterable[AllowedContact], chosen: TaskPlan
+) -> Mapping[int, frozenset[int]]:
+    """Return the later steps in which something touches the object of a step where that is put, by number.
+
+    Args:
+        tasks: of a plan.
+        allowed: what may touch in them.
+        chosen: objects of steps that are not done are those of their choices.
+    """
+    tasks = tuple(tasks)
+    placed = {choice.object: choice.step for choice in chosen.choices}
+    for task in tasks:
+        if task.kind in ("place-down", "place-up") and task.object is not None:
+            placed[task.object] = task.step
+    step_of = {task.index: task.step for task in tasks}
+    works = {t.index for t in tasks if t.kind not in (TRANSIT, "pick", "handover")}
     found: dict[int, set[int]] = {}
-    for contact in plan.allowed:
+    for contact in allowed:
         for name in (contact.first, contact.second):
             step = placed.get(name)
             if step is not None:

@@ -17,6 +17,7 @@ class Ledger:
         dropped: steps that are not wanted any more, or rest on one, by number, with the reason.
         gone: objects that are lost.
         shunned: objects that could not be picked, and are only tried again where there are no others.
+        closed: whether no more steps come than are planned, as nobody can do the next one.
         tries: how often all attempts at a skill of a step have failed.
     """
 
@@ -25,6 +26,7 @@ class Ledger:
     dropped: dict[int, str] = field(default_factory=dict)
     gone: set[str] = field(default_factory=set)
     shunned: set[str] = field(default_factory=set)
+    closed: bool = False
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
 
     def copy(self) -> Ledger:
@@ -55,6 +57,16 @@ class Ledger:
             self.given_up.pop(one, None)
             if one == step or one not in self.dropped:
                 self.dropped[one] = words
+
+    def falls(self) -> bool:
+        """Take note of what rests on steps that are not done any more; return whether there is any."""
+        before = self.undone
+        for step, why in tuple(self.given_up.items()):
+            self.give_up(step, why)
+        for step, why in tuple(self.dropped.items()):
+            for one, words in self._with_resting(step, why):
+                self.dropped.setdefault(one, words)
+        return self.undone != before
 
     def _with_resting(self, step: int, why: str) -> Iterator[tuple[int, str]]:
         todo, seen = [step], {step}

@@ -55,6 +55,7 @@ from twin.operate.dependents import resting_steps
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
 from twin.operate.rolling import Failure, Incident, Version
+from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
 from twin.scenario.sections.scenario import Scenario
@@ -127,12 +128,14 @@ class Recovery:
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )
         self.motions = replace(self.motions, settings=settings)
+        plan, chosen = self.motions.motion_plan, self.motions.task_plan
+        self._window = StepWindow(self.scenario.execution.window, self.motions)
         self._executed = _Going(
             tpg.cell,
-            self.motions.task_plan,
+            chosen,
             planned_steps(tpg),
             Luck.of(tpg),
-            Ledger(resting_steps(self.motions)),
+            Ledger(resting_steps(plan.tasks, plan.allowed, chosen)),
         )
         self._planned = self._executed
         self._restore(self._executed)
@@ -157,6 +160,13 @@ class Recovery:
         """Take note that what was planned last has taken its place."""
         self._executed = self._planned
 
+    def due(self, tpg: TemporalPlanGraph, released: Sequence[int]) -> bool:
+        """Tell whether it is time to plan more steps of what is executed."""
+        planned, ledger = len(self._executed.task_plan.choices), self._executed.ledger
+        return not ledger.closed and self._window.due(
+            tpg, released, planned, ledger.undone
+        )
+
     @property
     def work(self) -> AssemblyWork:
         """All candidates."""
@@ -167,6 +177,10 @@ class Recovery:
         """Return the graph that goes on, from the best cut from which anything does."""
         begin = time.process_time()
         self._restore(self._executed)
+        planned = len(self._task_plan.choices)
+        if self.due(tpg, incident.released):
+            planned = self._window.after(planned)
+        self.motions = self._window.of_first(self.motions, planned)
         judged = self._judged(tpg, incident)
         union, new, at = self._from_some_cut(tpg, incident, judged)
         self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
@@ -269,6 +283,7 @@ class Recovery:
                 if not self._ledger.takes_what_is_there():
                     for step, why in hopeless.items():
                         self._ledger.give_up(step, why)
+                    self._look_no_further(hopeless)
                 continue
             try:
                 found = plan_from(
@@ -302,6 +317,12 @@ class Recovery:
             union = extended(
                 at.committed, found.tpg, self._cell, waits, order=at.robots
             )
+            if len(onward.task_plan.choices) > len(self._task_plan.choices):
+                self._ledger.resting = resting_steps(
+                    union.tasks, union.allowed, onward.task_plan
+                )
+                if self._ledger.falls():
+                    continue
             self._task_plan = onward.task_plan
             self._steps, self._past = onward.steps, onward.past
             return union, found.tpg
@@ -312,8 +333,18 @@ class Recovery:
         return {
             step: problem.lacking(step) or ""
             for step in problem.impossible
-            if step not in now.kept and step not in self._ledger.undone
+            if step not in now.kept
         }
+
+    def _look_no_further(self, hopeless: Mapping[int, str]) -> None:
+        """End the assembly before a step that comes into the window and that nobody can do."""
+        planned = len(self._task_plan.choices)
+        if new := [step for step in hopeless if step > planned]:
+            first = min(new)
+            self.motions = self._window.of_first(self.motions, first - 1)
+            self._ledger.closed = True
+            for step in self._window.later(first):
+                self._ledger.give_up(step, f"step {first} is given up")
 
     def _retreat(self, now: Situation, error: TwinError) -> bool:
         """Give up a step, and tell whether there was one: that of the error, else what fewest rest on."""
@@ -406,6 +437,11 @@ class Recovery:
         if incident.unwanted:
             steps = ", ".join(map(str, sorted(incident.unwanted)))
             words.append(f"not wanted any more: steps {steps}")
+        before, now = (
+            len(going.task_plan.choices) for going in (self._executed, self._planned)
+        )
+        if now > before:
+            words.append(f"steps {before + 1} to {now} come next")
         return "; ".join(words)
 
 

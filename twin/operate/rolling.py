@@ -103,6 +103,10 @@ class Planner(Protocol):
         """Return the steps that have begun once so many nodes of each chain are executed."""
         ...
 
+    def due(self, tpg: TemporalPlanGraph, released: Sequence[int]) -> bool:
+        """Tell whether it is time to plan more of what is executed, though nothing has failed."""
+        ...
+
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""
         ...
@@ -218,7 +222,18 @@ class RollingExecution(SuppliedExecution):
             chain
         )
 
+    def _release(self, chain: int) -> None:
+        super()._release(chain)
+        node, task = self.released[chain] - 1, self.task[chain]
+        if node == 0 or task[node] != task[node - 1]:
+            self._plan_more()
+
     # Planning
+
+    def _plan_more(self) -> None:
+        """Plan more where it is time for it."""
+        if not self._planning and self._planner.due(self.tpg, self.released):
+            self._replan()
 
     def _replan(self) -> None:
         """Plan what is left, or once more what is being planned."""
@@ -274,6 +289,7 @@ class RollingExecution(SuppliedExecution):
         swapped, self._swapped = self._swapped, self.env.event()
         swapped.succeed()
         self._dispatch_again()
+        self._plan_more()
 
     def _tell_of_swap(self, version: Version, failures: list[Failure]) -> None:
         assert self.narrator is not None

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
+from planning.errors import RequestError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.shortcuts.corners import round_corners
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from planning.motion.known_motions import MotionPlan
     from planning.motion.sequential import MotionSettings
     from planning.tasks.assignment import TaskPlan
-    from planning.tasks.work import AssemblyWork
+    from planning.tasks.work import AssemblyWork, WorkAhead
     from scheduling.repeat import Pattern
     from twin.durations.lifetimes import SkillOverride
 
@@ -43,6 +44,7 @@ class PlannedMotions:
         settings: how tasks were turned into motions.
         work: what task and motion plan were made from, where others can be made from it.
         pattern: how the plan goes on for further products, None where it is that of all.
+        ahead: the work of more steps, None where all are planned.
     """
 
     cell: Workcell
@@ -52,6 +54,7 @@ class PlannedMotions:
     settings: MotionSettings
     work: AssemblyWork | None = field(default=None, kw_only=True)
     pattern: Pattern | None = field(default=None, kw_only=True)
+    ahead: WorkAhead | None = field(default=None, kw_only=True)
 
 
 class AssemblyKind(Protocol):
@@ -147,6 +150,21 @@ class AssemblyKind(Protocol):
             TwinError: the assembly cannot be built as it is, or no plan was found.
         """
         ...
+
+    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
+        """Return the work of any number of first steps, once all are known to be possible in their order.
+
+        Args:
+            cell: built of the same scenario.
+            watch: measures and reports the stages.
+
+        Raises:
+            RequestError: steps of this kind are looked at together.
+            TwinError: the assembly cannot be built as it is.
+        """
+        raise RequestError(
+            "execution.window: only steps of a LEGO assembly can be planned some at a time: leave it out"
+        )
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions that were planned otherwise, as ``plan`` would have left them."""

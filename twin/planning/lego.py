@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from planning.lego.sequencing.arms import ArmSequence
     from planning.lego.sequencing.sequencing import SequencedStructure
     from planning.motion.sequential import MotionSettings
-    from planning.tasks.work import AssemblyWork
+    from planning.tasks.work import AssemblyWork, WorkAhead
 
 _BESIDE_STOCK = 3
 """So many studs beside the stock no temporary brick stands beyond what it carries."""
@@ -174,6 +174,40 @@ class LegoKind(AssemblyKind):
             work = movable_work(candidates, rules) if checked else lego_work(candidates)
         motions = plan_in_turns(cell, work.assembly, work, settings, watch)
         return self.finished(motions)
+
+    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
+        """Return the work of any number of first steps, in an order in which the structure stands.
+
+        The structure and the room for the tool are settled for all of it. What the arms can do at a step
+        is found when it is planned: a sequence that they cannot do is not sought anew.
+        """
+        from planning.lego.sequencing.blocking import check_reach
+        from planning.lego.sequencing.stable_steps import stable_steps
+        from planning.lego.skills.candidates import candidates_up_to, no_candidates
+        from planning.lego.skills.expansion import lego_work
+        from planning.tasks.work import WorkAhead
+
+        robots = len(cell.robots)
+        rules = sequencing_rules(
+            self.section, robots=robots, carrier=tool_carrier(cell)
+        )
+        with watch.stage("sequence", SEQUENCE):
+            if self.section.structure is not None:
+                assembly, _ = find_sequence(self.section, rules, robots=robots)
+            else:
+                assembly = build_lego(self.section)
+                if self.section.rules.check_steps:
+                    assembly = stable_steps(assembly, rules)
+            check_reach(cell, assembly)
+        known = [no_candidates(cell, assembly)]
+
+        def first(count: int) -> AssemblyWork:
+            found = candidates_up_to(known[0], count)
+            if count > len(known[0].problem.steps):
+                known[0] = found
+            return lego_work(found)
+
+        return WorkAhead(len(assembly.steps), first)
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions whose bricks have the colours of the places that they go to."""

@@ -57,6 +57,27 @@ def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> Planned
     return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
 
 
+def plan_first_steps(
+    scenario: Scenario, folder: Path, watch: StageWatch, count: int
+) -> PlannedMotions:
+    """Plan assignment and motions of the first so many steps of an assembly.
+
+    Raises:
+        RequestError: steps of this kind are looked at together.
+        TwinError: see plan_scenario.
+    """
+    from twin.planning.goals import plan_in_turns
+
+    kind = assembly_kind(scenario.assembly)
+    cell = build_workcell(scenario, folder)
+    ahead = kind.ahead(cell, watch)
+    with watch.stage("assignment"):
+        work = ahead.first(min(count, ahead.steps))
+    settings = motion_settings(scenario, cell, folder)
+    motions = plan_in_turns(cell, work.assembly, work, settings, watch)
+    return replace(kind.finished(motions), ahead=ahead)
+
+
 def plan_in_turns(
     scenario: Scenario, folder: Path, watch: StageWatch
 ) -> PlannedMotions:

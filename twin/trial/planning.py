@@ -26,6 +26,7 @@ from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     order_motions,
+    plan_first_steps,
     plan_in_slots,
     plan_motions,
     planned_shortcuts,
@@ -92,9 +93,15 @@ def plan_scenario(
 def plan_to_operate(
     case: LoadedScenario, progress: Report = report_nothing
 ) -> PlanResult:
-    """Plan a scenario, and keep what other plans can be made from; see plan_scenario for the errors."""
-    plan = plan_best(case.sections, case.folder, StageWatch(progress))
-    return replace(plan, scenario=case)
+    """Plan a scenario, or its first steps, and keep what other plans can be made from.
+
+    See plan_scenario for the errors.
+    """
+    watch, window = StageWatch(progress), case.sections.execution.window
+    if window is None:
+        return replace(plan_best(case.sections, case.folder, watch), scenario=case)
+    first = plan_first_steps(case.sections, case.folder, watch, window.first)
+    return _coordinated(case, first, watch)
 
 
 _NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}

@@ -65,12 +65,27 @@ def find_candidates(
     Raises:
         ScenarioError: a step cannot be understood.
     """
-    world = BrickWorld(cell, assembly)
-    skills = BrickSkills(world)
-    collector = BrickCollector(skills, alternatives)
-    for number in range(1, len(assembly.steps) + 1):
-        collector.add(number)
-    return collector.candidates()
+    nothing = no_candidates(cell, assembly, alternatives=alternatives)
+    return candidates_up_to(nothing, len(assembly.steps))
+
+
+def no_candidates(
+    cell: Workcell, assembly: LegoAssembly, *, alternatives: int | None = None
+) -> LegoCandidates:
+    """Return the candidates of no step yet; see ``find_candidates`` for the arguments and errors."""
+    skills = BrickSkills(BrickWorld(cell, assembly))
+    return BrickCollector(skills, alternatives).candidates(0)
+
+
+def candidates_up_to(known: LegoCandidates, count: int) -> LegoCandidates:
+    """Return the candidates of the first so many steps; those of steps that have some are kept."""
+    collector = BrickCollector(known.skills, known.alternatives)
+    for number in range(1, count + 1):
+        if number <= len(known.problem.steps):
+            collector.keep(known.problem, number)
+        else:
+            collector.add(number)
+    return collector.candidates(count)
 
 
 def exchange_steps(
@@ -89,7 +104,7 @@ def exchange_steps(
             collector.add(number)
         else:
             collector.keep(known.problem, number)
-    return collector.candidates()
+    return collector.candidates(len(steps))
 
 
 class BrickCollector(CandidateCollector):
@@ -110,9 +125,9 @@ class BrickCollector(CandidateCollector):
         self._most = alternatives
         self.world, self.skills = skills.world, skills
 
-    def candidates(self) -> LegoCandidates:
-        """Return what was gathered."""
-        steps = self.world.assembly.steps
+    def candidates(self, count: int) -> LegoCandidates:
+        """Return what was gathered of the first so many steps."""
+        steps = self.world.assembly.steps[:count]
         problem = self.problem(
             [step.words for step in steps],
             [step.up or step.support is not None for step in steps],

@@ -32,6 +32,23 @@ SkillSection = Annotated[Distribution | ReferenceDuration, Field(discriminator="
 """Duration of a skill: drawn from a distribution, or that of its reference path."""
 
 
+class StepWindowSection(Section):
+    """How many steps ``twin operate`` plans ahead, in place of all at once.
+
+    Attributes:
+        steps: that are planned at a time.
+        least: when so many of them, or fewer, are not begun, the next ones are planned.
+    """
+
+    steps: Annotated[int, Field(ge=1, le=100_000)]
+    least: Annotated[int, Field(ge=0, le=100_000)] = 3
+
+    @property
+    def first(self) -> int:
+        """Number of steps that are planned before anybody moves: so few that more come next at once."""
+        return min(self.steps, self.least + 1)
+
+
 class RecoverySection(Section):
     """What ``twin operate`` does when a skill has failed for good or a robot is out.
 
@@ -70,6 +87,7 @@ class ExecutionSection(Disturbances):
         late: parts that are not there in time, which nobody knows beforehand, for ``twin operate``.
         changes: of what is wanted, for ``twin operate``.
         recovery: what is done then, and when a skill has failed for good.
+        window: how many steps ``twin operate`` plans ahead; all when not given.
     """
 
     policy: Literal["asynchronous", "sequential", "synchronous", "open-loop"] = (
@@ -86,6 +104,7 @@ class ExecutionSection(Disturbances):
     late: tuple[LatePart, ...] = ()
     changes: tuple[OrderChange, ...] = ()
     recovery: RecoverySection = RecoverySection()
+    window: StepWindowSection | None = None
 
     def skill_models(self, folder: Path = Path()) -> dict[str, DurationModel]:
         """Return the duration model of every skill, without exceptions.

@@ -1,0 +1,156 @@
+"""An assembly of which some steps at a time are planned while robots work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planning.errors import RequestError
+from planning.lego.skills.candidates import (
+    candidates_up_to,
+    find_candidates,
+    no_candidates,
+)
+from planning.tasks.assignment import AssignmentProblem
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.invariant import check_invariant
+from scheduling.verification.verify import verify_plan
+from tests.twin.operate.operated import STACK
+from tests.twin.program import invoke
+from twin.operate.operation import Operation, operate
+from twin.planning.build_workcell import build_workcell
+from twin.planning.lego import build_lego
+from twin.run.folder import EVENTS
+from twin.scenario.sections.lego import LegoSection
+from twin.trial.loaded_scenario import load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate
+from twin.trial.simulation import scenario_execution
+
+Planned = Callable[[int, int], PlanResult]
+
+
+@pytest.fixture(scope="module")
+def stack_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("window") / "stack.yaml"
+    file.write_text(STACK)
+    return file
+
+
+@pytest.fixture(scope="module")
+def planned(stack_file: Path) -> Planned:
+    @cache
+    def plan(steps: int, least: int) -> PlanResult:
+        window = {"steps": steps, "least": least}
+        return plan_to_operate(load(stack_file).varied({"window": window}))
+
+    return plan
+
+
+def operated(plan: PlanResult, seed: int, **values: Any) -> Operation:
+    case = plan.scenario.varied(values)
+    model = scenario_execution(case.sections, case.folder)
+    return operate(case.sections, plan.motions, plan.tpg, model, seed=seed)
+
+
+def lost(chance: float) -> dict[str, Any]:
+    item = {"probability": chance, "retries": 0, "loses": 0.5}
+    return {f"failures.{skill}": item for skill in ("pick", "place-down")}
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    window=st.sampled_from([(1, 0), (1, 1), (2, 0), (2, 2), (3, 1)]),
+    seed=st.integers(0, 2**32 - 1),
+    chance=st.sampled_from([0.0, 0.25]),
+)
+def test_every_step_is_done_once_whatever_the_window(
+    planned: Planned, window: tuple[int, int], seed: int, chance: float
+) -> None:
+    plan = planned(*window)
+    assert len(plan.motions.task_plan.choices) == min(window[0], window[1] + 1)
+    done = operated(plan, seed, **lost(chance))
+    check_invariant(DerivedTpg(done.tpg))
+    assert all((own >= 0).all() for own in (*done.record.start_ns, *done.record.end_ns))
+    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
+    assert sorted([*placed, *done.given_up]) == [1, 2, 3, 4]
+    if not chance:
+        assert done.record.outcome == "completed"
+        assert verify_plan(done.tpg).problems == ()
+
+
+def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(
+    planned: Planned,
+) -> None:
+    """Though nobody has looked at it when the step is given up."""
+    never = {"probability": 1.0, "retries": 0}
+    done = operated(
+        planned(1, 0), 0, **{"failures.place-down": never, "recovery.again": 0}
+    )
+    assert sorted(done.given_up) == [1, 2, 3, 4]
+    whys = [done.given_up[step] for step in (2, 3, 4)]
+    assert all(why.startswith("it rests on step ") for why in whys)
+    assert not [t for t in done.tpg.tasks if t.kind == "place-down"]
+
+
+def test_steps_after_one_that_nobody_can_do_are_given_up(planned: Planned) -> None:
+    """All that is picked is lost, so that there is no brick for the next step of the window."""
+    loses = {"probability": 1.0, "retries": 0, "loses": 1.0}
+    done = operated(planned(1, 1), 0, **{"failures.pick": loses})
+    assert sorted(done.given_up) == [1, 2, 3, 4]
+    assert not [t for t in done.tpg.tasks if t.kind == "place-down"]
+
+
+def test_what_is_not_wanted_when_its_turn_comes_is_not_done(planned: Planned) -> None:
+    change = {"at_s": 0.0, "drop": [4]}
+    done = operated(planned(1, 0), 0, changes=[change])
+    assert list(done.dropped) == [4]
+    assert done.record.outcome == "completed"
+    placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
+    assert sorted(placed) == [1, 2, 3]
+
+
+def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
+    case = load(stack_file)
+    section = case.sections.assembly
+    assert isinstance(section, LegoSection)
+    cell, assembly = build_workcell(case.sections, case.folder), build_lego(section)
+    whole = find_candidates(cell, assembly).problem
+    known = no_candidates(cell, assembly)
+    for count in (1, 3, 4):
+        known = candidates_up_to(known, count)
+
+    def told(problem: AssignmentProblem) -> tuple[object, ...]:
+        clashes = {
+            (problem.primaries[p], problem.supports[s]) for p, s in problem.incompatible
+        }
+        return problem.steps, problem.primaries, problem.supports, clashes
+
+    assert told(known.problem) == told(whole)
+
+
+def test_it_is_resumed_after_a_kill(stack_file: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    said = ("--set", "window={steps: 2, least: 1}", "--failures", "0.3")
+    options = ("--no-recording", "--no-audit", "--quiet", "--out", str(run))
+    invoke("operate", str(stack_file), *said, *options)
+    log = (run / EVENTS).read_text()
+    assert "come next" in log
+    lines = log.splitlines(keepends=True)
+    (run / EVENTS).write_text("".join(lines[: len(lines) // 2]))
+    (run / "summary.json").unlink()
+    invoke("resume", str(run), "--quiet")
+    assert (run / EVENTS).read_text() == log
+
+
+def test_other_kinds_are_looked_at_as_a_whole() -> None:
+    file = Path(__file__).parents[3] / "scenarios" / "assembly" / "magazine.yaml"
+    case = load(file).varied({"window": {"steps": 2}})
+    with pytest.raises(RequestError, match="only steps of a LEGO assembly"):
+        plan_to_operate(case)

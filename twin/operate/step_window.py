@@ -1,0 +1,83 @@
+"""The window of steps that are planned: how far it reaches, and when it is time to plan more.
+
+Steps are in their order and the structure is known to stand from the beginning; robots, objects and motions
+of a step are chosen when it comes into the window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+from scheduling.graph.task_edges import machine_chains
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.planning.kind import PlannedMotions
+from twin.scenario.sections.execution import StepWindowSection
+
+
+class StepWindow:
+    """Which first steps of an assembly are planned.
+
+    Args:
+        section: how many at a time; None for all at once.
+        motions: of the first of them.
+    """
+
+    def __init__(
+        self, section: StepWindowSection | None, motions: PlannedMotions
+    ) -> None:
+        self._section, self._ahead = section, motions.ahead
+        self._begins: tuple[TemporalPlanGraph, list[dict[int, int]]] | None = None
+
+    def due(
+        self,
+        tpg: TemporalPlanGraph,
+        released: Sequence[int],
+        planned: int,
+        given_up: Collection[int],
+    ) -> bool:
+        """Tell whether it is time to plan more steps than the first so many.
+
+        Args:
+            tpg: what is executed.
+            released: how many nodes of each chain have been released.
+            planned: number of first steps that are planned.
+            given_up: steps that are not done.
+        """
+        if self._ahead is None or self._section is None or planned == self._ahead.steps:
+            return False
+        left = sum(
+            step not in given_up and all(released[k] <= n for k, n in own.items())
+            for step, own in enumerate(self._first_nodes(tpg, planned), start=1)
+        )
+        return left <= self._section.least
+
+    def after(self, planned: int) -> int:
+        """Return how many first steps are planned after so many."""
+        assert self._ahead is not None
+        assert self._section is not None
+        return min(planned + self._section.steps, self._ahead.steps)
+
+    def later(self, planned: int) -> range:
+        """Return the steps after the first so many, by number."""
+        return range(planned + 1, 1 + (self._ahead.steps if self._ahead else planned))
+
+    def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:
+        """Return motions with the work of the first so many steps."""
+        if self._ahead is None:
+            return motions
+        return replace(motions, work=self._ahead.first(count))
+
+    def _first_nodes(
+        self, tpg: TemporalPlanGraph, planned: int
+    ) -> list[dict[int, int]]:
+        """Return the first node that each robot has in each step, by chain."""
+        if self._begins is None or self._begins[0] is not tpg:
+            found: list[dict[int, int]] = [{} for _ in range(planned)]
+            machines = machine_chains(tpg)
+            for k, chain in enumerate(tpg.chains):
+                for node, index in enumerate(chain.task.tolist()):
+                    if k not in machines:
+                        found[tpg.tasks[index].step - 1].setdefault(k, node)
+            self._begins = tpg, found
+        return self._begins[1]
