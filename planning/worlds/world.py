@@ -152,9 +152,10 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
         world: what is complete.
         reopened: steps that are to be done anew, by number, with the robots that have nothing to bring
             to an end in them. Of the others only those go on that have done a skill in it, as far as
-            their way back: they stand where they are in the way.
+            their way back: they stand where they are in the way. Whoever has something in the hand that
+            goes nowhere any more does not go back as if it had been put down.
     """
-    found = []
+    found, holders = [], {at.holder for _, at in world.held()}
     for number, step in world.begun().items():
         left = [task for task in step.tasks if task.index not in world.complete]
         if number in reopened:
@@ -164,7 +165,7 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
                 if task.kind != TRANSIT and task.index in world.complete
             }
             brings = {task.robot for task in left if task.handlings}
-            stays = done - reopened[number] - brings
+            stays = done - reopened[number] - brings - holders
             left = [task for task in left if task.robot in stays]
         left = [task for task in left if task.robot not in world.out]
         if left:

@@ -238,9 +238,10 @@ class Recovery:
         world = self._world(at)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
         done = world.begun().keys() - left
-        for choice in self._task_plan.choices:
-            if choice.step not in done:
-                self._ledger.give_up(choice.step, why)
+        self._ledger.closed = True
+        for step in self._window.all_steps(self._task_plan):
+            if step not in done:
+                self._ledger.give_up(step, why)
         nothing = committed_part(at.committed, [0] * len(at.committed.chains))
         waits = np.empty((0, 2), dtype=np.int64)
         union = extended(at.committed, nothing, self._cell, waits, order=at.robots)
@@ -343,8 +344,9 @@ class Recovery:
             first = min(new)
             self.motions = self._window.of_first(self.motions, first - 1)
             self._ledger.closed = True
-            for step in self._window.later(first):
-                self._ledger.give_up(step, f"step {first} is given up")
+            for step in self._window.all_steps(self._task_plan):
+                if step > first:
+                    self._ledger.give_up(step, f"step {first} is given up")
 
     def _retreat(self, now: Situation, error: TwinError) -> bool:
         """Give up a step, and tell whether there was one: that of the error, else what fewest rest on."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+from planning.tasks.assignment import TaskPlan
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.planning.kind import PlannedMotions
@@ -58,9 +59,10 @@ class StepWindow:
         assert self._section is not None
         return min(planned + self._section.steps, self._ahead.steps)
 
-    def later(self, planned: int) -> range:
-        """Return the steps after the first so many, by number."""
-        return range(planned + 1, 1 + (self._ahead.steps if self._ahead else planned))
+    def all_steps(self, plan: TaskPlan) -> range:
+        """Return the numbers of all steps, those after the planned ones included."""
+        steps = len(plan.choices) if self._ahead is None else self._ahead.steps
+        return range(1, steps + 1)
 
     def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:
         """Return motions with the work of the first so many steps."""

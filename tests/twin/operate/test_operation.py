@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
-from planning.tasks.task import FAILED, GONE
+from planning.tasks.task import FAILED, GONE, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
@@ -147,6 +147,21 @@ def test_luck_is_that_of_the_step_however_it_is_planned_anew(
     )
     if not one[0].given_up and not other[0].given_up:
         assert tries(one[0]) == tries(other[0])
+
+
+def test_what_cannot_be_put_down_is_taken_from_the_hand(plan: PlanResult) -> None:
+    never = {"probability": 1.0, "retries": 0}
+    done, events = operated(
+        plan, 0, **{"failures.place-down": never, "recovery.again": 0}
+    )
+    assert done.given_up[1].endswith("failed 1 times")
+    assert {done.given_up[step] for step in (2, 3, 4)} == {"it rests on step 1"}
+    taken = {t.object for t in done.tpg.tasks if t.kind == TAKEN_OUT}
+    assert taken == {e.object for e in events if e.kind == "attached"}
+    for chain in done.tpg.chains:
+        home = done.tpg.cell.robot(chain.robot).home
+        assert np.allclose(chain.waypoints[-1], home)
+    assert verify_plan(done.tpg).problems == ()
 
 
 @pytest.mark.parametrize("at_s", [0.0, 0.01])
