@@ -99,3 +99,25 @@ def committed_at(
 def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
     """Return the task of which all attempts have failed."""
     return tpg.tasks[int(tpg.chains[failure.chain].task[failure.node])]
+
+
+def cause_of(tpg: TemporalPlanGraph, incident: Incident, new: range) -> str:
+    """Return why a graph is extended, for people.
+
+    Args:
+        tpg: the graph.
+        incident: what has happened.
+        new: steps that are planned for the first time.
+    """
+    words = []
+    for failure in incident.failures:
+        task = tried_task(tpg, failure)
+        missing = f"{task.object} is not there"
+        words.append(missing if failure.missing else f"{task.label} failed")
+    words += [f"{name} is out" for name in sorted(incident.out)]
+    if incident.unwanted:
+        steps = ", ".join(map(str, sorted(incident.unwanted)))
+        words.append(f"not wanted any more: steps {steps}")
+    if new:
+        words.append(f"steps {new[0]} to {new[-1]} come next")
+    return "; ".join(words)

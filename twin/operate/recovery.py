@@ -47,6 +47,7 @@ from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
     Judged,
+    cause_of,
     committed_at,
     not_executed,
     tried_task,
@@ -177,9 +178,9 @@ class Recovery:
         """Return the graph that goes on, from the best cut from which anything does."""
         begin = time.process_time()
         self._restore(self._executed)
-        planned = len(self._task_plan.choices)
+        planned = executed = len(self._task_plan.choices)
         if self.due(tpg, incident.released):
-            planned = self._window.after(planned)
+            planned = self._window.after(executed)
         self.motions = self._window.of_first(self.motions, planned)
         judged = self._judged(tpg, incident)
         union, new, at = self._from_some_cut(tpg, incident, judged)
@@ -193,7 +194,7 @@ class Recovery:
             self.draw(new, self._luck.names),
             round(self.scenario.execution.recovery.planning_s * NANOSECONDS),
             time.process_time() - begin,
-            self._cause(tpg, incident),
+            cause_of(tpg, incident, range(executed + 1, planned + 1)),
             judged.words,
         )
 
@@ -426,25 +427,6 @@ class Recovery:
                 self._ledger.gone |= {t.object for t in left if t.object is not None}
                 found[number] = out
         return found
-
-    def _cause(self, tpg: TemporalPlanGraph, incident: Incident) -> str:
-        words = []
-        for failure in incident.failures:
-            task = tried_task(tpg, failure)
-            missing = failure.missing
-            words.append(
-                f"{task.object} is not there" if missing else f"{task.label} failed"
-            )
-        words += [f"{name} is out" for name in sorted(incident.out)]
-        if incident.unwanted:
-            steps = ", ".join(map(str, sorted(incident.unwanted)))
-            words.append(f"not wanted any more: steps {steps}")
-        before, now = (
-            len(going.task_plan.choices) for going in (self._executed, self._planned)
-        )
-        if now > before:
-            words.append(f"steps {before + 1} to {now} come next")
-        return "; ".join(words)
 
 
 def _standing(left: Sequence[Leftover], but: int | None = None) -> frozenset[str]:
