@@ -23,7 +23,7 @@ from twin.scenario.sections.scenario import Scenario
 from twin.scenario.variations import Variant
 from twin.study.replications.statistics import Experiment
 
-PLANS, BLOCKS, AUDITS = "plans", "blocks", "audits"
+PLANS, BLOCKS, AUDITS, PREVENTED = "plans", "blocks", "audits", "prevented"
 REPLICATIONS, TASKS, EDGES = (
     "replications.parquet",
     "tasks.parquet",

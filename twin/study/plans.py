@@ -220,7 +220,8 @@ def workloads(
         reasons = tuple(own.execution.needs_event_engine())
         operated = None
         if motions is not None:
-            operated = Operated(own, motions, plans[name])
+            fail = tuple(sorted(model.disturbances.failures))
+            operated = Operated(own, motions, plans[name], fail)
             reasons += tuple(own.execution.known_when_it_happens())
         origin = {
             "scenario": scenario_sha256(resolved(own)),

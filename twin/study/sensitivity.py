@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -171,6 +171,26 @@ def sobol_indices(
 def makespans_s(load: Workload, block: Block) -> Array:
     """Return the makespans of some replications, NaN where one did not complete as planned [s]."""
     return Engines(replace(load, operated=None)).compute(block).rows.makespans_s()
+
+
+def without_failures(load: Workload) -> Iterator[tuple[str, str, Workload]]:
+    """Yield skills that may fail, each with a part or with none for all, and the work in which they do not."""
+    kinds = {load.tpg.tasks[int(m)].kind for c in load.tpg.chains for m in set(c.task)}
+    for skill, item in load.execution.disturbances.failures.items():
+        if skill not in kinds:
+            continue
+        for part in ("", *item.parts):
+            if part or item.probability or item.parts:
+                yield skill, part, _without_failures(load, skill, part)
+
+
+def _without_failures(load: Workload, skill: str, part: str) -> Workload:
+    own = load.execution.disturbances
+    item = own.failures[skill]
+    parts = {name: p for name, p in item.parts.items() if part and name != part}
+    less = item.changed(probability=item.probability if part else 0.0, parts=parts)
+    disturbances = own.changed(failures={**own.failures, skill: less})
+    return replace(load, execution=replace(load.execution, disturbances=disturbances))
 
 
 def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:

@@ -36,6 +36,7 @@ from twin.study.folder import (
     BLOCKS,
     EDGES,
     PLANS,
+    PREVENTED,
     PRODUCTS,
     REPLICATIONS,
     SUMMARY,
@@ -47,6 +48,13 @@ from twin.study.folder import (
 )
 from twin.study.gains.gains import CellGains, study_gains, write_gains
 from twin.study.line import product_columns, product_times
+from twin.study.operated import (
+    OperatedSummary,
+    Prevention,
+    operated_summary,
+    prevented_makespans_s,
+    preventions,
+)
 from twin.study.plans import (
     Plans,
     given_plans,
@@ -173,7 +181,13 @@ def _run(
     _check_possible(request.deadline_s, loads)
     blocks = folder / BLOCKS
     try:
-        run_replications(experiment, loads, blocks, open_executor, progress)
+        count = run_replications(experiment, loads, blocks, open_executor, progress)
+        prevented = list(preventions(loads, blocks))
+        if prevented:
+            again = replace(experiment, replications=count)
+            others = [own.load for own in prevented]
+            place = folder / PREVENTED
+            run_replications(again, others, place, open_executor, progress)
     except (ClusterError, ClusterLostError) as error:
         raise ClusterLostError(
             f"{error}; what was done is kept, go on with --resume {folder}"
@@ -184,7 +198,8 @@ def _run(
     write_cells(folder / TASKS, experiment, map(task_columns, loads, tallies))
     write_cells(folder / EDGES, experiment, map(edge_columns, loads, tallies))
     _write_products(request, folder)
-    summary = summarise_study(request, blocks, loads, audits)
+    operated = _operated(experiment, folder, loads, prevented)
+    summary = summarise_study(request, blocks, loads, audits, operated)
     write_json(folder / SUMMARY, summary.content())
     counts = [cell.replications for cell in summary.cells]
     gains = study_gains(experiment, loads, counts, progress)
@@ -194,6 +209,25 @@ def _run(
         for load in loads
     )
     return StudyResult(folder, request, summary, loads, gains, raised_skills)
+
+
+def _operated(
+    experiment: Experiment,
+    folder: Path,
+    loads: Sequence[Workload],
+    prevented: Sequence[Prevention],
+) -> dict[int, OperatedSummary]:
+    """Return what failures cost in each cell in which they are planned anew."""
+    blocks, found = folder / BLOCKS, {}
+    for cell, load in enumerate(loads):
+        if load.operated is not None:
+            others = [
+                (own, prevented_makespans_s(blocks, cell, folder / PREVENTED, place))
+                for place, own in enumerate(prevented)
+                if own.cell == cell
+            ]
+            found[cell] = operated_summary(experiment, blocks, cell, others)
+    return found
 
 
 def _write_products(request: StudyRequest, folder: Path) -> None:

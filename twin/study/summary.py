@@ -19,6 +19,7 @@ from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
 from twin.study.line import LineSummary, line_summary, product_times
+from twin.study.operated import OperatedSummary
 from twin.study.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -31,6 +32,7 @@ from twin.study.replications.statistics import (
     Interval,
     Told,
     mean_interval,
+    paired_interval,
     quantile_interval,
     share_interval,
 )
@@ -64,6 +66,7 @@ class CellSummary(Figures):
         audit_engine: what found that, with its version.
         line: what it achieves where it makes several products.
         windows: how windows of time are kept, where there are any.
+        operated: what failures cost, where they are planned anew.
     """
 
     policy: str
@@ -87,6 +90,7 @@ class CellSummary(Figures):
     audit_engine: str = ""
     line: LineSummary | None = None
     windows: WindowsSummary | None = None
+    operated: OperatedSummary | None = None
 
     @property
     def label(self) -> str:
@@ -197,6 +201,7 @@ def summarise_study(
     blocks: Path,
     loads: Sequence[Workload],
     audits: Mapping[int, Sequence[int]],
+    operated: Mapping[int, OperatedSummary],
 ) -> StudySummary:
     """Return the figures of a study.
 
@@ -205,6 +210,7 @@ def summarise_study(
         blocks: folder of the block files.
         loads: the work of its cells.
         audits: collisions found in each audited replication, by cell.
+        operated: what failures cost where they are planned anew, by cell.
     """
     experiment = request.experiment
     cells: list[CellSummary] = []
@@ -227,6 +233,8 @@ def summarise_study(
             confidence = experiment.precision.confidence
             about = load.tpg, load.execution.hold, passed, samples[cell]
             found["windows"] = windows_summary(*about, confidence)
+        if cell in operated:
+            found["operated"] = operated[cell]
         cells.append(CellSummary(policy=policy, variant=dict(variant), **found))
         doubts |= dict.fromkeys(doubts_about_stalls(own, load.tpg))
     return StudySummary(
@@ -316,18 +324,6 @@ def _collided(experiment: Experiment, found: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def _paired(
-    experiment: Experiment, first: Array, second: Array, confidence: float
-) -> Interval | None:
-    """Return by how much makespans are longer than others; None where none completed with both."""
-    both = np.isfinite(first) & np.isfinite(second)
-    if not both.any():
-        return None
-    mirrored = experiment.antithetic and bool(both.all()) and len(both) > 1
-    difference = (first - second)[both]
-    return mean_interval(difference, confidence=confidence, antithetic=mirrored)
-
-
 def policy_differences(
     experiment: Experiment, samples: Sequence[Array]
 ) -> Iterator[Difference]:
@@ -345,7 +341,9 @@ def policy_differences(
         begin = k - k % count
         for other in dict.fromkeys((begin, _best_plain(experiment, samples, k))):
             first, second = samples[k], samples[other]
-            found = _paired(experiment, first, second, confidence)
+            found = paired_interval(
+                first, second, confidence=confidence, antithetic=experiment.antithetic
+            )
             if other == k or found is None:
                 continue
             both = np.isfinite(first) & np.isfinite(second)
@@ -417,7 +415,12 @@ def _ranked(
             layout=dict(layout_of(variant)),
             cell=cell,
             mean_s=float(np.nanmean(samples[cell])),
-            behind_s=_paired(experiment, samples[cell], best, several)
+            behind_s=paired_interval(
+                samples[cell],
+                best,
+                confidence=several,
+                antithetic=experiment.antithetic,
+            )
             if place
             else None,
         )

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -15,8 +18,10 @@ from planning.errors import RequestError
 from tests.twin.operate.operated import STACK
 from twin.api.studies import Study
 from twin.operate.operation import Operation, operate
-from twin.study.folder import BLOCKS, REPLICATIONS, SUMMARY
+from twin.study.folder import BLOCKS, PREVENTED, REPLICATIONS, SUMMARY
+from twin.study.operated import prevented_makespans_s
 from twin.study.replications import runner
+from twin.study.replications.block_results import cell_blocks
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
@@ -24,8 +29,8 @@ from twin.trial.simulation import scenario_execution
 
 COUNT = 40
 OFTEN = {
-    "failures.pick": {"probability": 0.03, "retries": 0, "loses": 0.5},
-    "failures.place-down": {"probability": 0.2, "retries": 0, "loses": 0.3},
+    "failures.pick": {"probability": 0.02, "retries": 0, "loses": 0.8},
+    "failures.place-down": {"probability": 0.15, "retries": 0, "loses": 0.2},
     "recovery.again": 1,
 }
 
@@ -90,26 +95,79 @@ def test_it_is_one_operation_after_the_other(
         assert spent == pytest.approx(sum(ends) / 1e9)
 
 
-def test_what_is_gone_on_with_and_other_workers_make_the_same_files(
-    study: Study, plan: PlanResult, tmp_path: Path
+def test_what_is_gone_on_with_makes_the_same_files(
+    study: Study, tmp_path: Path
 ) -> None:
     killed = tmp_path / "killed"
     shutil.copytree(study.folder, killed)
-    for name in (REPLICATIONS, SUMMARY):
+    for name in (REPLICATIONS, SUMMARY, f"{BLOCKS}/0-8-8.npz"):
         (killed / name).unlink()
-    blocks = sorted((killed / BLOCKS).glob("*.npz"))
-    assert len(blocks) == 5
-    for file in blocks[::2]:
-        file.unlink()
+    assert len(list((killed / BLOCKS).glob("*.npz"))) == 4
+    (killed / PREVENTED / "1-16-8.npz").unlink()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.api.studies.write_report", lambda result, progress: None)
         patch.setattr(runner, "EVENTS_BLOCK", 8)
         twin.resume_study(killed)
-    with_two = studied(plan, tmp_path / "two", operate=True, workers=2)
-    for name in (REPLICATIONS, SUMMARY, "tasks.parquet", "gains.json"):
-        there = (study.folder / name).read_bytes()
-        assert (killed / name).read_bytes() == there
-        assert (with_two.folder / name).read_bytes() == there
+    for file in study.folder.rglob("*"):
+        if file.is_file() and not file.name.startswith("manifest"):
+            assert (
+                killed / file.relative_to(study.folder)
+            ).read_bytes() == file.read_bytes()
+
+
+def test_other_workers_make_the_same_files(
+    study: Study, plan: PlanResult, tmp_path: Path
+) -> None:
+    ours = studied(plan, tmp_path / "two", 16, operate=True, workers=2)
+    for folder, count in ((BLOCKS, 2), (PREVENTED, 4)):
+        files = list((ours.folder / folder).glob("*.npz"))
+        assert len(files) == count
+        for file in files:
+            there = study.folder / folder / file.name
+            assert there.read_bytes() == file.read_bytes()
+
+
+def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
+    study: Study, plan: PlanResult
+) -> None:
+    """Replications in which the skill did not fail are not computed again, and need not be."""
+    blocks, count = study.folder / BLOCKS, 14
+    skills = sorted(plan.scenario.sections.execution.failures)
+    assert skills == ["pick", "place-down"]
+    same = 0
+    for place, skill in enumerate(skills):
+        less = plan.scenario.varied({f"failures.{skill}.probability": 0.0})
+        model = scenario_execution(less.sections)
+        about = plan.scenario.sections, plan.motions, plan.tpg, model
+        found = prevented_makespans_s(blocks, 0, study.folder / PREVENTED, place)
+        assert len(found) == COUNT
+        for k in range(count):
+            done = operate(*about, seed=less.sections.seed, replication=k).record
+            whole = done.outcome == "completed"
+            assert np.isfinite(found[k]) == whole
+            assert not whole or round(found[k] * 1e9) == done.makespan_ns
+        for own in cell_blocks(study.folder / PREVENTED, place):
+            same += np.count_nonzero(own.rows.outcome == "same")
+    assert same
+    prevented = study.summary["cells"][0]["operated"]["prevented"]
+    assert [item["skill"] for item in prevented] == ["place-down", "pick"]
+    assert prevented[0]["sooner_s"]["low"] > 0.0
+
+
+def test_the_summary_counts_what_is_in_the_rows(study: Study) -> None:
+    rows = study.replications.to_pylist()
+    told = study.summary["cells"][0]["operated"]
+    gave_up = [row["given_up"].split() for row in rows]
+    assert told["gave_up"]["estimate"] == sum(map(bool, gave_up)) / COUNT
+    assert told["given_up"] == dict(sorted(Counter(chain(*gave_up)).items()))
+    assert told["completed"]["estimate"] == 1.0 - told["gave_up"]["estimate"]
+    for rung, found in told["recoveries"].items():
+        assert found["estimate"] == pytest.approx(sum(r[rung] for r in rows) / COUNT)
+    regrets = [row["regret_s"] for row in rows if row["outcome"] == "completed"]
+    assert told["regret_s"]["estimate"] == pytest.approx(sum(regrets) / len(regrets))
+    assert all(
+        (r["regret_s"] == 0.0) or r["versions"] for r in rows if not r["given_up"]
+    )
 
 
 def test_without_failures_it_is_the_study(case: LoadedScenario, tmp_path: Path) -> None:

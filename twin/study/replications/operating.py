@@ -69,6 +69,7 @@ class Operated:
         scenario: says what is done about failures.
         motions: what the plan was made of, with all candidates.
         tpg: the plan.
+        skills: those that may fail.
         only: numbers of the replications to operate, of what is compared with replications that are there;
             None for all, and to make plans that knew what would be lost.
     """
@@ -76,6 +77,7 @@ class Operated:
     scenario: Scenario
     motions: PlannedMotions
     tpg: TemporalPlanGraph
+    skills: tuple[str, ...]
     only: frozenset[int] | None = None
 
     @property
@@ -90,14 +92,13 @@ class Operated:
     def rows(self, count: int) -> OperatedRows:
         """Return rows of replications in which nothing has failed."""
         steps = sorted(choice.step for choice in self.motions.task_plan.choices)
-        skills = sorted(self.scenario.execution.failures)
         return OperatedRows(
             np.zeros(count, dtype=np.int64),
             np.zeros((len(RUNGS), count), dtype=np.int64),
             np.array(steps, dtype=np.int64),
             np.zeros((len(steps), count), dtype=np.int64),
-            np.array(skills, dtype=str),
-            np.zeros((len(skills), count), dtype=np.int64),
+            np.array(self.skills, dtype=str),
+            np.zeros((len(self.skills), count), dtype=np.int64),
             np.full(count, -1, dtype=np.int64),
         )
 

@@ -105,6 +105,31 @@ def mean_interval(
     return Interval(mean, mean - half, mean + half, count)
 
 
+def paired_interval(
+    first: npt.ArrayLike,
+    second: npt.ArrayLike,
+    *,
+    confidence: float = 0.95,
+    antithetic: bool = False,
+) -> Interval | None:
+    """Return by how much values are greater than others, replication by replication.
+
+    Args:
+        first, second: one value a replication, NaN where there is none, shape (n,).
+        confidence: probability that the interval covers the mean difference.
+        antithetic: see ``mean_interval``; only counts where all values are there.
+
+    Returns:
+        None where no replication has both.
+    """
+    difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
+    both = np.isfinite(difference)
+    if not both.any():
+        return None
+    mirrored = antithetic and bool(both.all()) and len(both) > 1
+    return mean_interval(difference[both], confidence=confidence, antithetic=mirrored)
+
+
 def quantile_interval(
     values: npt.ArrayLike, probability: float, *, confidence: float = 0.95
 ) -> Interval:

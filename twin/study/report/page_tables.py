@@ -12,6 +12,7 @@ from twin.run.policies import OPEN_LOOP
 from twin.study.gains.candidates import task_names
 from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
 from twin.study.replications.block_results import TaskTally
+from twin.study.replications.operating import RUNGS
 from twin.study.replications.statistics import Interval
 from twin.study.replications.workload import Workload
 from twin.study.study import StudyResult
@@ -35,6 +36,13 @@ HONEST = (
     " made shorter, and what that costs, it does not know; gains of several do not add up, and"
     " robots are never assigned or planned anew. A wait that is gone is a robot that does not"
     " wait, whatever stands in its way: more than any better plan can do."
+)
+
+OPERATED = (
+    "Where a skill failed for good, or a robot was out, what was left was planned anew. Makespans are of"
+    " replications in which all steps were done. Regret is by how much they are longer than those of a plan that"
+    " knew from the beginning what would be lost, in which attempts fail and never for good. What follows further"
+    " down, such as what is worth fixing, is of the first plan, and of replications in which nothing was planned anew."
 )
 
 
@@ -203,6 +211,60 @@ def holding_texts(summary: StudySummary) -> list[str]:
         for cell in summary.cells
         if cell.windows and cell.windows.holding_s
     ]
+
+
+def operated_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of what failures cost, a column a cell."""
+    cells = [(cell.label, cell.operated) for cell in summary.cells if cell.operated]
+    shown = {
+        "completed": [_span(own.completed, _SHARE, 100.0) for _, own in cells],
+        "steps given up": [_span(own.gave_up, _SHARE, 100.0) for _, own in cells],
+        "new plans": [_mean(own.versions) for _, own in cells],
+        **{
+            rung.replace("_", " "): [_mean(own.recoveries[rung]) for _, own in cells]
+            for rung in RUNGS
+        },
+        "regret [s]": [_seconds(own.regret_s) for _, own in cells],
+        "regret, new plans only [s]": [
+            _seconds(own.regret_replanned_s) for _, own in cells
+        ],
+    }
+    rows = [[name, *values] for name, values in shown.items() if values]
+    return ["failures, a replication", *(label for label, _ in cells)], rows
+
+
+def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of failures that are worth preventing, the best first."""
+    head = ["worth preventing", "completed then", "more", "sooner by [s]"]
+    rows = []
+    for cell in summary.cells:
+        for own in cell.operated.prevented if cell.operated else ():
+            name = own.name if len(summary.cells) == 1 else f"{own.name}; {cell.label}"
+            share = _span(own.completed, _SHARE, 100.0)
+            more = f"{100 * own.completed_more:+.1f} %"
+            rows.append([name, share, more, _seconds(own.sooner_s)])
+    return head, rows
+
+
+def operated_tables(summary: StudySummary) -> str:
+    """Return both for the report with what was given up, nothing where failures are not planned anew."""
+    head, rows = operated_rows(summary)
+    out = table(
+        "what came of failures for good, means", head, [map(text, r) for r in rows]
+    )
+    texts = [
+        f"{cell.label}: step {step} in {count} of {cell.replications} replications"
+        for cell in summary.cells
+        for step, count in (cell.operated.given_up if cell.operated else {}).items()
+    ]
+    out += bullets("Steps that were given up", texts)
+    head, rows = prevented_rows(summary)
+    words = "which failure is worth preventing first: the same draws without it"
+    return out + table(words, head, [map(text, row) for row in rows], "named")
+
+
+def _seconds(found: Interval | None) -> str:
+    return "-" if found is None else _span(found, "{:.2f}")
 
 
 def lateness_list(summary: StudySummary) -> str:

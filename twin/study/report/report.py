@@ -36,6 +36,7 @@ from twin.study.report.figures import (
 from twin.study.report.layout import WIDTH_IN
 from twin.study.report.page_tables import (
     HONEST,
+    OPERATED,
     busy_table,
     collided,
     critical_tasks_table,
@@ -46,6 +47,7 @@ from twin.study.report.page_tables import (
     lead,
     lines_table,
     makespans_table,
+    operated_tables,
     ranking_table,
     refused_table,
     windows_table,
@@ -165,6 +167,10 @@ def _first_page(result: StudyResult) -> Pieces:
         yield paragraph("The other variants are in a table further down.", "note")
     yield from _lines(result, cell)
     yield from _windows(summary)
+    if any(own.operated for own in summary.cells):
+        yield heading("What failures cost")
+        yield paragraph(OPERATED, "note")
+        yield operated_tables(summary)
     yield heading("What is worth fixing")
     yield paragraph(HONEST, "note")
     yield gains_tables(

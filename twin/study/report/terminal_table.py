@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
@@ -19,6 +19,8 @@ from twin.study.report.page_tables import (
     busy_rows,
     holding_texts,
     line_rows,
+    operated_rows,
+    prevented_rows,
     window_rows,
 )
 from twin.study.report.report import shown_cell, shown_policy
@@ -103,14 +105,16 @@ def _print_lines(console: Console, summary: StudySummary) -> None:
     tables = [line_rows(summary)]
     if tables[0][1]:
         tables.append(busy_rows(summary))
+    tables += [operated_rows(summary), prevented_rows(summary)]
     for names, lines in (*tables, window_rows(summary)):
         if not lines:
             continue
         table = _table()
         for name in names:
-            table.add_column(name, justify="left" if name == names[0] else "right")
+            side: JustifyMethod = "left" if name == names[0] else "right"
+            table.add_column(Text(name), justify=side)
         for line in lines:
-            table.add_row(*line)
+            table.add_row(*map(Text, line))
         console.print(table)
     for told in holding_texts(summary):
         console.print(told, soft_wrap=True)
