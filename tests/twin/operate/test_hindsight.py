@@ -13,7 +13,7 @@ from twin.operate.operation import Operation, operate
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import execute, scenario_execution
 
-ITEM = {"probability": 0.15, "retries": 0, "loses": 0.5}
+ITEM = {"probability": 0.2, "retries": 1, "loses": 0.3}
 FAILING = {"failures.pick": ITEM, "failures.place-down": ITEM}
 
 
@@ -32,7 +32,7 @@ def test_it_does_without_what_is_lost_and_never_fails_for_good(
     case = plan.scenario.varied(FAILING)
     model = scenario_execution(case.sections)
     hindsight = Hindsight(case.sections, plan.motions, plan.tpg, model)
-    patient = {"probability": 0.15, "retries": 1000, "loses": 0.0}
+    patient = {"probability": 0.2, "retries": 1000, "loses": 0.0}
     sure = plan.scenario.varied(dict.fromkeys(FAILING, patient))
     seen = set()
     for seed in range(40):
@@ -57,7 +57,7 @@ def test_it_does_without_what_is_lost_and_never_fails_for_good(
         record = simulator.run(seed=seed)
         assert (record.outcome, record.makespan_ns) == ("completed", knew)
         seen.add("something")
-        if seen == {"nothing", "something"} and seed > 10:
+        if seen == {"nothing", "something"}:
             return
     assert seen == {"nothing", "something"}
 

@@ -29,8 +29,8 @@ from twin.trial.simulation import scenario_execution
 
 COUNT = 40
 OFTEN = {
-    "failures.pick": {"probability": 0.02, "retries": 0, "loses": 0.8},
-    "failures.place-down": {"probability": 0.15, "retries": 0, "loses": 0.2},
+    "failures.pick": {"probability": 0.05, "retries": 1, "loses": 0.3},
+    "failures.place-down": {"probability": 0.3, "retries": 1, "loses": 0.3},
     "recovery.again": 1,
 }
 
