@@ -177,6 +177,11 @@ def _conclude(
     scenario, tpg = plan.scenario.sections, plan.tpg
     if done.operation is not None:
         about = replace(about, plan_sha256=plan_sha256(tpg))
+        if done.operation.versions:
+            # What the first plan takes otherwise is no measure of what was executed.
+            about = replace(
+                about, makespan_sequential_s=None, makespan_asynchronous_s=None
+            )
         save_plan(tpg, folder)
         base = plan.scenario.folder
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))

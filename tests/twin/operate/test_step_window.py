@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -26,7 +27,7 @@ from tests.twin.program import invoke
 from twin.operate.operation import Operation, operate
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego
-from twin.run.folder import EVENTS
+from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.sections.lego import LegoSection
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
@@ -144,9 +145,14 @@ def test_it_is_resumed_after_a_kill(stack_file: Path, tmp_path: Path) -> None:
     assert "come next" in log
     lines = log.splitlines(keepends=True)
     (run / EVENTS).write_text("".join(lines[: len(lines) // 2]))
-    (run / "summary.json").unlink()
+    before = json.loads((run / SUMMARY).read_text())
+    # All that was executed one after another, not what the first window takes.
+    assert before["makespan_sequential_s"] > before["makespan_s"]
+    (run / SUMMARY).unlink()
     invoke("resume", str(run), "--quiet")
     assert (run / EVENTS).read_text() == log
+    after = json.loads((run / SUMMARY).read_text())
+    assert after["makespan_sequential_s"] == before["makespan_sequential_s"]
 
 
 def test_other_kinds_are_looked_at_as_a_whole() -> None:
