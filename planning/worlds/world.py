@@ -173,6 +173,16 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
 
 
+def standing(left: Sequence[Leftover], but: int | None = None) -> frozenset[str]:
+    """Return the robots that have something to bring to an end where they stand, but in one step."""
+    return frozenset(
+        task.robot
+        for item in left
+        if not item.ends and item.step.step != but
+        for task in item.tasks
+    )
+
+
 def in_world(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:
     """Return a cell in which a world is how everything is at the start.
 

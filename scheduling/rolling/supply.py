@@ -6,18 +6,19 @@ that everybody keeps clear of its place all along, and whatever is done to it wa
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell, machine
-from planning.tasks.task import PRESENT, STILL, Handling, Task
+from planning.tasks.task import PRESENT, STILL, TRANSIT, Handling, Task
 from planning.transforms import Indices, readonly
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
+    join_chains,
 )
 from scheduling.rolling.extension import committed_part
 
@@ -26,20 +27,32 @@ _LATER = 1.0
 
 
 def with_supply(
-    tpg: TemporalPlanGraph, machine_name: str, name: str, seconds: float = 0.0
+    tpg: TemporalPlanGraph,
+    who: str,
+    item: CellObject | None,
+    *,
+    label: str,
+    step: int = 1,
+    seconds: float = 0.0,
 ) -> TemporalPlanGraph:
-    """Return a graph in which a machine brings an object to its start, with dependencies and no new edges.
+    """Return a graph in which a machine brings an object to its start, or sees to a step.
+
+    It has no new edges, and no dependencies of what waits for it: see ``supply_waits``.
 
     Args:
-        tpg: the graph, in which the machine has no nodes.
-        machine_name: who brings it.
-        name: the object.
-        seconds: how long that takes.
+        tpg: the graph.
+        who: the machine; it does this after whatever it does already.
+        item: what is brought; None for nothing.
+        label: of the task.
+        step: that it serves.
+        seconds: how long it takes.
     """
-    index, item = len(tpg.tasks), tpg.cell.object(name)
-    still, pose = readonly(np.zeros(1)), readonly(item.start)
-    chain = NodeChain(
-        machine_name,
+    index, still = len(tpg.tasks), readonly(np.zeros(1))
+    name = None if item is None else item.name
+    brings = () if item is None else (Handling(item.name, 1, None, item.start),)
+    task = Task(index, who, PRESENT, step, label, STILL, brings, name)
+    own = NodeChain(
+        who,
         still,
         STILL,
         np.ones(1),
@@ -49,55 +62,86 @@ def with_supply(
         np.array([seconds]),
         np.zeros(1),
     )
-    brings = Handling(name, 1, None, pose)
-    task = Task(
-        index, machine_name, PRESENT, 1, f"bring {name}", STILL, (brings,), name
-    )
-    later = [replace(c, planned_start=c.planned_start + _LATER) for c in tpg.chains]
-    handling = NodeHandling(name, len(tpg.chains), 0, 1, None, pose)
-    waits = supply_waits(tpg.tasks, {name: index})
+    place = tpg.chain_index.get(who, len(tpg.chains))
+    chains = [
+        c if k == place else replace(c, planned_start=c.planned_start + _LATER)
+        for k, c in enumerate(tpg.chains)
+    ]
+    node = len(chains[place]) if place < len(chains) else 0
+    chains[place : place + 1] = [
+        join_chains([chains[place], own]) if place < len(chains) else own
+    ]
+    handled = [NodeHandling(h.object, place, node, 1, None, h.pose) for h in brings]
     return replace(
         tpg,
-        cell=coming(tpg.cell, (replace(item, later=True),), machine_name),
+        cell=coming(tpg.cell, () if item is None else (item,), who),
         tasks=(*tpg.tasks, task),
-        chains=(*later, chain),
-        handlings=(handling, *tpg.handlings),
-        dependencies=np.concatenate([tpg.dependencies.reshape(-1, 2), waits]),
+        chains=tuple(chains),
+        handlings=(*handled, *tpg.handlings),
     )
 
 
-def supply_waits(tasks: Iterable[Task], brought: dict[str, int]) -> Indices:
-    """Return which tasks wait for what is brought, shape (e, 2).
-
-    Args:
-        tasks: some tasks.
-        brought: the task in which each object is brought.
-    """
+def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
+    """Return which of some tasks wait for what others bring or see to, shape (e, 2)."""
     pairs = [
-        (brought[task.object], task.index)
+        (own.index, task.index)
+        for own in brought
         for task in tasks
-        if task.object in brought and task.kind != PRESENT
+        if task.kind not in (PRESENT, TRANSIT)
+        and (task.step == own.step if own.object is None else task.object == own.object)
     ]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def brought_by(tasks: Iterable[Task]) -> dict[str, int]:
-    """Return the tasks in which objects are brought, by object."""
-    return {t.object: t.index for t in tasks if t.kind == PRESENT and t.object}
+def brought_in(tasks: Iterable[Task]) -> list[Task]:
+    """Return those of some tasks in which something is brought or seen to."""
+    return [task for task in tasks if task.kind == PRESENT]
 
 
-def coming(
-    cell: Workcell, items: Collection[CellObject], machine_name: str
-) -> Workcell:
-    """Return a cell with objects that come up later, and a machine that brings them."""
-    own = {item.name: item for item in items}
+def coming(cell: Workcell, items: Collection[CellObject], who: str) -> Workcell:
+    """Return a cell with objects that come up later, and the machine that brings them."""
+    own = {item.name: replace(item, later=True) for item in items}
     objects = [own.pop(item.name, item) for item in cell.objects]
-    names = {item.name for item in cell.machines}
-    more = () if machine_name in names else (machine(machine_name),)
+    more = () if cell.is_machine(who) else (machine(who),)
     return replace(
         cell,
         objects=(*objects, *own.values()),
         machines=(*cell.machines, *more),
+    )
+
+
+def renamed(
+    tpg: TemporalPlanGraph, names: Mapping[str, str], first: int
+) -> TemporalPlanGraph:
+    """Return a graph in which objects have other names, in its tasks from an index on; not in its cell."""
+    if not names:
+        return tpg
+
+    def other(task: Task) -> Task:
+        words = task.label.split(" ")
+        return replace(
+            task,
+            object=names.get(task.object or "", task.object),
+            label=" ".join(names.get(word, word) for word in words),
+            handlings=tuple(
+                replace(h, object=names.get(h.object, h.object)) for h in task.handlings
+            ),
+        )
+
+    return replace(
+        tpg,
+        tasks=(*tpg.tasks[:first], *map(other, tpg.tasks[first:])),
+        handlings=tuple(
+            replace(h, object=names.get(h.object, h.object)) for h in tpg.handlings
+        ),
+        allowed=tuple(
+            replace(
+                c,
+                first=names.get(c.first, c.first),
+                second=names.get(c.second, c.second),
+            )
+            for c in tpg.allowed
+        ),
     )
 
 

@@ -101,13 +101,19 @@ def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
     return tpg.tasks[int(tpg.chains[failure.chain].task[failure.node])]
 
 
-def cause_of(tpg: TemporalPlanGraph, incident: Incident, new: range) -> str:
+def cause_of(
+    tpg: TemporalPlanGraph,
+    incident: Incident,
+    new: range,
+    answers: Sequence[str] = (),
+) -> str:
     """Return why a graph is extended, for people.
 
     Args:
         tpg: the graph.
         incident: what has happened.
         new: steps that are planned for the first time.
+        answers: of a person who was asked.
     """
     words = []
     for failure in incident.failures:
@@ -120,4 +126,5 @@ def cause_of(tpg: TemporalPlanGraph, incident: Incident, new: range) -> str:
         words.append(f"not wanted any more: steps {steps}")
     if new:
         words.append(f"steps {new[0]} to {new[-1]} come next")
+    words += [f"a person was asked: {answer}" for answer in answers]
     return "; ".join(words)

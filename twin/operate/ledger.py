@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
+from twin.operate.person import Ask
+
 
 @dataclass
 class Ledger:
@@ -19,6 +21,7 @@ class Ledger:
         shunned: objects that could not be picked, and are only tried again where there are no others.
         closed: whether no more steps come than are planned, as nobody can do the next one.
         tries: how often all attempts at a skill of a step have failed.
+        asks: what a person was asked.
     """
 
     resting: Mapping[int, frozenset[int]]
@@ -28,6 +31,7 @@ class Ledger:
     shunned: set[str] = field(default_factory=set)
     closed: bool = False
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
+    asks: tuple[Ask, ...] = ()
 
     def copy(self) -> Ledger:
         """Return one that goes on independently."""
@@ -44,6 +48,23 @@ class Ledger:
     def undone(self) -> frozenset[int]:
         """Steps that are not done any more, whatever the reason."""
         return frozenset(self.given_up.keys() | self.dropped.keys())
+
+    @property
+    def fresh(self) -> dict[str, str]:
+        """Names in the graph of what a person has brought, by the names of what was lost, which plans go on with."""
+        helpful = (ask for ask in self.asks if ask.helps)
+        return {ask.object: ask.fresh for ask in helpful if ask.object and ask.fresh}
+
+    def lost(self, name: str) -> str:
+        """Return the name with which plans know what has a name in the graph."""
+        return next((old for old, own in self.fresh.items() if own == name), name)
+
+    def answered(self, ask: Ask) -> bool:
+        """Take note of what came of asking; return whether it helps."""
+        self.asks = (*self.asks, ask)
+        if ask.helps and ask.object is not None:
+            self.gone.discard(ask.object)
+        return ask.helps
 
     def give_up(self, step: int, why: str) -> None:
         """Give up a step with all that rests on it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -16,9 +16,10 @@ from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
-from scheduling.rolling.supply import with_supply, without_chains
+from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel
+from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery, Recut
 from twin.operate.rolling import (
     RollingDrivenExecution,
@@ -47,6 +48,7 @@ class Operation:
         given_up: steps that were not done, by number, with the reason.
         dropped: steps that were not wanted any more, and not done, likewise.
         out: robots that were out.
+        asks: what a person was asked, and the answers.
     """
 
     tpg: TemporalPlanGraph
@@ -55,6 +57,7 @@ class Operation:
     given_up: Mapping[int, str]
     dropped: Mapping[int, str]
     out: frozenset[str]
+    asks: tuple[Ask, ...] = ()
 
     @property
     def planning_s(self) -> tuple[float, ...]:
@@ -74,6 +77,10 @@ class Operation:
             ],
             "given_up": {str(step): why for step, why in sorted(self.given_up.items())},
             "dropped": {str(step): why for step, why in sorted(self.dropped.items())},
+            "asked": [
+                {"step": ask.step, "question": ask.words, "answer": ask.answer}
+                for ask in self.asks
+            ],
         }
 
 
@@ -87,6 +94,7 @@ def operate(
     replication: int = 0,
     recorders: Sequence[Recorder] = (),
     halting: bool = False,
+    says: Says | None = None,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
 
@@ -99,6 +107,7 @@ def operate(
         recorders: told of every event, then closed.
         halting: let everybody stop and go HOME before anything is planned anew, as without a graph that
             is extended: what this is compared with.
+        says: answers for the person who is asked, in place of what is drawn.
 
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
@@ -117,7 +126,8 @@ def operate(
     require_picked(motions, [item.part for item in late])
     first = len(tpg.chains)
     tpg = _with_late(tpg, [item.part for item in late])
-    planner = Recovery(scenario, motions, tpg, draw)
+    person = Person(scenario.execution.recovery.ask, seed, replication, says)
+    planner = Recovery(scenario, motions, tpg, draw, person)
     if halting:
         planner.cuts = (Recut(steps=False, aside=True),)
     kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
@@ -173,6 +183,7 @@ def operate(
         planner.given_up,
         planner.dropped,
         cell.out,
+        planner.asks,
     )
 
 
@@ -203,8 +214,13 @@ def _with_late(tpg: TemporalPlanGraph, late: Sequence[str]) -> TemporalPlanGraph
     """Return a graph in which parts are brought, each by a machine of its own."""
     if not late:
         return tpg
+    first = len(tpg.tasks)
     for k, name in enumerate(late, start=1):
-        tpg = with_supply(tpg, f"supply{k}", name)
+        item = tpg.cell.object(name)
+        tpg = with_supply(tpg, f"supply{k}", item, label=f"bring {name}")
+    waits = supply_waits(tpg.tasks[:first], tpg.tasks[first:])
+    more = np.concatenate([tpg.dependencies.reshape(-1, 2), waits])
+    tpg = replace(tpg, dependencies=more)
     return connect_nodes(DerivedTpg(tpg), (tpg.edges, tpg.cause))
 
 

@@ -12,7 +12,12 @@ from dataclasses import InitVar, dataclass, field, replace
 
 import numpy as np
 
-from planning.cell.workcell import Workcell, start_state
+from planning.cell.workcell import (
+    Attachment,
+    Workcell,
+    WorldState,
+    start_state,
+)
 from planning.errors import (
     InfeasibleStepError,
     PlanInvariantError,
@@ -22,26 +27,26 @@ from planning.errors import (
 from planning.motion.known_motions import KnownMotions
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
-    GONE,
-    HANDLING,
     TAKEN_OUT,
-    TRANSIT,
-    Handling,
     StepTasks,
-    Task,
 )
 from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
-from planning.worlds.world import Leftover, World, leftovers, pose_of
+from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import (
     complete_tasks,
     cut_after,
     planned_steps,
-    state_at,
 )
 from scheduling.rolling.extension import committed_part, extended
-from scheduling.rolling.supply import brought_by, supply_waits
+from scheduling.rolling.supply import (
+    brought_in,
+    coming,
+    renamed,
+    supply_waits,
+    with_supply,
+)
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
@@ -50,12 +55,13 @@ from twin.operate.committed import (
     cause_of,
     committed_at,
     not_executed,
-    tried_task,
 )
 from twin.operate.dependents import resting_steps
+from twin.operate.judging import Judging, interrupted
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
-from twin.operate.rolling import Failure, Incident, Version
+from twin.operate.person import PERSON, Ask, Person
+from twin.operate.rolling import Incident, Version
 from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
@@ -112,6 +118,7 @@ class Recovery:
         motions: what the first plan was made of.
         tpg: the first plan.
         draw: times of new nodes.
+        person: who is asked before something is given up.
         cuts: that are tried, in this order, until nothing has to be given up; else that from which least is.
     """
 
@@ -119,6 +126,7 @@ class Recovery:
     motions: PlannedMotions
     tpg: InitVar[TemporalPlanGraph]
     draw: Draw
+    person: Person
     cuts: tuple[Recut, ...] = (Recut(steps=True), Recut(steps=False, aside=True))
     _known: KnownMotions = field(default_factory=KnownMotions)
 
@@ -151,6 +159,11 @@ class Recovery:
         """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
         return self._executed.ledger.dropped
 
+    @property
+    def asks(self) -> tuple[Ask, ...]:
+        """What a person was asked for what is executed."""
+        return self._executed.ledger.asks
+
     def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
         complete = complete_tasks(tpg, counts)
@@ -182,7 +195,8 @@ class Recovery:
         if self.due(tpg, incident.released):
             planned = self._window.after(executed)
         self.motions = self._window.of_first(self.motions, planned)
-        judged = self._judged(tpg, incident)
+        judging = Judging(self.scenario.execution, self._ledger, self.person)
+        judged = judging.judged(tpg, incident)
         union, new, at = self._from_some_cut(tpg, incident, judged)
         self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
         counts = at.lengths
@@ -194,7 +208,12 @@ class Recovery:
             self.draw(new, self._luck.names),
             round(self.scenario.execution.recovery.planning_s * NANOSECONDS),
             time.process_time() - begin,
-            cause_of(tpg, incident, range(executed + 1, planned + 1)),
+            cause_of(
+                tpg,
+                incident,
+                range(executed + 1, planned + 1),
+                [ask.answer for ask in self._ledger.asks[len(self.asks) :]],
+            ),
             judged.words,
         )
 
@@ -254,8 +273,14 @@ class Recovery:
         for task in at.tried:
             if task.step in at.judged.reopened or task.step in self._ledger.undone:
                 complete.add(task.index)
+        # Plans go on with the names of what was lost.
+        where = {self._ledger.lost(n): own for n, own in at.state.attachments.items()}
+        for ask in self._pending(at):
+            if ask.object is not None:
+                start = self._cell.object(ask.object).start
+                where[ask.object] = Attachment(None, start)
         return World(
-            at.state,
+            WorldState(at.state.configurations, where),
             self._steps,
             self._past,
             frozenset(complete),
@@ -263,16 +288,44 @@ class Recovery:
             len(at.committed.tasks),
         )
 
+    def _pending(self, at: Committed) -> list[Ask]:
+        """Return what a person is to do that is not committed."""
+        committed = {task.label for task in brought_in(at.committed.tasks)}
+        fresh = {None, *self._ledger.fresh.values()}
+        asks = (ask for ask in self._ledger.asks if ask.helps and ask.fresh in fresh)
+        return [ask for ask in asks if ask.label not in committed]
+
+    def _helped(self, at: Committed, tpg: TemporalPlanGraph) -> TemporalPlanGraph:
+        """Return a new graph with what a person does, and what that brings under its own name."""
+        tpg = renamed(tpg, self._ledger.fresh, len(at.committed.tasks))
+        for ask in self._pending(at):
+            item = None
+            if ask.object is not None:
+                item = replace(self._cell.object(ask.object), name=str(ask.fresh))
+            self._cell = coming(self._cell, () if item is None else (item,), PERSON)
+            tpg = with_supply(
+                tpg,
+                PERSON,
+                item,
+                label=ask.label,
+                step=ask.step,
+                seconds=ask.seconds,
+            )
+        return tpg
+
     def _onward(
         self, at: Committed, *, aside: bool
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, goes_aside = StageWatch(), frozenset[str]()
         if aside:
-            goes_aside = _standing(leftovers(self._world(at), {})) - at.out
+            goes_aside = standing(leftovers(self._world(at), {})) - at.out
         while True:
             world = self._world(at)
-            reopened = {**at.judged.reopened, **self._interrupted(at.out, world)}
+            reopened = {
+                **at.judged.reopened,
+                **interrupted(self._ledger, at.out, world),
+            }
             for step in at.unwanted - (world.begun().keys() - reopened.keys()):
                 self._ledger.drop(step)
             given_up = self._ledger.undone
@@ -282,7 +335,11 @@ class Recovery:
                 world, self._task_plan, reopened, given_up, aside=goes_aside
             )
             if hopeless := self._hopeless(now):
-                if not self._ledger.takes_what_is_there():
+                there = self._ledger.takes_what_is_there()
+                asked = not there and any(
+                    self._asks_for(step, why, now) for step, why in hopeless.items()
+                )
+                if not there and not asked:
                     for step, why in hopeless.items():
                         self._ledger.give_up(step, why)
                     self._look_no_further(hopeless)
@@ -302,7 +359,7 @@ class Recovery:
                 others = frozenset[str]()
                 if isinstance(error, TransitError):
                     left = leftovers(world, reopened)
-                    others = _standing(left, but=error.step) - world.out
+                    others = standing(left, but=error.step) - world.out
                 if others - goes_aside:
                     goes_aside |= others
                 elif not self._ledger.takes_what_is_there() and not self._retreat(
@@ -313,12 +370,12 @@ class Recovery:
             onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
             self._cell = replace(self._cell, objects=(*self._cell.objects, *come_up))
-            brought = brought_by(at.committed.tasks)
-            late = supply_waits(found.tpg.tasks[now.world.tasks :], brought)
+            new = self._helped(at, found.tpg)
+            first = len(at.committed.tasks)
+            brought = brought_in((*at.committed.tasks, *new.tasks[first:]))
+            late = supply_waits(new.tasks[first:], brought)
             waits = np.concatenate([onward.motions.dependencies, late])
-            union = extended(
-                at.committed, found.tpg, self._cell, waits, order=at.robots
-            )
+            union = extended(at.committed, new, self._cell, waits, order=at.robots)
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan
@@ -327,7 +384,23 @@ class Recovery:
                     continue
             self._task_plan = onward.task_plan
             self._steps, self._past = onward.steps, onward.past
-            return union, found.tpg
+            return union, new
+
+    def _asks_for(self, step: int, why: str, now: Situation) -> bool:
+        """Ask a person for an object for a step if that is what it lacks; return whether there is anything new."""
+        lost = self._ledger.gone - now.world.state.attachments.keys()
+        whole = narrowed(self.work.problem, now.kept, now.world.out - lost, {})
+        own = [c for c in whole.primaries if c.step == step and c.object in lost]
+        if not own or whole.lacking(step) is not None:
+            return False
+        name = min(own, key=lambda c: (c.cost, c.object)).object
+        words = f"step {step} lacks an object: will you bring one in place of {name}?"
+        taken = [item.name for item in self._cell.objects]
+        ask = self.person.asked(self._ledger.asks, step, words, name, taken)
+        if ask is not None and not self._ledger.answered(ask):
+            said = why.partition("\n")[0]
+            self._ledger.give_up(step, f"{said}, and a person could not help")
+        return ask is not None
 
     def _hopeless(self, now: Situation) -> dict[int, str]:
         """Return the steps that nobody can do any more, with the reason."""
@@ -350,7 +423,10 @@ class Recovery:
                     self._ledger.give_up(step, f"step {first} is given up")
 
     def _retreat(self, now: Situation, error: TwinError) -> bool:
-        """Give up a step, and tell whether there was one: that of the error, else what fewest rest on."""
+        """Give up a step, or ask for what it lacks, and tell whether there was one.
+
+        It is that of the error, else what fewest rest on.
+        """
         undone = self._ledger.undone
         left = [c.step for c in self._task_plan.choices if c.step not in undone]
         named = error.step if isinstance(error, TransitError) else None
@@ -360,80 +436,7 @@ class Recovery:
                 return False
             named = min(steps, key=lambda k: (len(self._ledger.resting.get(k, ())), -k))
         assert named is not None
-        self._ledger.give_up(named, str(error))
+        lacks = isinstance(error, InfeasibleStepError)
+        if not lacks or not self._asks_for(named, str(error), now):
+            self._ledger.give_up(named, str(error))
         return True
-
-    def _judged(self, tpg: TemporalPlanGraph, incident: Incident) -> Judged:
-        """Decide what is done about each failure, and what becomes of the object."""
-        words, changes, reopened = [], [], dict[int, frozenset[str]]()
-        for failure in incident.failures:
-            task = tried_task(tpg, failure)
-            change = self._changes(tpg, incident, failure, task)
-            changes.append(change)
-            self._ledger.tries[task.step, task.kind] += not failure.missing
-            often = self._ledger.tries[task.step, task.kind]
-            if often > self.scenario.execution.recovery.again:
-                self._ledger.give_up(task.step, f"{task.label} failed {often} times")
-                words.append(f"step {task.step} is given up")
-            elif change or task.kind == "pick":
-                reopened[task.step] = frozenset({task.robot})
-                how = "is lost" if change else "is left where it is"
-                how = "has not come yet" if failure.missing else how
-                words.append(f"step {task.step} is begun anew: {task.object} {how}")
-            else:
-                words.append(f"{task.label} is done again")
-        return Judged(tuple(words), tuple(changes), reopened)
-
-    def _changes(
-        self,
-        tpg: TemporalPlanGraph,
-        incident: Incident,
-        failure: Failure,
-        task: Task,
-    ) -> tuple[Handling, ...]:
-        """Return what becomes of the object of a skill that failed: nothing, unless it is lost."""
-        name = task.object
-        if name is None or task.kind not in HANDLING:
-            return ()
-        if failure.missing:
-            self._ledger.shunned.add(name)
-            return ()
-        # What it holds does not change any more before its robot goes on.
-        counts = cut_after(
-            tpg, incident.released, not_executed(tpg, incident), steps=False
-        )
-        state = state_at(tpg, counts)
-        at = state.attachments.get(name)
-        retries = self.scenario.execution.failures[task.kind].retries
-        if failure.attempts > retries or at is None:
-            if task.kind == "pick":
-                self._ledger.shunned.add(name)
-            return ()
-        self._ledger.gone.add(name)
-        if at.holder is None:
-            return (Handling(name, 1, GONE, at.pose),)
-        pose = pose_of(tpg.cell, state, name)
-        return Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)
-
-    def _interrupted(
-        self, out: frozenset[str], world: World
-    ) -> dict[int, frozenset[str]]:
-        """Return the steps in the middle of which a robot is out; what it holds is lost."""
-        self._ledger.gone |= {name for name, at in world.held() if at.holder in out}
-        found = {}
-        for number, step in world.begun().items():
-            left = [t for t in step.tasks if t.index not in world.complete]
-            if any(t.robot in out and t.kind != TRANSIT for t in left):
-                self._ledger.gone |= {t.object for t in left if t.object is not None}
-                found[number] = out
-        return found
-
-
-def _standing(left: Sequence[Leftover], but: int | None = None) -> frozenset[str]:
-    """Return the robots that have something to bring to an end where they stand, but in one step."""
-    return frozenset(
-        task.robot
-        for item in left
-        if not item.ends and item.step.step != but
-        for task in item.tasks
-    )

@@ -49,6 +49,11 @@ cover | failures: {seel: {probability: 0.1}}                           | seel   
 cover | failures: {seal: {probability: 0.1, loses: 0.5}}               | 0.5      | nothing can be lost in seal
 stack | recovery: {planning_s: -1}                                     | -1       | must be at least 0, not -1
 stack | recovery: {planning: 1}                                        | planning | unknown key 'planning': this quantity is in seconds, as 'planning_s'
+stack | recovery: {ask: {answer_s: -1}}                                | -1       | must be at least 0
+stack | recovery: {ask: {answer_s: 5, answer: {kind: fixed, value_s: 3}}} | {answer_s | give answer_s or answer, not both
+stack | recovery: {ask: {helps: 1.2}}                                  | 1.2      | must be at most 1, not 1.2
+stack | recovery: {ask: {times: 0}}                                    | 0}}      | must be at least 1, not 0
+stack | recovery: {ask: yes}                                           | yes      | a mapping (key: value) expected
 stack | recovery: {again: 2.5}                                         | 2.5      | a whole number expected, not 2.5
 stack | recovery: {remove_s: 1e9}                                      | 1e9      | must be at most 3600
 stack | recovery: 3                                                    | 3        | a mapping (key: value) expected, not 3

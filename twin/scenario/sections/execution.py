@@ -9,12 +9,19 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from planning.errors import ScenarioError
-from twin.durations.lifetimes import Distribution, SkillOverride
+from twin.durations.bounded import Fixed
+from twin.durations.lifetimes import AnyDuration, Distribution, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
 from twin.scenario.sections.windows import WindowsSection
-from twin.uncertainty.disturbances import Disturbances, LatePart, OrderChange, Outage
+from twin.uncertainty.disturbances import (
+    Disturbances,
+    LatePart,
+    OrderChange,
+    Outage,
+    Probability,
+)
 
 Latency = Annotated[float, Field(ge=0, le=3600)]
 
@@ -49,6 +56,29 @@ class StepWindowSection(Section):
         return min(self.steps, self.least + 1)
 
 
+class AskSection(Section):
+    """A person who is asked before a step is given up for want of objects, or after many failures.
+
+    Attributes:
+        answer_s: how long the person takes [s].
+        answer: distribution of that time, in place of ``answer_s``.
+        helps: probability that the person brings what is asked for, or sees to what fails.
+        times: most times that somebody is asked for one step.
+    """
+
+    answer_s: Annotated[float, Field(ge=0, le=1e6)] = 60.0
+    answer: AnyDuration | None = None
+    helps: Probability = 1.0
+    times: Annotated[int, Field(ge=1, le=1000)] = 3
+
+    not_both = (("answer_s", "answer"),)
+
+    @property
+    def model(self) -> DurationModel:
+        """Distribution of the time that the person takes."""
+        return self.answer or Fixed(value_s=self.answer_s)
+
+
 class RecoverySection(Section):
     """What ``twin operate`` does when a skill has failed for good or a robot is out.
 
@@ -58,12 +88,14 @@ class RecoverySection(Section):
         remove_s: how long a person takes to take what a robot holds that has nowhere to go [s].
         again: how often a skill is planned anew with what it was to be done with, before its step is
             given up.
+        ask: who is asked before that, and before a step is given up of which nothing is left; None for nobody.
     """
 
     planning_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
     shortcuts: Annotated[int, Field(ge=0, le=1_000_000)] = 60
     remove_s: Annotated[float, Field(ge=0, le=3600)] = 10.0
     again: Annotated[int, Field(ge=0, le=100)] = 3
+    ask: AskSection | None = None
 
 
 class ExecutionSection(Disturbances):
