@@ -109,7 +109,12 @@ def require_operable(
             raise RequestError(
                 f"{keys}: what is operated has one plan; study each layout by itself"
             )
-        require_rolling(varied(case.sections, variant))
+        own = varied(case.sections, variant)
+        require_rolling(own)
+        if own.execution.window is not None:
+            raise RequestError(
+                "what is replicated is a plan of all steps: leave out execution.window"
+            )
 
 
 def operated_plan(

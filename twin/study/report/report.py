@@ -256,6 +256,9 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
         yield paragraph("No replication was completed.")
         return
     tally = cell_tally(result.folder / BLOCKS, cell)
+    if not tally.count:
+        yield paragraph("Something was planned anew in every replication.")
+        return
     if drawn:
         yield heading("When tasks are done, and which are critical", 3)
         yield _drawn(result, draw_bands(load.tpg, tally), f"gantt-{name}")
