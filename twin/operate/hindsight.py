@@ -54,7 +54,8 @@ class Hindsight:
             return None
         tried = [task for task in done.tpg.tasks if task.kind == FAILED]
         handled = [h for task in tried for h in task.handlings]
-        lost = frozenset(h.object for h in handled if h.holder == GONE)
+        there = {item.name for item in self.motions.cell.objects}
+        lost = frozenset(h.object for h in handled if h.holder == GONE) & there
         if lost not in self._known:
             self._known[lost] = self._simulator(lost)
         simulator, drawn = self._known[lost], done.record

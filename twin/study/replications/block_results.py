@@ -105,8 +105,10 @@ class ReplicationRows:
         self.makespan_ns[which] = found.makespan_ns
         busy = found.chain_end_ns - found.waited_ns.sum(axis=1)
         self.busy_ns[:, which] = 0
-        for k in (*robots, *machines):
-            self.busy_ns[self.robots.index(tpg.chains[k].robot), which] = busy[k]
+        names = [tpg.chains[k].robot for k in (*robots, *machines)]
+        for k, name in enumerate(self.robots):
+            if name in names:
+                self.busy_ns[k, which] = busy[tpg.chain_index[name]]
         self.waited_ns[:, which] = found.waited_ns[robots].sum(axis=0)
 
     def makespans_s(self) -> npt.NDArray[np.float64]:

@@ -19,8 +19,9 @@ from twin.operate.operation import Operation, operate
 from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
 
-RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out")
-"""What was done about failures for good: the same with the same object, its step with another object, nothing."""
+RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")
+"""What was done about failures for good: the same with the same object, its step with another object, nothing;
+then how many robots were out, and how often a person was asked."""
 
 SAME = "same"
 """Outcome of a replication that need not be computed, as it is that of what it is compared with."""
@@ -32,7 +33,7 @@ class OperatedRows:
 
     Attributes:
         versions: graphs that took over, shape (r,).
-        recoveries: how often what was done, in the order of RUNGS, shape (4, r).
+        recoveries: how often what was done, in the order of RUNGS, shape (5, r).
         steps: numbers of all steps, shape (s,).
         given_up: 1 for a step that was given up, shape (s, r).
         skills: those that may fail, shape (k,).
@@ -153,7 +154,7 @@ def _recoveries(done: Operation) -> list[int]:
         if after:
             rung = "done_again" if after[0] == task.object else "begun_anew"
         counts[rung] += 1
-    counts["robots_out"] = len(done.out)
+    counts["robots_out"], counts["asked"] = len(done.out), len(done.asks)
     return list(counts.values())
 
 
