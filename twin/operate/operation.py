@@ -113,6 +113,10 @@ def operate(
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
     """
     require_rolling(scenario)
+    # With what fails that only the model knows, such as a peg that may miss its hole.
+    fails = dict(model.disturbances.failures)
+    execution = scenario.execution.changed(failures=fails)
+    scenario = scenario.changed(execution=execution)
 
     def draw(
         graph: TemporalPlanGraph, names: Mapping[int, TaskName] = MappingProxyType({})

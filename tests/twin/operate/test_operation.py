@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -263,3 +264,19 @@ def test_what_cannot_be_planned_anew_is_refused(plan: PlanResult) -> None:
     result = invoke("operate", tower.document.path)
     assert result.exit_code == 2
     assert "space and time" in result.output
+
+
+def test_what_fails_for_a_reason_that_no_section_names_is_planned_anew(
+    plan: PlanResult,
+) -> None:
+    """As a peg that misses its hole, because a base is off."""
+    case = plan.scenario
+    model = scenario_execution(case.sections, case.folder)
+    missed = next(t for t in plan.tpg.tasks if t.kind == "place-down")
+    misses = {f"{missed.robot}/{missed.object}": 1.0}
+    wrong = model.disturbances.with_misses("place-down", misses)
+    model = replace(model, disturbances=wrong)
+    done = operate(case.sections, plan.motions, plan.tpg, model, seed=0)
+    assert done.versions
+    tried = next(t for t in done.tpg.tasks if t.kind == FAILED)
+    assert tried.object == missed.object

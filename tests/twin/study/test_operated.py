@@ -154,6 +154,25 @@ def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
     assert prevented[0]["sooner_s"]["low"] > 0.0
 
 
+def test_failures_with_a_part_are_prevented_by_themselves(
+    plan: PlanResult, tmp_path: Path
+) -> None:
+    part = next(t.object for t in plan.tpg.tasks if t.kind == "place-down")
+    key = "failures.place-down"
+    item = {"probability": 0.05, "retries": 0}
+    case = plan.scenario.varied({key: {**item, "parts": {part: 0.6}}})
+    ours = studied(replace(plan, scenario=case), tmp_path / "out", 6, operate=True)
+    prevented = ours.summary["cells"][0]["operated"]["prevented"]
+    pairs = {(own["skill"], own["part"]) for own in prevented}
+    assert pairs == {("pick", ""), ("place-down", ""), ("place-down", part)}
+    model = scenario_execution(plan.scenario.varied({key: item}).sections)
+    about = case.sections, plan.motions, plan.tpg, model
+    found = prevented_makespans_s(ours.folder / BLOCKS, 0, ours.folder / PREVENTED, 2)
+    for k, makespan_s in enumerate(found):
+        record = operate(*about, seed=case.sections.seed, replication=k).record
+        assert round(makespan_s * 1e9) == record.makespan_ns
+
+
 def test_the_summary_counts_what_is_in_the_rows(study: Study) -> None:
     rows = study.replications.to_pylist()
     told = study.summary["cells"][0]["operated"]
@@ -205,6 +224,7 @@ def test_robots_that_are_out_are_operated(plan: PlanResult, tmp_path: Path) -> N
         ("cliff", {"vary": {"policy": ["sequential"]}}, "only asynchronous"),
         ("cliff", {"vary": {"robots": [1, 2]}}, "study each layout by itself"),
         ("cliff", {"operate": False, "failures": 0.1}, "give operate, too"),
+        ("cliff", {"vary": {"window": [{"steps": 4}]}}, "a plan of all steps"),
     ],
 )
 def test_what_cannot_be_planned_anew_is_refused_before_anything_is_planned(

@@ -257,10 +257,10 @@ def operated_tables(summary: StudySummary) -> str:
         for cell in summary.cells
         for step, count in (cell.operated.given_up if cell.operated else {}).items()
     ]
-    out += bullets("Steps that were given up", texts)
     head, rows = prevented_rows(summary)
     words = "which failure is worth preventing first: the same draws without it"
-    return out + table(words, head, [map(text, row) for row in rows], "named")
+    out += table(words, head, [map(text, row) for row in rows], "named")
+    return out + bullets("Steps that were given up", texts)
 
 
 def _seconds(found: Interval | None) -> str:
