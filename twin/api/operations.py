@@ -11,6 +11,7 @@ from twin.api.runs import AnyPlan, Begun, check
 from twin.audit.worlds.engines import engine_named
 from twin.host.progress import Report, report_nothing
 from twin.operate.operation import require_picked, require_rolling
+from twin.operate.person import Says
 from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant, layout_of, varied
@@ -29,6 +30,7 @@ def operate(
     recording: bool = True,
     audit: bool = True,
     audit_engine: str | None = None,
+    says: Says | None = None,
     begun: Begun | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
@@ -46,6 +48,8 @@ def operate(
         audit: check what was executed with code of its own.
         audit_engine: what the audit measures with, pybullet or coal; by default PyBullet where it
             is installed, else coal.
+        says: answers whether somebody helps, given what a person is asked before anything is given up, in
+            place of what is drawn; such a run cannot be resumed.
         begun: told of the check and of the folder, before anything that takes long.
         progress: told how far each stage has come.
 
@@ -71,6 +75,7 @@ def operate(
             recording=recording,
             audit=engine or audit,
             operated=True,
+            says=says,
             progress=progress,
         )
 

@@ -21,6 +21,7 @@ def operate_scenario(
     shortcuts: int | None = None,
     robots: int | None = None,
     settings: Sequence[str] = (),
+    ask: bool = False,
     view: View,
     **options: Any,
 ) -> RunResult:
@@ -36,10 +37,13 @@ def operate_scenario(
         robots: of the team, in place of the scenario's; without a team, the first M.
         settings: value of any key, such as execution.recovery.planning_s=2; may be given several
             times. Values are words or JSON.
+        ask: ask at the keyboard before anything is given up; time in the simulation stands meanwhile, and
+            the run cannot be resumed.
         view: how to show.
         options: those of twin.operate.
     """
     from twin.api import operations, runs
+    from twin.host.progress import report_nothing
     from twin.trial.loaded_scenario import load
 
     given = {
@@ -54,8 +58,21 @@ def operate_scenario(
         if not view.silent:
             announce(check, folder)
 
+    if ask:
+        # A display of progress would write over the question.
+        options |= {"says": _answer, "progress": report_nothing}
     chosen = load(scenario).varied(runs.released(values))
     return operations.operate(chosen, begun=begun, **options)
+
+
+def _answer(question: str) -> bool:
+    """Return what somebody answers at the keyboard; who breaks off there breaks off the run."""
+    import typer
+
+    try:
+        return typer.confirm(question, err=True)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
 
 
 operate = command(

@@ -29,6 +29,7 @@ from twin.operate.rolling import (
 from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
+from twin.scenario.sections.execution import AskSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
@@ -107,7 +108,8 @@ def operate(
         recorders: told of every event, then closed.
         halting: let everybody stop and go HOME before anything is planned anew, as without a graph that
             is extended: what this is compared with.
-        says: answers for the person who is asked, in place of what is drawn.
+        says: answers for the person who is asked, in place of what is drawn; then somebody is asked also
+            where the scenario names nobody.
 
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
@@ -130,7 +132,8 @@ def operate(
     require_picked(motions, [item.part for item in late])
     first = len(tpg.chains)
     tpg = _with_late(tpg, [item.part for item in late])
-    person = Person(scenario.execution.recovery.ask, seed, replication, says)
+    asked = scenario.execution.recovery.ask or (AskSection() if says else None)
+    person = Person(asked, seed, replication, says)
     planner = Recovery(scenario, motions, tpg, draw, person)
     if halting:
         planner.cuts = (Recut(steps=False, aside=True),)

@@ -7,7 +7,7 @@ task of the graph, in which the person brings an object of the kind that is lost
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -63,13 +63,14 @@ class Person:
     Attributes:
         section: says how long answers take, and whether they help; None where nobody is asked.
         seed, replication: name the random draws.
-        says: answers in place of what is drawn.
+        says: answers in place of what is drawn; it is asked once for each question, however often plans are made.
     """
 
     section: AskSection | None
     seed: int
     replication: int = 0
     says: Says | None = None
+    _said: dict[str, bool] = field(default_factory=dict)
 
     def asked(
         self,
@@ -93,16 +94,21 @@ class Person:
             return None
         taken_s = self.section.model.ppf(self._draw(step, count, "answer"))
         helps = bool(self._draw(step, count, "helps")[0] < self.section.helps)
-        seconds = float(taken_s[0])
+        fresh, label = (
+            None,
+            f"see to step {step}" + (f" ({count + 1})" if count else ""),
+        )
+        if name is not None:
+            names = {*taken, *(ask.fresh for ask in before)}
+            numbers = iter(range(1, len(names) + 2))
+            fresh = next(f for k in numbers if (f := f"{name}.{k}") not in names)
+            label = f"bring {fresh}"
         if self.says is not None:
-            helps = self.says(words)
-        if name is None:
-            label = f"see to step {step}" + (f" ({count + 1})" if count else "")
-            return Ask(step, words, label, seconds, helps)
-        names = {*taken, *(ask.fresh for ask in before)}
-        numbers = iter(range(1, len(names) + 2))
-        fresh = next(f for k in numbers if (f := f"{name}.{k}") not in names)
-        return Ask(step, words, f"bring {fresh}", seconds, helps, name, fresh)
+            key = f"{step}, {count}: {words}"
+            if key not in self._said:
+                self._said[key] = self.says(words)
+            helps = self._said[key]
+        return Ask(step, words, label, float(taken_s[0]), helps, name, fresh)
 
     def _draw(self, step: int, count: int, purpose: str) -> Array:
         number, mine = step + count * _AGAIN, [self.replication]

@@ -48,6 +48,7 @@ class Preparation:
         makespan_asynchronous_s: makespan of the plan in turns, each robot going on as soon as it is safe, where the
             plan is what became of it by a better order of tasks and shortcuts [s].
         operated: whether what fails is planned anew.
+        answered: whether somebody answered what a person was asked, so that it cannot be executed again.
     """
 
     recording: bool = False
@@ -63,6 +64,7 @@ class Preparation:
     step_order: Sequence[int] = ()
     makespan_asynchronous_s: float | None = None
     operated: bool = False
+    answered: bool = False
 
 
 def summarise(

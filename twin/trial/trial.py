@@ -20,6 +20,7 @@ from twin.host.guard import write_json
 from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing
 from twin.operate.operation import Operation, operate
+from twin.operate.person import Says
 from twin.recorders.observers import (
     JsonlRecorder,
     MemoryRecorder,
@@ -76,6 +77,7 @@ def try_plan(
     recording: bool = True,
     audit: bool | Engine = True,
     operated: bool = False,
+    says: Says | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
     """Execute a plan once and write everything about it into a folder.
@@ -87,6 +89,7 @@ def try_plan(
         audit: let the audit check what was executed; an engine says with what.
         operated: plan anew what fails; the plan in the folder is then all that was executed, and the
             first one is beside it.
+        says: answers for a person who is asked then; see twin.operate.
         progress: told how far each stage has come.
 
     Raises:
@@ -95,6 +98,7 @@ def try_plan(
     """
     scenario, base, tpg = plan.scenario.sections, plan.scenario.folder, plan.tpg
     about = prepare(plan, recording=recording, audit=audit, operated=operated)
+    about = replace(about, answered=says is not None)
     with new_results(folder), whole_or_failed(folder):
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
         save_plan(tpg, folder)
@@ -105,7 +109,7 @@ def try_plan(
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
         log = JsonlRecorder(folder / EVENTS)
-        done = _executed(plan, about, (log, memory))
+        done = _executed(plan, about, (log, memory), says)
         log.require_whole()
         progress(SIMULATION, 1, 1)
         _conclude(done, folder, memory.events, about, progress)
@@ -128,7 +132,10 @@ class _Executed:
 
 
 def _executed(
-    plan: PlanResult, about: Preparation, recorders: Sequence[Recorder]
+    plan: PlanResult,
+    about: Preparation,
+    recorders: Sequence[Recorder],
+    says: Says | None = None,
 ) -> _Executed:
     """Execute a plan, and plan anew what fails where that is asked for."""
     scenario, base = plan.scenario.sections, plan.scenario.folder
@@ -142,6 +149,7 @@ def _executed(
         scenario_execution(scenario, base),
         seed=scenario.seed,
         recorders=recorders,
+        says=says,
     )
     return _Executed(replace(plan, tpg=done.tpg), done.record, done)
 
@@ -277,6 +285,10 @@ def resume_run(
     if (folder / SUMMARY).exists() and len(known) == len(log) and _has_ended(log):
         require_as_written(folder, (EVENTS,))
         return RunResult(folder)
+    if about.answered:
+        raise ResumeError(
+            f"{folder}: somebody answered at the keyboard while it ran, and may answer otherwise now: run it again"
+        )
     progress(SIMULATION, 0, 1)
     memory = MemoryRecorder()
     start = base or manifest_base(folder, manifest)

@@ -9,12 +9,14 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from planning.tasks.task import GONE
 from tests.twin.operate.operated import STACK, stack
 from tests.twin.operate.test_late import came_at, require_kept
 from tests.twin.operate.test_operation import operated
 from tests.twin.program import invoke
+from twin.cli import app
 from twin.operate.person import PERSON, Person
 from twin.scenario.sections.execution import AskSection
 from twin.trial.plan_result import PlanResult
@@ -177,3 +179,48 @@ def test_the_program_asks_audits_and_resumes(plan: PlanResult, tmp_path: Path) -
     again = json.loads((out / "summary.json").read_text())
     assert again["operation"]["asked"] == summary["operation"]["asked"]
     assert again["audit"]["violations"] == []
+
+
+def test_somebody_answers_at_the_keyboard(plan: PlanResult, tmp_path: Path) -> None:
+    settings = {**asking(), "recovery.ask": None}
+    seed = seed_that_asks(plan, **asking())
+    silent, _ = operated(plan, seed, **settings)
+    assert silent.asks == ()
+    file, out = tmp_path / "stack.yaml", tmp_path / "run"
+    failures = "  failures: {pick: {probability: 0.75, retries: 1, loses: 1.0}}\n"
+    file.write_text(STACK + f"execution:\n{failures}  recovery: {{again: 100}}\n")
+    words = ["operate", str(file), "--seed", str(seed), "--no-recording", "--ask"]
+    # Whatever is asked for is refused, each question once.
+    refused = CliRunner().invoke(app, [*words, "--out", str(out)], input="n\n" * 20)
+    assert refused.exit_code == 1, refused.output
+    summary = json.loads((out / "summary.json").read_text())
+    asked = summary["operation"]["asked"]
+    assert refused.output.count("[y/N]") == len(asked) >= 1
+    assert all(item["answer"].startswith("cannot help") for item in asked)
+    given_up = {int(step) for step in summary["operation"]["given_up"]}
+    assert given_up == silent.given_up.keys()
+    (out / "summary.json").unlink()
+    again = invoke("resume", out)
+    assert again.exit_code != 0
+    assert "may answer otherwise" in " ".join(again.output.split())
+    # One who helps is asked in the same words.
+    other = tmp_path / "other"
+    helped = CliRunner().invoke(app, [*words, "--out", str(other)], input="y\n" * 90)
+    assert "lacks an object" in helped.output
+    summary = json.loads((other / "summary.json").read_text())
+    assert summary["operation"]["asked"][0]["question"] == asked[0]["question"]
+    assert "will bring" in summary["operation"]["asked"][0]["answer"]
+    assert summary["audit"]["violations"] == []
+
+
+def test_who_breaks_off_at_a_question_breaks_off_the_run(
+    plan: PlanResult, tmp_path: Path
+) -> None:
+    seed = seed_that_asks(plan, **asking())
+    file, out = tmp_path / "stack.yaml", tmp_path / "run"
+    failures = "  failures: {pick: {probability: 0.75, retries: 1, loses: 1.0}}\n"
+    file.write_text(STACK + f"execution:\n{failures}  recovery: {{again: 100}}\n")
+    words = ["operate", str(file), "--seed", str(seed), "--no-recording", "--ask"]
+    broken = CliRunner().invoke(app, [*words, "--out", str(out)], input="")
+    assert broken.exit_code != 0
+    assert '"aborted"' in (out / "events.jsonl").read_text().splitlines()[-1]
