@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from planning.tasks.task import LEFT_OUT
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -109,6 +110,8 @@ class FollowedRun:
         if not -1 <= node < len(chain):
             self._flag(event, f"it has nodes 0 to {len(chain) - 1}")
             return
+        if event.kind == "waiting" and self._is_left_out(event.task):
+            node = -1  # it waited for what was then planned anew
         if node >= 0 and event.task not in (-1, int(chain.task[node])):
             self._flag(event, f"node {node} is of task {int(chain.task[node])}")
         if event.kind in ("released", "started", "completed") and node < 0:
@@ -127,6 +130,10 @@ class FollowedRun:
             self._flag(event, what)
         else:
             robot.take(event)
+
+    def _is_left_out(self, task: int) -> bool:
+        tasks = self._graph.tasks
+        return 0 <= task < len(tasks) and tasks[task].kind == LEFT_OUT
 
     def _start(self, k: int, event: Event) -> None:
         robot, node = self.robots[k], event.node

@@ -179,6 +179,8 @@ def test_the_program_operates_draws_audits_and_resumes(tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text())
     assert summary["audit"]["violations"] == []
     invoke("verify", out, code=0)
+    followed = invoke("follow", out, out / "events.jsonl", "--every", 1000, code=0)
+    assert "nothing forbidden" in followed.stdout
     log = (out / "events.jsonl").read_text().splitlines(keepends=True)
     assert any("is not there" in line for line in log)
     coming = next(k for k, line in enumerate(log) if "comes up" in line)
