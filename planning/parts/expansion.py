@@ -70,6 +70,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
         partial(_tasks, candidates),
         partial(_waiting_tasks, candidates),
         windows=partial(_time_windows, candidates.steps),
+        needs=frozenset((a + 1, b + 1) for a, b in candidates.balance),
     )
 
 

@@ -42,6 +42,8 @@ class AssemblyWork:
         order: of the steps, by the numbers that they had at first; empty for that order itself.
         exchanged: returns the work with a step (from 1) and the next one exchanged, None where
             that cannot be, or nothing is known of it.
+        needs: pairs of steps (from 1): without the first, something would fall after the second, as a
+            part does that is joined across a gap; what touches need not be among them.
     """
 
     problem: AssignmentProblem
@@ -50,6 +52,7 @@ class AssemblyWork:
     assembly: Any = None
     order: tuple[int, ...] = ()
     exchanged: Callable[[int], AssemblyWork | None] = _none
+    needs: frozenset[tuple[int, int]] = frozenset()
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = _no_items
 
     def in_this_order(self) -> AssemblyWork:

@@ -89,23 +89,31 @@ class DrivenExecution(Execution):
         return tuple(rows.reshape(-1, 5) for rows in told)
 
     def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
-        length, last = self._lengths[chain], self._lasts[chain]
-        if length[node] <= 0.0:
-            return (yield from super()._pass(chain, node))
-        opens = node == 0 or last[node - 1] != last[node]
+        if self._passages[chain].speed > 0.0:
+            if self.planned is None:
+                self.queue[chain].popleft()
+        elif self.planned is None or self._opens(chain, node):
+            yield from self._until_released(chain, node)
+        # A graph that has been extended meanwhile may have another node there, after a rest.
+        opens = self._opens(chain, node)
+        if opens and node and (lag := self.end[chain][node - 1] - self.now_ns) > 0:
+            yield self.env.timeout(lag)
+        if self._lengths[chain][node] <= 0.0:
+            return (yield from self._fails(chain, node))
         yield from self._drive(chain, node, opens=opens)
         return False
 
+    def _opens(self, chain: int, node: int) -> bool:
+        """Tell whether a robot is at rest before a node, whatever it is cleared for."""
+        last = self._lasts[chain]
+        still = self._lengths[chain][node] <= 0.0
+        return still or node == 0 or last[node - 1] != last[node]
+
     def _drive(self, chain: int, node: int, *, opens: bool) -> Steps:
         """Pass a node of a stretch, which opens with it or goes on."""
-        env, passage, drive = self.env, self._passages[chain], self._drives[chain]
-        lag = int(drive.lag[node])
+        env, passage = self.env, self._passages[chain]
+        lag = int(self._drives[chain].lag[node])
         stops = None if self.stops is None else self.stops[chain]
-        if passage.speed > 0.0:
-            if self.planned is None:
-                self.queue[chain].popleft()
-        elif opens or self.planned is None:
-            yield from self._until_released(chain, node)
         yield self._at_the_end_of_now(_AFTER_MESSAGES)
         if passage.speed <= 0.0:
             passage.rest(self.now_ns if stops is None else stops.after(self.now_ns))
@@ -122,7 +130,7 @@ class DrivenExecution(Execution):
             yield env.timeout(wait)
         self._complete(chain, node, lag)
         self._tell(lag, "completed", chain, node)
-        if node == drive.last[node]:
+        if node == self._lasts[chain][node]:
             passage.speed = 0.0
             if lag:
                 yield env.timeout(lag)

@@ -9,14 +9,20 @@ from planning.tasks.task import TRANSIT, AllowedContact, Task
 
 
 def resting_steps(
-    tasks: Iterable[Task], allowed: Iterable[AllowedContact], chosen: TaskPlan
+    tasks: Iterable[Task],
+    allowed: Iterable[AllowedContact],
+    chosen: TaskPlan,
+    needs: Iterable[tuple[int, int]],
 ) -> Mapping[int, frozenset[int]]:
-    """Return the later steps in which something touches the object of a step where that is put, by number.
+    """Return the later steps that cannot be without a step, by number.
+
+    In them something touches its object where that is put, or would fall without it.
 
     Args:
         tasks: of a plan.
         allowed: what may touch in them.
         chosen: objects of steps that are not done are those of their choices.
+        needs: what would fall, see ``AssemblyWork``.
     """
     tasks = tuple(tasks)
     placed = {choice.object: choice.step for choice in chosen.choices}
@@ -26,10 +32,12 @@ def resting_steps(
     step_of = {task.index: task.step for task in tasks}
     works = {t.index for t in tasks if t.kind not in (TRANSIT, "pick", "handover")}
     found: dict[int, set[int]] = {}
+    for first, later in needs:
+        found.setdefault(first, set()).add(later)
     for contact in allowed:
         for name in (contact.first, contact.second):
             step = placed.get(name)
             if step is not None:
-                later = {step_of[t] for t in contact.tasks & works}
-                found.setdefault(step, set()).update(k for k in later if k > step)
+                touch = {step_of[t] for t in contact.tasks & works}
+                found.setdefault(step, set()).update(k for k in touch if k > step)
     return {step: frozenset(own) for step, own in found.items()}

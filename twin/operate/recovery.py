@@ -144,7 +144,7 @@ class Recovery:
             chosen,
             planned_steps(tpg),
             Luck.of(tpg),
-            Ledger(resting_steps(plan.tasks, plan.allowed, chosen)),
+            Ledger(resting_steps(plan.tasks, plan.allowed, chosen, self.work.needs)),
         )
         self._planned = self._executed
         self._restore(self._executed)
@@ -378,7 +378,7 @@ class Recovery:
             union = extended(at.committed, new, self._cell, waits, order=at.robots)
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
-                    union.tasks, union.allowed, onward.task_plan
+                    union.tasks, union.allowed, onward.task_plan, self.work.needs
                 )
                 if self._ledger.falls():
                     continue
