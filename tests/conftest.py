@@ -24,6 +24,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # How long an example takes tells of the machine: of kernels that it compiles, of what else it does.
+    hypothesis.settings.register_profile("whenever", deadline=None)
+    hypothesis.settings.load_profile("whenever")
     if "PYTEST_XDIST_WORKER" in os.environ:
         from tests.kernels import compile_once
 
