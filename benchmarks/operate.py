@@ -118,9 +118,9 @@ def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:
         f"{date_line()}, {machine_line()}, commit {commits}. Made by `python -m benchmarks.operate --seeds"
         f" {seeds}`; what is compared, and with which draws, is said there. Of failures for good, per run;"
         " makespans are means over the runs that all three complete; planning is in processor seconds from"
-        " a failure to the plan that takes over, with other work on the machine. After the first failure ours never"
-        " ends later than stop at nominal times, as that is one of the cuts that are tried; what fails after it is"
-        " other luck for either, as draws are named by tasks. Gearbox, taskboard and truss have no spare parts.",
+        " a failure to the plan that takes over, with other work on the machine. Each try at a skill of a step has"
+        " the same luck in all three. In the cliff each layer waits for the one below, so that nobody has anything to"
+        " do meanwhile, and ours takes as long as stop. Gearbox, taskboard and truss have no spare parts.",
         "",
         "| case | rate | completed | failures for good | ours [s] | stop [s] | knew [s] | planning, median |"
         " planning, p95 | wrong |",
