@@ -20,6 +20,8 @@ def plan() -> PlanResult:
     return plan_to_operate(load("taskboard"))
 
 
+# Without ``back`` much is tried and given up.
+@pytest.mark.nightly
 # The way of ``right`` goes on around a corner by then, in place of straight ahead.
 @example(at_s=1.416)
 @settings(max_examples=4, deadline=None)

@@ -115,6 +115,7 @@ def test_what_is_gone_on_with_makes_the_same_files(
             ).read_bytes() == file.read_bytes()
 
 
+@pytest.mark.nightly
 def test_other_workers_make_the_same_files(
     study: Study, plan: PlanResult, tmp_path: Path
 ) -> None:
@@ -154,6 +155,7 @@ def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
     assert prevented[0]["sooner_s"]["low"] > 0.0
 
 
+@pytest.mark.nightly
 def test_failures_with_a_part_are_prevented_by_themselves(
     plan: PlanResult, tmp_path: Path
 ) -> None:
