@@ -151,24 +151,17 @@ class LegoKind(AssemblyKind):
         Given steps are checked: the structure must stand, and bear every press. The stages are
         sequence (where there is a structure), assignment and motion.
         """
-        from planning.lego.sequencing.blocking import check_reach
-        from planning.lego.sequencing.stable_steps import movable_work, stable_steps
+        from planning.lego.sequencing.stable_steps import movable_work
         from planning.lego.skills.candidates import find_candidates
         from planning.lego.skills.expansion import lego_work
         from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
-        robots, checked = len(cell.robots), self.section.rules.check_steps
-        rules = sequencing_rules(
-            self.section, robots=robots, carrier=tool_carrier(cell)
-        )
+        checked, rules = self.section.rules.check_steps, self._rules(cell)
         if self.section.structure is not None:
             work = self._sequenced(cell, watch)
         else:
-            assembly = build_lego(self.section)
             with watch.stage("assignment", ASSIGNMENT):
-                if checked:
-                    assembly = stable_steps(assembly, rules)
-                check_reach(cell, assembly)
+                assembly = self._given(cell, rules)
                 candidates = find_candidates(cell, assembly)
             # Of steps that are not checked, nobody knows in which order they would do.
             work = movable_work(candidates, rules) if checked else lego_work(candidates)
@@ -182,29 +175,24 @@ class LegoKind(AssemblyKind):
         is found when it is planned: a sequence that they cannot do is not sought anew.
         """
         from planning.lego.sequencing.blocking import check_reach
-        from planning.lego.sequencing.stable_steps import stable_steps
         from planning.lego.skills.candidates import candidates_up_to, no_candidates
         from planning.lego.skills.expansion import lego_work
         from planning.tasks.work import WorkAhead
 
-        robots = len(cell.robots)
-        rules = sequencing_rules(
-            self.section, robots=robots, carrier=tool_carrier(cell)
-        )
+        rules, robots = self._rules(cell), len(cell.robots)
         with watch.stage("sequence", SEQUENCE):
-            if self.section.structure is not None:
-                assembly, _ = find_sequence(self.section, rules, robots=robots)
+            if self.section.structure is None:
+                assembly = self._given(cell, rules)
             else:
-                assembly = build_lego(self.section)
-                if self.section.rules.check_steps:
-                    assembly = stable_steps(assembly, rules)
-            check_reach(cell, assembly)
-        known = [no_candidates(cell, assembly)]
+                assembly, _ = find_sequence(self.section, rules, robots=robots)
+                check_reach(cell, assembly)
+        known = no_candidates(cell, assembly)
 
         def first(count: int) -> AssemblyWork:
-            found = candidates_up_to(known[0], count)
-            if count > len(known[0].problem.steps):
-                known[0] = found
+            nonlocal known
+            found = candidates_up_to(known, count)
+            if count > len(known.problem.steps):
+                known = found
             return lego_work(found)
 
         return WorkAhead(len(assembly.steps), first)
@@ -223,6 +211,21 @@ class LegoKind(AssemblyKind):
         )
         coloured = replace(plan, cell=replace(plan.cell, objects=objects))
         return replace(motions, motion_plan=coloured) if colours else motions
+
+    def _rules(self, cell: Workcell) -> SequencingRules:
+        robots, carrier = len(cell.robots), tool_carrier(cell)
+        return sequencing_rules(self.section, robots=robots, carrier=carrier)
+
+    def _given(self, cell: Workcell, rules: SequencingRules) -> LegoAssembly:
+        """Return the assembly of the steps that the file gives, which are checked by the rules."""
+        from planning.lego.sequencing.blocking import check_reach
+        from planning.lego.sequencing.stable_steps import stable_steps
+
+        assembly = build_lego(self.section)
+        if self.section.rules.check_steps:
+            assembly = stable_steps(assembly, rules)
+        check_reach(cell, assembly)
+        return assembly
 
     def _sequenced(self, cell: Workcell, watch: StageWatch) -> AssemblyWork:
         """Find a sequence whose steps the arms can do."""

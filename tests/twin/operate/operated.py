@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tests.twin.planning.facing_arms import FACING_ARMS
-from twin.trial.loaded_scenario import LoadedScenario, load
+from twin.operate.operation import Operation, operate
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import Event
+from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
+from twin.trial.simulation import scenario_execution
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
@@ -44,6 +49,25 @@ def stack(folder: Path) -> PlanResult:
     return plan_to_operate(load(file))
 
 
-def failing(plan: PlanResult, **values: object) -> LoadedScenario:
-    """Return the scenario of a plan in which picks and places fail now and then."""
-    return plan.scenario.varied(dict(values))
+def operated(
+    plan: PlanResult, seed: int, *, halting: bool = False, **values: Any
+) -> tuple[Operation, list[Event]]:
+    """Operate a plan with other values of its execution; return what was told, too."""
+    case = plan.scenario.varied(values)
+    memory = MemoryRecorder()
+    done = operate(
+        case.sections,
+        plan.motions,
+        plan.tpg,
+        scenario_execution(case.sections, case.folder),
+        seed=seed,
+        recorders=(memory,),
+        halting=halting,
+    )
+    return done, memory.events
+
+
+def lost(chance: float, retries: int = 0) -> dict[str, Any]:
+    """Return the values by which attempts to pick and to place fail with a chance, half of them losing the brick."""
+    item = {"probability": chance, "retries": retries, "loses": 0.5}
+    return {f"failures.{skill}": item for skill in ("pick", "place-down")}

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from planning.tasks.task import GONE
-from tests.twin.operate.operated import STACK, stack
+from tests.twin.operate.operated import STACK, operated, stack
 from tests.twin.operate.test_late import came_at, require_kept
-from tests.twin.operate.test_operation import operated
 from tests.twin.program import invoke
 from twin.cli import app
 from twin.operate.person import PERSON, Person

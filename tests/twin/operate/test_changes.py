@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.tasks.task import GONE, TAKEN_OUT
-from tests.twin.operate.operated import STACK, stack
+from tests.twin.operate.operated import STACK, lost, operated, stack
 from tests.twin.operate.test_late import require_kept
-from tests.twin.operate.test_operation import lost, operated
 from tests.twin.program import invoke
 from twin.operate.operation import Operation
 from twin.trial.plan_result import PlanResult

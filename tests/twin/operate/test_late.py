@@ -17,8 +17,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import is_driven
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK, stack
-from tests.twin.operate.test_operation import lost, operated
+from tests.twin.operate.operated import STACK, lost, operated, stack
 from tests.twin.program import invoke
 from twin.operate.operation import Operation
 from twin.run.events import Event

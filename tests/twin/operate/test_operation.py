@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +17,10 @@ from planning.tasks.task import FAILED, GONE, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK, stack
+from tests.twin.operate.operated import STACK, lost, operated, stack
 from tests.twin.program import invoke
 from twin.operate.operation import Operation, operate
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import Event
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import with_failures
@@ -32,28 +30,6 @@ from twin.trial.simulation import execute, scenario_execution
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     return stack(tmp_path_factory.mktemp("stack"))
-
-
-def operated(
-    plan: PlanResult, seed: int, *, halting: bool = False, **values: Any
-) -> tuple[Operation, list[Event]]:
-    case = plan.scenario.varied(values)
-    memory = MemoryRecorder()
-    done = operate(
-        case.sections,
-        plan.motions,
-        plan.tpg,
-        scenario_execution(case.sections, case.folder),
-        seed=seed,
-        recorders=(memory,),
-        halting=halting,
-    )
-    return done, memory.events
-
-
-def lost(chance: float, retries: int = 0) -> dict[str, Any]:
-    item = {"probability": chance, "retries": retries, "loses": 0.5}
-    return {f"failures.{skill}": item for skill in ("pick", "place-down")}
 
 
 def test_without_failures_it_is_the_run(plan: PlanResult) -> None:

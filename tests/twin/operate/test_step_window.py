@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -22,9 +21,8 @@ from planning.tasks.assignment import AssignmentProblem
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK
+from tests.twin.operate.operated import STACK, lost, operated
 from tests.twin.program import invoke
-from twin.operate.operation import Operation, operate
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego
 from twin.run.folder import EVENTS, SUMMARY
@@ -32,7 +30,6 @@ from twin.scenario.sections.lego import LegoSection
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
-from twin.trial.simulation import scenario_execution
 
 Planned = Callable[[int, int], PlanResult]
 
@@ -54,17 +51,6 @@ def planned(stack_file: Path) -> Planned:
     return plan
 
 
-def operated(plan: PlanResult, seed: int, **values: Any) -> Operation:
-    case = plan.scenario.varied(values)
-    model = scenario_execution(case.sections, case.folder)
-    return operate(case.sections, plan.motions, plan.tpg, model, seed=seed)
-
-
-def lost(chance: float) -> dict[str, Any]:
-    item = {"probability": chance, "retries": 0, "loses": 0.5}
-    return {f"failures.{skill}": item for skill in ("pick", "place-down")}
-
-
 @settings(max_examples=8, deadline=None)
 @given(
     window=st.sampled_from([(1, 0), (1, 1), (2, 0), (2, 2), (3, 1)]),
@@ -76,7 +62,7 @@ def test_every_step_is_done_once_whatever_the_window(
 ) -> None:
     plan = planned(*window)
     assert len(plan.motions.task_plan.choices) == min(window[0], window[1] + 1)
-    done = operated(plan, seed, **lost(chance))
+    done, _ = operated(plan, seed, **lost(chance))
     check_invariant(DerivedTpg(done.tpg))
     assert all((own >= 0).all() for own in (*done.record.start_ns, *done.record.end_ns))
     placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
@@ -91,7 +77,7 @@ def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(
 ) -> None:
     """Though nobody has looked at it when the step is given up."""
     never = {"probability": 1.0, "retries": 0}
-    done = operated(
+    done, _ = operated(
         planned(1, 0), 0, **{"failures.place-down": never, "recovery.again": 0}
     )
     assert sorted(done.given_up) == [1, 2, 3, 4]
@@ -103,14 +89,14 @@ def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(
 def test_steps_after_one_that_nobody_can_do_are_given_up(planned: Planned) -> None:
     """All that is picked is lost, so that there is no brick for the next step of the window."""
     loses = {"probability": 1.0, "retries": 0, "loses": 1.0}
-    done = operated(planned(1, 1), 0, **{"failures.pick": loses})
+    done, _ = operated(planned(1, 1), 0, **{"failures.pick": loses})
     assert sorted(done.given_up) == [1, 2, 3, 4]
     assert not [t for t in done.tpg.tasks if t.kind == "place-down"]
 
 
 def test_what_is_not_wanted_when_its_turn_comes_is_not_done(planned: Planned) -> None:
     change = {"at_s": 0.0, "drop": [4]}
-    done = operated(planned(1, 0), 0, changes=[change])
+    done, _ = operated(planned(1, 0), 0, changes=[change])
     assert list(done.dropped) == [4]
     assert done.record.outcome == "completed"
     placed = [t.step for t in done.tpg.tasks if t.kind == "place-down"]
