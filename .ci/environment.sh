@@ -27,12 +27,11 @@ bin="$work/venv/bin"
 # `make VENV="$work/venv"` runs with this environment in the place of .venv.
 touch "$work/venv/.created" "$work/venv/.installed" "$work/venv/.installed-dev"
 
-# Print how long something took, and go on with status 1 where it fails.
-status=0
+# Print how long something took, and go on where it fails: `finish` then ends with status 1.
 timed() {
     local name=$1 begin=$SECONDS
     shift
-    "$@" || { status=1; echo "$name: FAILED"; }
+    "$@" || echo "$name: FAILED" | tee -a "$work/failed"
     echo "$name: $((SECONDS - begin)) s" >>"$work/times"
 }
 
@@ -40,6 +39,6 @@ timed() {
 finish() {
     echo
     cat "$work/times"
-    if [ "$status" -eq 0 ]; then echo "$1: ok"; else echo "$1: FAILED"; fi
-    exit "$status"
+    if [ -e "$work/failed" ]; then cat "$work/failed"; echo "$1: FAILED"; exit 1; fi
+    echo "$1: ok"
 }
