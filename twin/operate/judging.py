@@ -81,8 +81,7 @@ class Judging:
         )
         state = state_at(tpg, counts)
         at = state.attachments.get(name)
-        retries = self.section.failures[task.kind].retries
-        if failure.attempts > retries or at is None:
+        if not failure.lost or at is None:
             if task.kind == "pick":
                 self.ledger.shunned.add(self.ledger.lost(name))
             return ()

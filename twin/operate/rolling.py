@@ -37,13 +37,13 @@ class Failure:
 
     Attributes:
         chain, node: its first node.
-        attempts: how many there were.
-        missing: whether there was none, as what it is about was not there.
+        lost: whether its object is lost.
+        missing: whether it was not tried, as what it is about was not there.
     """
 
     chain: int
     node: int
-    attempts: int
+    lost: bool = False
     missing: bool = False
 
 
@@ -200,10 +200,9 @@ class RollingExecution(SuppliedExecution):
         """Tell the planner that a skill has failed, and wait for what it makes of that."""
         self.failed.remove(chain)
         self.end[chain][node] = self.now_ns
-        stands = self.times.standstills[chain]
-        attempts = sum(s.node == node and s.cause == "retry" for s in stands)
         missing = self._missing(chain, node) is not None
-        self._failures.append(Failure(chain, node, attempts, missing))
+        lost = not missing and chain in self.times.lost
+        self._failures.append(Failure(chain, node, lost, missing))
         self._limit[chain] = node
         self._take_back(chain, node + 1)
         self._replan()
@@ -315,13 +314,14 @@ class RollingExecution(SuppliedExecution):
         old, new = self.times, version.times
         place = {name: k for k, name in enumerate(version.new)}
         motion, stood, stands, failed = [], [], [], []
+        lost = set[int]()
         for k, (chain, count) in enumerate(
             zip(version.tpg.chains, version.counts, strict=True)
         ):
             motions: list[Nanoseconds] = []
             stalls: list[Nanoseconds] = []
             entries: list[Standstill] = []
-            fails = -1
+            fails, loses = -1, False
             if k < len(old.motion):
                 motions.append(old.motion[k][:count])
                 stalls.append(old.stood[k][:count])
@@ -332,13 +332,16 @@ class RollingExecution(SuppliedExecution):
                 later = new.standstills[own]
                 entries += [replace(s, node=s.node + count) for s in later]
                 fails = new.failed[own] + count if new.failed[own] >= 0 else -1
-            if k < len(old.failed) and 0 <= (node := old.failed[k]) < count:
+                loses = own in new.lost
+            node = old.failed[k] if k < len(old.failed) else -1
+            if 0 <= node < count and self.end[k][node] < 0:
                 # One that is still to fail comes before all that is new.
-                fails = node if self.end[k][node] < 0 else fails
+                fails, loses = node, k in old.lost
             motion.append(np.concatenate(motions))
             stood.append(np.concatenate(stalls))
             stands.append(tuple(entries))
             failed.append(fails)
+            lost |= {k} if loses else set()
         for chain_index, node in self._tried(version):
             motion[chain_index][node] = 0
         return replace(
@@ -347,6 +350,7 @@ class RollingExecution(SuppliedExecution):
             stood=tuple(stood),
             standstills=tuple(stands),
             failed=tuple(failed),
+            lost=frozenset(lost),
         )
 
     def _tried(self, version: Version) -> list[tuple[int, int]]:

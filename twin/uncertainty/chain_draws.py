@@ -171,24 +171,29 @@ class ChainDraws:
             found += self._arrivals(motion, mean_ns, repair, "breakdown")
         return found
 
-    def failures(self, motion: Nanoseconds) -> tuple[list[Standstills], Indices]:
+    def failures(
+        self, motion: Nanoseconds
+    ) -> tuple[list[Standstills], Indices, npt.NDArray[np.bool_]]:
         """Return attempts that failed, and the first node that fails for good.
 
         Args:
             motion: durations of nodes, shape (nodes, r) [ns].
 
         Returns:
-            The attempts, and shape (r,) with -1 where nothing fails for good.
+            The attempts, shape (r,) with -1 where nothing fails for good, and whether the object is
+            lost where something does, shape (r,).
         """
         found: list[Standstills] = []
         never = len(self.own.chain)
         failed = np.full(len(self.numbers), never, dtype=np.int64)
+        losing = failed.copy()
         for skill, failure in self.disturbances.failures.items():
             places = [k for k, kind in enumerate(self.own.kinds) if kind == skill]
             if places and (failure.probability > 0 or failure.parts):
                 which = np.array(places, dtype=np.int64)
-                found += self._attempts(which, motion, failure, failed)
-        return found, np.where(failed == never, -1, failed)
+                found += self._attempts(which, motion, failure, failed, losing)
+        lost = (failed == losing) & (failed < never)
+        return found, np.where(failed == never, -1, failed), lost
 
     def _counted(self, stalls: Stalls) -> Standstills:
         """Return a given number of stalls at nodes that are equally likely."""
@@ -239,8 +244,12 @@ class ChainDraws:
         motion: Nanoseconds,
         failure: SkillFailure,
         failed: Indices,
+        losing: Indices,
     ) -> list[Standstills]:
-        """Return failed attempts at some tasks; lower ``failed`` to those that fail for good."""
+        """Return failed attempts at some tasks; lower ``failed`` to those that fail for good.
+
+        And ``losing`` to those that lose the object.
+        """
         skills = [self.own.skill_nodes(k) for k in which.tolist()]
         nodes = np.array([skill[0] for skill in skills], dtype=np.int64)
         fails = np.ones((len(which), len(self.numbers)), dtype=bool)
@@ -261,12 +270,12 @@ class ChainDraws:
                 u = self.draw(which, "retry", attempt)
                 cost = to_nanoseconds(failure.retry.ppf(u[row, column]))
             found.append(Standstills("retry", nodes[row], column, cost))
-            last = fails & self._lost(which, failure, attempt)
-            if attempt == failure.retries:
-                last = fails
-            row, column = np.nonzero(last)
-            np.minimum.at(failed, column, nodes[row])
-            fails &= ~last
+            lost = fails & self._lost(which, failure, attempt)
+            last = fails if attempt == failure.retries else lost
+            for least, which_fail in ((failed, last), (losing, lost)):
+                row, column = np.nonzero(which_fail)
+                np.minimum.at(least, column, nodes[row])
+            fails = fails & ~last
         return found
 
     def _lost(

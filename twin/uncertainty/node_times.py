@@ -59,6 +59,7 @@ class NodeTimes:
             never complete: it has failed when its standstills are over.
         stops: stops at times of the run's clock, None when nobody can ever stop.
         raised: skills that were drawn shorter than their joints' speed limits allow.
+        lost: chains of which the task that fails for good loses its object.
     """
 
     motion: tuple[Nanoseconds, ...]
@@ -67,6 +68,7 @@ class NodeTimes:
     failed: tuple[int, ...]
     stops: tuple[Stops, ...] | None = None
     raised: int = 0
+    lost: frozenset[int] = frozenset()
 
     @cached_property
     def busy(self) -> tuple[Nanoseconds, ...]:
@@ -178,8 +180,9 @@ class NodeTimeSampler:
 
     def sample(self, *, seed: int, replication: int = 0) -> NodeTimes:
         """Draw one replication."""
-        moves, stalls, stands, fails = [], [], [], []
-        for motion, found, failed in self._draw(seed, np.array([replication])):
+        moves, stalls, stands, fails, loses = [], [], [], [], []
+        drawn = self._draw(seed, np.array([replication]))
+        for motion, found, failed, lost in drawn:
             stood = np.zeros(len(motion), dtype=np.int64)
             entries = []
             for group in found:
@@ -196,6 +199,7 @@ class NodeTimeSampler:
             stalls.append(stood)
             stands.append(tuple(sorted(entries, key=lambda entry: entry.node)))
             fails.append(int(failed[0]))
+            loses.append(bool(lost[0]))
         stops = sample_stops(
             self._tpg, self._disturbances, seed=seed, replication=replication
         )
@@ -206,6 +210,7 @@ class NodeTimeSampler:
             tuple(fails),
             stops,
             self._skills.raised(seed=seed, replication=replication),
+            frozenset(np.flatnonzero(loses).tolist()),
         )
 
     def sample_segments(
@@ -221,7 +226,7 @@ class NodeTimeSampler:
             part = slice(low, low + self._most_replications)
             row = 0
             drawn = self._draw(seed, numbers[part])
-            for first, (motion, found, failed) in zip(
+            for first, (motion, found, failed, _) in zip(
                 contraction.first, drawn, strict=True
             ):
                 rows = busy[row : row + len(first) - 1, part]
@@ -238,8 +243,10 @@ class NodeTimeSampler:
 
     def _draw(
         self, seed: int, numbers: Indices
-    ) -> Iterator[tuple[Nanoseconds, list[Standstills], Indices]]:
-        """Yield motion, standstills, and the nodes that fail for good, of each robot."""
+    ) -> Iterator[
+        tuple[Nanoseconds, list[Standstills], Indices, npt.NDArray[np.bool_]]
+    ]:
+        """Yield motion, standstills, nodes that fail for good and whether they lose the object, of each robot."""
         planned = self._skills.durations(seed=seed, replications=numbers)
         for tasks, own, floor, disturbances in zip(
             self._chains, planned, self._floor, self._by_chain, strict=True
@@ -247,5 +254,5 @@ class NodeTimeSampler:
             draws = ChainDraws(tasks, seed, numbers, disturbances)
             motion = np.maximum(draws.motion(own), floor[:, None])
             found = draws.standstills(motion)
-            attempts, failed = draws.failures(motion)
-            yield motion, found + attempts, failed
+            attempts, failed, lost = draws.failures(motion)
+            yield motion, found + attempts, failed, lost

@@ -245,6 +245,26 @@ def test_a_failed_attempt_takes_as_long_as_the_skill_unless_said() -> None:
             assert entry.duration_ns == run.motion[k][entry.node]
 
 
+def test_any_attempt_may_lose_the_object_the_last_one_too() -> None:
+    def failing(**own: float) -> Disturbances:
+        item = SkillFailure(probability=1.0, retries=1, **own)
+        return Disturbances(failures={"pick": item})
+
+    lost = Counter[tuple[int, bool]]()
+    for replication in range(200):
+        run = times(failing(loses=0.5), replication)
+        for k, node in enumerate(run.failed):
+            if node >= 0:
+                attempts = [e.node for e in run.standstills[k]].count(node)
+                lost[attempts, k in run.lost] += 1
+    # The first attempt loses it, or else the second, or neither does.
+    whole = sum(lost.values())
+    assert set(lost) == {(1, True), (2, True), (2, False)}
+    assert abs(lost[1, True] / whole - 0.5) < 0.1
+    assert abs(lost[2, True] / whole - 0.25) < 0.1
+    assert times(failing()).lost == frozenset()
+
+
 def test_draws_do_not_depend_on_other_disturbances() -> None:
     """Common random numbers: one more disturbance leaves the others as they are."""
     both = times(EVERYTHING)
