@@ -1,0 +1,97 @@
+"""What a robot is to the dispatcher: it takes nodes that it is cleared for, and says how far it is.
+
+A driver passes the nodes of its robot in their order and is at rest at the end of the last one that it has
+been cleared for, whatever happens to whoever clears it. What it is cleared for is never taken back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from planning.transforms import Array
+
+Mode = Literal["standing", "moving", "held", "fault"]
+"""What a robot does: it stands as it is cleared for no more, it moves, it is held, or it can do no more."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClearedNode:
+    """A node of a plan as its driver knows it.
+
+    Attributes:
+        node: its number among those of the robot.
+        task: number of its task in the plan.
+        kind: of the task: ``transit``, or the name of a skill.
+        label: of the task, for people.
+        waypoints: what is passed after the end of the node before, shape (w, n); joints in radians or metres.
+        seconds: when each of them is passed as planned, since the node began, shape (w,) [s].
+        act: what the tool does meanwhile: ``close``, ``open``, or nothing, which is empty.
+        object: what the task is about, empty where there is nothing.
+    """
+
+    node: int
+    task: int
+    kind: str
+    label: str
+    waypoints: Array
+    seconds: Array
+    act: str = ""
+    object: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class DriverState:
+    """How far a robot is.
+
+    Attributes:
+        begun: nodes that it has begun, from its first one on.
+        done: nodes that it is through with.
+        mode: what it does.
+        q: measured joint positions, shape (n,) [rad or m].
+        dq: measured joint speeds, shape (n,) [rad/s or m/s].
+        off: greatest distance of a joint from the path since the last time [rad or m].
+        failed: the node of a skill that has failed, -1 for none; the robot is back where that began.
+        words: why it has failed or can do no more, for people.
+    """
+
+    begun: int
+    done: int
+    mode: Mode
+    q: Array
+    dq: Array
+    off: float = 0.0
+    failed: int = -1
+    words: str = ""
+
+
+class Driver(Protocol):
+    """A robot that executes nodes; its methods return at once."""
+
+    def begin(self, start: Array, done: int) -> None:
+        """Be told where the plan has it stand, after so many of its nodes.
+
+        Args:
+            start: joint positions, shape (n,).
+            done: nodes that it need not do any more.
+        """
+        ...
+
+    def take(self, nodes: list[ClearedNode]) -> None:
+        """Take nodes that come after those that it has: it is cleared up to the last one.
+
+        After a skill that failed they come after the first node of that, which counts as done.
+        """
+        ...
+
+    def state(self) -> DriverState:
+        """Return how far it is."""
+        ...
+
+    def hold(self, held: bool) -> None:
+        """Stand as soon as it can, or go on."""
+        ...
+
+    def leave(self) -> None:
+        """Stand, and let go of the robot; nothing more is asked of it."""
+        ...
