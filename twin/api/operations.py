@@ -10,6 +10,8 @@ from planning.errors import RequestError
 from twin.api.runs import AnyPlan, Begun, check
 from twin.audit.worlds.engines import engine_named
 from twin.host.progress import Report, report_nothing
+from twin.live.drivers_file import DriversSection, read_drivers
+from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
 from twin.run.folder import run_folder
@@ -31,6 +33,7 @@ def operate(
     audit: bool = True,
     audit_engine: str | None = None,
     says: Says | None = None,
+    drivers: PathOrName | None = None,
     begun: Begun | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
@@ -50,6 +53,7 @@ def operate(
             is installed, else coal.
         says: answers whether somebody helps, given what a person is asked before anything is given up, in
             place of what is drawn; such a run cannot be resumed.
+        drivers: file that says who moves the robots, in place of the twin.
         begun: told of the check and of the folder, before anything that takes long.
         progress: told how far each stage has come.
 
@@ -63,6 +67,7 @@ def operate(
     require_rolling(case.sections)
     checked = check(case, progress=progress)
     checked.require_ok()
+    section = None if drivers is None else _drivers_of(case, Path(drivers))
     with run_folder(None if out is None else Path(out), case.name) as folder:
         if begun is not None:
             begun(checked, folder)
@@ -76,8 +81,13 @@ def operate(
             audit=engine or audit,
             operated=True,
             says=says,
+            session=None if section is None else Session(folder.name, section),
             progress=progress,
         )
+
+
+def _drivers_of(case: LoadedScenario, path: Path) -> DriversSection:
+    return read_drivers(path, tuple(robot.name for robot in case.sections.cell.robots))
 
 
 def require_operable(

@@ -19,7 +19,7 @@ from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.execution_model import Messages
 from twin.engine.narrator import Narrator, failure_text
 from twin.recorders.observers import Observers
-from twin.run.events import Outcome
+from twin.run.events import Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes
 from twin.uncertainty.stops import Stops
 
@@ -147,6 +147,10 @@ class Execution:
     def commands(self) -> tuple[Array, ...]:
         """Return what each robot was told, see ``ExecutionRecord``; empty where nothing is."""
         return ()
+
+    def measured(self) -> dict[str, Measured]:
+        """Return where robots were, as it was measured; of those of a simulation nothing is."""
+        return {}
 
     def deadlock(self) -> str:
         """Return which robots stand and what each of them waits for."""

@@ -41,6 +41,22 @@ class ClearedNode:
 
 
 @dataclass(frozen=True, eq=False)
+class Sample:
+    """Where a robot was at one time.
+
+    Attributes:
+        at_s: when, by the clock of its driver [s].
+        q: measured joint positions, shape (n,) [rad or m].
+        begun, done: nodes that it had begun, and was through with, from its first one on.
+    """
+
+    at_s: float
+    q: Array
+    begun: int
+    done: int
+
+
+@dataclass(frozen=True, eq=False)
 class DriverState:
     """How far a robot is.
 
@@ -53,6 +69,7 @@ class DriverState:
         off: greatest distance of a joint from the path since the last time [rad or m].
         failed: the node of a skill that has failed, -1 for none; the robot is back where that began.
         words: why it has failed or can do no more, for people.
+        samples: where it was since the last time that it was asked, in order; none where only ``q`` is known.
     """
 
     begun: int
@@ -63,6 +80,7 @@ class DriverState:
     off: float = 0.0
     failed: int = -1
     words: str = ""
+    samples: tuple[Sample, ...] = ()
 
 
 class Driver(Protocol):

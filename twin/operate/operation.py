@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -96,6 +96,7 @@ def operate(
     recorders: Sequence[Recorder] = (),
     halting: bool = False,
     says: Says | None = None,
+    cell_of: Callable[..., RollingExecution] | None = None,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
 
@@ -110,6 +111,7 @@ def operate(
             is extended: what this is compared with.
         says: answers for the person who is asked, in place of what is drawn; then somebody is asked also
             where the scenario names nobody.
+        cell_of: makes the state of the run, where that is not a simulation.
 
     Raises:
         RequestError: robots of this kind of assembly, or under this policy, cannot be planned anew.
@@ -137,8 +139,8 @@ def operate(
     planner = Recovery(scenario, motions, tpg, draw, person)
     if halting:
         planner.cuts = (Recut(steps=False, aside=True),)
-    kind = RollingDrivenExecution if is_driven(tpg) else RollingExecution
-    cell: RollingExecution = kind(
+    simulated = RollingDrivenExecution if is_driven(tpg) else RollingExecution
+    cell = (cell_of or simulated)(
         tpg,
         draw(tpg),
         Dispatcher(tpg),
@@ -182,6 +184,7 @@ def operate(
         ),
         raised_skills=times.raised,
         commands=used(cell.commands()),
+        measured=cell.measured(),
     )
     return Operation(
         executed,

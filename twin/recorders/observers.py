@@ -114,6 +114,19 @@ class JsonlRecorder:
             self._error = error
             raise
 
+    def sync(self) -> None:
+        """See to it that all events so far are on the disk.
+
+        Raises:
+            OutputError: one could not be written.
+        """
+        try:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except (OSError, ValueError) as error:
+            self._error = self._error or OSError(str(error))
+        self.require_whole()
+
     def close(self) -> None:
         """Close the file once all of it is on the disk."""
         try:

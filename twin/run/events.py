@@ -6,7 +6,8 @@ Record of one execution: outcome, node times, waits.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
@@ -168,6 +169,20 @@ class RobotWait(NamedTuple):
     end_ns: int
 
 
+class Measured(NamedTuple):
+    """Where a robot was, as it was measured.
+
+    Attributes:
+        t_ns: shape (rows,), never falling [ns].
+        q: joint positions, shape (rows, n) [rad or m].
+        node: node that each row belongs to, shape (rows,); -1 before the first.
+    """
+
+    t_ns: Nanoseconds
+    q: Array
+    node: Nanoseconds
+
+
 @dataclass(frozen=True)
 class ExecutionRecord:
     """One execution of a TPG.
@@ -195,6 +210,8 @@ class ExecutionRecord:
             a chain; empty otherwise. Pieces of constant acceleration, each of which lasts until the
             next one begins, shape (pieces, 5): when it begins [ns], in which node, how far into it [ns],
             the speed at that moment as a share of full speed, and its change [1/ns].
+        measured: where robots were that others move, by name; those of a simulation are where their nodes
+            say.
     """
 
     outcome: Outcome
@@ -212,6 +229,7 @@ class ExecutionRecord:
     failure: str
     raised_skills: int = 0
     commands: tuple[Array, ...] = ()
+    measured: Mapping[str, Measured] = field(default_factory=dict)
 
     @property
     def makespan_s(self) -> float:

@@ -10,7 +10,7 @@ from planning.transforms import Array, Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.driven_motion import cubic_at, driven_rows, stopped_motion
-from twin.run.events import ExecutionRecord, waypoint_offsets_ns
+from twin.run.events import ExecutionRecord, Measured, waypoint_offsets_ns
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,9 @@ def robot_trajectories(
     chains = {chain.robot: k for k, chain in enumerate(tpg.chains)}
     found = []
     for robot in tpg.cell.robots:
-        if robot.name in chains:
+        if (measured := run.measured.get(robot.name)) is not None:
+            found.append(_as_measured(robot.name, measured, run.makespan_ns))
+        elif robot.name in chains:
             k = chains[robot.name]
             if tpg.chains[k].drive is None:
                 found.append(_chain_trajectory(tpg.chains[k], run, k))
@@ -91,6 +93,15 @@ def robot_trajectories(
             nodes = np.full(2, -1)
             found.append(Trajectory(robot.name, ends, home, nodes, still, still))
     return tuple(found)
+
+
+def _as_measured(robot: str, own: Measured, end_ns: int) -> Trajectory:
+    """Return the motion of a robot as it was measured, from the beginning to the end of the run."""
+    kept = int(np.searchsorted(own.t_ns, end_ns, side="right"))
+    t = np.concatenate([[0], own.t_ns[:kept], [end_ns]])
+    q = np.vstack([own.q[:1], own.q[:kept], own.q[max(kept - 1, 0)][None]])
+    node = np.concatenate([[-1], own.node[:kept], own.node[max(kept - 1, 0)][None]])
+    return Trajectory(robot, t, q, node)
 
 
 def _driven_trajectory(

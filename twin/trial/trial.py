@@ -7,7 +7,7 @@ writing what it does not hold yet: the same files, kill or none.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -54,9 +54,12 @@ from twin.trial.plan_result import PlanResult, plan_of_run
 from twin.trial.planning import plan_to_operate
 from twin.trial.run_result import Resumed, RunResult
 from twin.trial.simulation import execute, figures, prepare, scenario_execution
+from twin.uncertainty.disturbances import Disturbances
 
 if TYPE_CHECKING:
     from twin.audit.audit import AuditReport
+    from twin.live.live_execution import LiveExecution
+    from twin.live.session import Session
 
 SIMULATION, RECORDS = "simulation", "recording"
 """Names of the stages for progress displays."""
@@ -78,6 +81,7 @@ def try_plan(
     audit: bool | Engine = True,
     operated: bool = False,
     says: Says | None = None,
+    session: Session | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
     """Execute a plan once and write everything about it into a folder.
@@ -90,6 +94,7 @@ def try_plan(
         operated: plan anew what fails; the plan in the folder is then all that was executed, and the
             first one is beside it.
         says: answers for a person who is asked then; see twin.operate.
+        session: drivers that move the robots, of a plan that is operated; else they are simulated.
         progress: told how far each stage has come.
 
     Raises:
@@ -109,7 +114,8 @@ def try_plan(
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
         log = JsonlRecorder(folder / EVENTS)
-        done = _executed(plan, about, (log, memory), says)
+        live = None if session is None else session.execution(tpg.cell, log.sync)
+        done = _executed(plan, about, (log, memory), says, live)
         log.require_whole()
         progress(SIMULATION, 1, 1)
         _conclude(done, folder, memory.events, about, progress)
@@ -136,20 +142,26 @@ def _executed(
     about: Preparation,
     recorders: Sequence[Recorder],
     says: Says | None = None,
+    live: Callable[..., LiveExecution] | None = None,
 ) -> _Executed:
     """Execute a plan, and plan anew what fails where that is asked for."""
     scenario, base = plan.scenario.sections, plan.scenario.folder
     if not about.operated:
         record = execute(scenario, plan.tpg, base, recorders=tuple(recorders))
         return _Executed(plan, record)
+    model = scenario_execution(scenario, base)
+    if live is not None:
+        # What happens is what drivers report.
+        model = replace(model, disturbances=Disturbances())
     done = operate(
         scenario,
         plan.motions,
         plan.tpg,
-        scenario_execution(scenario, base),
+        model,
         seed=scenario.seed,
         recorders=recorders,
         says=says,
+        cell_of=live,
     )
     return _Executed(replace(plan, tpg=done.tpg), done.record, done)
 

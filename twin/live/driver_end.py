@@ -1,0 +1,96 @@
+"""The end of a session at the driver: takes commands that may be late, doubled or lost, and reports."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from twin.live.driver import Driver, Sample
+from twin.live.messages import Command, Report
+
+_MOST_SAMPLES = 5000
+"""Samples that are kept for a dispatcher that does not answer."""
+
+
+class DriverEnd:
+    """What a driver knows of its session.
+
+    Args:
+        driver: the robot.
+        robot: its name in the plan.
+        instance: greater whenever this is started anew, such as the time.
+        clock: returns the time, counted from anywhere [s].
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        robot: str,
+        instance: int,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._driver, self._robot, self._instance = driver, robot, instance
+        self._clock = clock
+        self._session = ""
+        self._number = self._seen = self._version = self._have = 0
+        self._held = False
+        self._samples: deque[tuple[int, Sample]] = deque(maxlen=_MOST_SAMPLES)
+        self.left = False
+
+    def receive(self, command: Command) -> None:
+        """Do what a command says, unless it is another robot's or session's, or overtaken by a later one."""
+        if command.robot != self._robot or self.left:
+            return
+        if self._session not in ("", command.session) or command.number <= self._seen:
+            return
+        if not self._session:
+            self._session, self._have = command.session, command.done
+            self._driver.begin(np.asarray(command.start), command.done)
+        self._seen = command.number
+        while self._samples and self._samples[0][0] <= command.heard:
+            self._samples.popleft()
+        self._take(command)
+        if command.held != self._held:
+            self._held = command.held
+            self._driver.hold(command.held)
+        if command.leave:
+            self.left = True
+            self._driver.leave()
+
+    def _take(self, command: Command) -> None:
+        """Take the nodes that it has not got yet, if none is missing before them."""
+        failed = self._driver.state().failed
+        if failed >= 0:
+            # What was to come after it is of a graph that is not executed any more.
+            if command.version <= self._version:
+                return
+            self._have = failed + 1
+        fresh = [node for node in command.nodes if node.node >= self._have]
+        if fresh and fresh[0].node == self._have:
+            self._driver.take(fresh)
+            self._have += len(fresh)
+            self._version = max(self._version, command.version)
+
+    def report(self) -> Report:
+        """Return what is to be told now; it is worth telling often, as a sign of life."""
+        self._number += 1
+        now_s, state = self._clock(), self._driver.state()
+        alone = Sample(now_s, state.q, state.begun, state.done)
+        self._samples += [(self._number, own) for own in state.samples or (alone,)]
+        state = replace(state, samples=tuple(own for _, own in self._samples))
+        have = self._have if state.failed < 0 else state.failed + 1
+        return Report(
+            self._session,
+            self._robot,
+            self._instance,
+            self._number,
+            now_s,
+            self._seen,
+            self._version,
+            have,
+            state,
+        )

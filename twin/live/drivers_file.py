@@ -1,0 +1,99 @@
+"""The drivers file: who moves each robot, and where it is to be found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from planning.files import read_file
+from twin.scenario.document.section import Name, Section
+from twin.scenario.document.validation import (
+    FileProblem,
+    InvalidScenarioError,
+    parsed,
+    unknown_name,
+    validated,
+)
+from twin.scenario.document.yaml_text import Mark
+
+_Seconds = Annotated[float, Field(gt=0, le=86_400)]
+
+
+class SimulatedDriver(Section):
+    """An arm of the twin, which follows its nodes by the clock.
+
+    Attributes:
+        pace: how many times as fast as planned.
+    """
+
+    kind: Literal["simulated"]
+    pace: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+
+
+class ServiceDriver(Section):
+    """A program of anybody's that asks for the robot's nodes by gRPC, see ``cell.proto``."""
+
+    kind: Literal["grpc"]
+
+
+AnyDriver = Annotated[SimulatedDriver | ServiceDriver, Field(discriminator="kind")]
+"""Who moves a robot."""
+
+
+class DriversSection(Section):
+    """Who moves the robots of a cell, for ``twin operate --drivers``.
+
+    Attributes:
+        robots: who moves each robot, by its name; those that are not named are simulated.
+        listen: address at which programs ask for their robots' nodes.
+        certificates: folder of certificates that both sides show; without one nobody but this machine
+            is listened to.
+        lease_s: without a sign of life for so long, nothing more is cleared to a driver [s].
+        out_s: a driver that is silent for so long is given up [s].
+        pace: of arms that are simulated.
+    """
+
+    robots: dict[Name, AnyDriver] = Field(default_factory=dict)
+    listen: str = "127.0.0.1:50551"
+    certificates: str | None = None
+    lease_s: _Seconds = 2.0
+    out_s: _Seconds = 60.0
+    pace: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+
+    def driver_of(self, robot: str) -> AnyDriver:
+        """Return who moves a robot."""
+        return self.robots.get(robot, SimulatedDriver(kind="simulated"))
+
+
+def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
+    """Read a drivers file.
+
+    Args:
+        path: of the file.
+        robots: of the cell.
+
+    Raises:
+        InvalidScenarioError: with all that is wrong, each with its line.
+    """
+    try:
+        text = read_file(path).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        problem = FileProblem(Mark(1, 1), f"cannot be read: {error}")
+        raise InvalidScenarioError(path, [problem], ()) from error
+    document = parsed(path, text)
+    section = validated(document, DriversSection, DriversSection.model_json_schema)
+    problems = [
+        *document.problems,
+        *(
+            document.problem(
+                ("robots", name, "[key]"), unknown_name("robot", name, robots)
+            )
+            for name in section.robots
+            if name not in robots
+        ),
+    ]
+    if problems:
+        raise InvalidScenarioError(path, problems, document.lines)
+    return section

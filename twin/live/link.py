@@ -1,0 +1,153 @@
+"""The end of a session at the dispatcher, one a robot: what its driver is told, and what is believed of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from planning.transforms import Array
+from twin.live.driver import ClearedNode, DriverState
+from twin.live.messages import Command, Report
+
+
+@dataclass
+class Link:
+    """What is known of one driver, and what it is to know.
+
+    Attributes:
+        session, robot: names of the run and the robot.
+        start: where the plan has the robot stand at the beginning, shape (n,).
+        lease_s: without a report for so long, nothing more is cleared to it [s].
+        repeat_s: what a driver has not got is told again after so long, and at least so often there is a
+            sign of life [s].
+        number: of the last command; where a dispatcher is started anew, beyond all before.
+        done: nodes that are through.
+        cleared: nodes that it may pass, from its first one on.
+        version: of the graph that they are from.
+        held, leave: whether it is to stand; whether nothing more will come.
+        state: what it said last, None before it has.
+        problem: what it has said that cannot be, empty for nothing: it is not to be relied on any more.
+    """
+
+    session: str
+    robot: str
+    start: Array
+    lease_s: float = 2.0
+    repeat_s: float = 0.2
+    number: int = 0
+    done: int = 0
+    cleared: list[ClearedNode] = field(default_factory=list)
+    version: int = 1
+    held: bool = False
+    leave: bool = False
+    state: DriverState | None = None
+    problem: str = ""
+    _instance: int = -1
+    _report: int = -1
+    _have: int | None = None
+    _heard_s: float | None = None
+    _ahead_s: float = math.inf
+    _sent_s: float | None = None
+    _news: bool = True
+
+    def alive(self, now_s: float) -> bool:
+        """Tell whether its driver has given a sign of life."""
+        return self._heard_s is not None and now_s - self._heard_s <= self.lease_s
+
+    def silent_s(self, now_s: float) -> float | None:
+        """Return for how long nothing has been heard of it [s], None where nothing ever was."""
+        return None if self._heard_s is None else now_s - self._heard_s
+
+    def when(self, at_s: float) -> float:
+        """Return a time by the clock of the driver in that of the dispatcher [s].
+
+        As far as is known: no report was quicker than the quickest one.
+        """
+        return at_s + self._ahead_s
+
+    def clear(self, nodes: Sequence[ClearedNode]) -> None:
+        """Let the robot pass more nodes."""
+        self.cleared += nodes
+        self._news = True
+
+    def swap(self, version: int, count: int) -> None:
+        """Go on with another graph, in which it may pass so many nodes."""
+        self.version = version
+        del self.cleared[count:]
+        self._news = True
+
+    def hold(self, held: bool) -> None:
+        """Let the robot stand, or go on."""
+        self.held, self._news = held, True
+
+    def say_leave(self) -> None:
+        """Let the robot come to rest for good."""
+        self.leave, self._news = True, True
+
+    # Messages
+
+    def receive(self, report: Report, now_s: float) -> DriverState | None:
+        """Return what a report says, None where it is to be left aside: foreign, doubled or overtaken.
+
+        Args:
+            report: what has arrived.
+            now_s: the time [s].
+        """
+        order = (report.instance, report.number)
+        if report.robot != self.robot or order <= (self._instance, self._report):
+            return None
+        if report.session not in ("", self.session):
+            self.problem = f"serves another session, {report.session!r}"
+            return None
+        before, (self._instance, self._report) = self._instance, order
+        if report.instance != before:
+            # What it was told last may be old: it knows less than is known of it.
+            self._ahead_s, self._have = math.inf, None
+        self._heard_s = now_s
+        self._ahead_s = min(self._ahead_s, now_s - report.at_s)
+        if not report.session:
+            # It has been started anew, or has not been told yet.
+            self._news, self._have = True, None
+            return None
+        state = report.state
+        if words := self._impossible(report):
+            self.problem = words
+            return None
+        self._have = report.have
+        self.state = state
+        self.done = max(self.done, state.done)
+        return state
+
+    def _impossible(self, report: Report) -> str:
+        state = report.state
+        if not state.done <= state.begun <= report.have:
+            return f"says that {state.done} nodes are through, {state.begun} begun, and that it has {report.have}"
+        if report.version == self.version and report.have > len(self.cleared):
+            return f"says that it has {report.have} nodes, and is cleared for {len(self.cleared)}"
+        if self._have is not None and self.state and state.done < self.state.done:
+            return f"says that {state.done} nodes are through, after {self.state.done}"
+        return ""
+
+    def command(self, now_s: float) -> Command | None:
+        """Return what is to be sent now, None for nothing."""
+        late = self._sent_s is None or now_s - self._sent_s >= self.repeat_s
+        if not self._news and not late:
+            return None
+        # A driver that has said nothing yet is told from where it may have to begin.
+        have = self.done if self._have is None else self._have
+        self._news, self._sent_s = False, now_s
+        self.number += 1
+        stands = self.cleared[self.done - 1].waypoints[-1] if self.done else self.start
+        return Command(
+            self.session,
+            self.robot,
+            self.number,
+            stands,
+            self.done,
+            self.version,
+            tuple(self.cleared[have:]),
+            max(self._report, 0),
+            self.held,
+            self.leave,
+        )

@@ -1,0 +1,327 @@
+"""Execution by drivers: the dispatcher clears nodes to them, and what happens when is what they report.
+
+The simulation's own clock is kept in step with the time that passes. Whatever belongs to no driver, such as
+a person who brings a part, takes the time that the twin says.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import time
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import simpy
+
+from planning.transforms import Array
+from scheduling.graph.task_edges import actuation_nodes
+from twin.durations.model import NANOSECONDS
+from twin.live.driver import ClearedNode, DriverState, Sample
+from twin.live.link import Link
+from twin.live.messages import Report
+from twin.live.wire import Wire
+from twin.operate.rolling import RollingExecution, Version
+from twin.run.events import EventKind, Measured, Outcome
+from twin.uncertainty.node_times import NodeTimes
+
+_TICK_S = 0.02
+"""How long messages are waited for at most, before links are looked at again [s]."""
+
+
+class LiveExecution(RollingExecution):
+    """State of one run that drivers execute.
+
+    Args:
+        rest, options: as of an execution that may be extended.
+        links: what is known of each driver, by robot.
+        wires: what carries messages to it.
+        written: sees to it that all events so far are on the disk; called before a driver is cleared for more.
+        out_s: a robot whose driver has been silent for so long is out [s].
+        pace: how many times as fast as the clock the run's time goes.
+    """
+
+    driven = True
+
+    def __init__(
+        self,
+        *rest: Any,
+        links: Mapping[str, Link],
+        wires: Mapping[str, Wire],
+        written: Callable[[], None],
+        out_s: float,
+        pace: float = 1.0,
+        **options: Any,
+    ) -> None:
+        super().__init__(*rest, **options)
+        self._links, self._wires = links, wires
+        self._written, self._out_s = written, out_s
+        self._inbox: queue.SimpleQueue[Report] = queue.SimpleQueue()
+        self._begin_s, self._pace = time.monotonic(), pace
+        self._states: dict[str, DriverState] = {}
+        self._told: dict[str, str] = {}
+        self._silent = set(links)
+        self._broken = ""
+        self._news = {name: self.env.event() for name in links}
+        self._rows = {name: MeasuredRows() for name in links}
+        self._acts = actuation_nodes(self.tpg)
+
+    def execute(self) -> Outcome:
+        """Run until everything is done, nothing can go on, or the user interrupts."""
+        for wire in self._wires.values():
+            wire.open(self._inbox.put)
+        try:
+            return super().execute()
+        finally:
+            for name, wire in self._wires.items():
+                self._links[name].say_leave()
+                self._send(name)
+                wire.close()
+
+    def node_times(self) -> NodeTimes:
+        """Return how long nodes took."""
+        took = []
+        for k, planned in enumerate(self.times.motion):
+            start, end = np.array(self.start[k]), np.array(self.end[k])
+            took.append(np.where(end >= 0, end - start, planned).astype(np.int64))
+        stood = tuple(np.zeros_like(own) for own in took)
+        return replace(self.times, motion=tuple(took), stood=stood)
+
+    def measured(self) -> dict[str, Measured]:
+        """Return where robots were, as their drivers have measured it."""
+        return {n: rows.measured() for n, rows in self._rows.items() if rows.t_ns}
+
+    # Time
+
+    def _passed_s(self) -> float:
+        """Return the time by the clock since the run began [s]."""
+        return time.monotonic() - self._begin_s
+
+    def _passed_ns(self) -> int:
+        """Return how late it is in the run [ns]."""
+        return round(self._passed_s() * self._pace * NANOSECONDS)
+
+    def _upcoming(self) -> float:
+        """Wait until something happens next, and return when that is [ns]; infinity at the end of the run."""
+        while True:
+            if self._broken:
+                return math.inf
+            due = super()._upcoming()
+            now = self._passed_ns()
+            if due <= now or (due == math.inf and self._over()):
+                return due
+            self._look_at_links(self._passed_s())
+            wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
+            try:
+                report = self._inbox.get(timeout=max(wait, 0.0))
+            except queue.Empty:
+                continue
+            self._take(report)
+
+    def _over(self) -> bool:
+        return self._done() and not self._planning
+
+    def deadlock(self) -> str:
+        """Return why the run ends before all is done."""
+        return self._broken or super().deadlock()
+
+    def _take(self, report: Report) -> None:
+        """Take note of a report, as something that happens now in the simulation."""
+        link = self._links.get(report.robot)
+        state = None if link is None else link.receive(report, self._passed_s())
+        if state is None:
+            return
+        assert link is not None
+        rows = self._rows[report.robot]
+        for sample in state.samples:
+            own_s = link.when(sample.at_s) * self._pace
+            rows.add(round(own_s * NANOSECONDS), sample)
+        self._now(self._observe, report.robot, state)
+
+    def _now(self, act: Callable[..., None], *about: Any) -> None:
+        """Let something happen in the simulation at the time that it is."""
+        happens = self.env.timeout(max(self._passed_ns() - self.now_ns, 0))
+        happens.callbacks.append(lambda _: act(*about))
+
+    def _observe(self, name: str, state: DriverState) -> None:
+        self._states[name] = state
+        news, self._news[name] = self._news[name], self.env.event()
+        news.succeed()
+        if name in self._silent:
+            self._silent.discard(name)
+            self._dispatch_again()
+
+    def _look_at_links(self, now_s: float) -> None:
+        """Tell drivers what they are to know, and see whether they are there."""
+        for name, link in self._links.items():
+            self._send(name)
+            alive, words = link.alive(now_s), self._why_out(name, now_s)
+            if not alive:
+                self._silent.add(name)
+                words = words or "no sign of life"
+            if name in self._states and words != self._told.get(name, ""):
+                self._told[name] = words
+                self._now(self._tell_of_driver, name, words)
+            if self._why_out(name, now_s):
+                self._give_up_driver(name, words)
+
+    def _why_out(self, name: str, now_s: float) -> str:
+        """Return why a driver is not to be relied on any more, empty where it is."""
+        link, state = self._links[name], self._states.get(name)
+        if state is not None and state.mode == "fault":
+            return state.words
+        silent = link.silent_s(now_s)
+        if (now_s if silent is None else silent) > self._out_s:
+            return f"has not been heard of for {self._out_s:g} s"
+        return link.problem
+
+    def _tell_of_driver(self, name: str, words: str) -> None:
+        if self.narrator is not None and name in self.tpg.chain_index:
+            kind: EventKind = "stopped" if words else "resumed"
+            self.narrator.emit(kind, self.tpg.chain_index[name], detail=words)
+
+    def _give_up_driver(self, name: str, words: str) -> None:
+        """Go on without a robot that stands at a border; where it stands elsewhere, end the run."""
+        if name in self._out or self._broken:
+            return
+        state, k = self._states.get(name), self.tpg.chain_index.get(name)
+        if k is None or (state is not None and state.begun == self.released[k]):
+            self.outage(name, self.now_ns)
+        else:
+            self._broken = f"{name} {words}"
+
+    def _send(self, name: str) -> None:
+        command = self._links[name].command(self._passed_s())
+        if command is not None:
+            if command.nodes:
+                self._written()
+            self._wires[name].send(command)
+
+    # Robots
+
+    def _link(self, chain: int) -> Link | None:
+        return self._links.get(self.tpg.chains[chain].robot)
+
+    def _release(self, chain: int) -> None:
+        node, link = self.released[chain], self._link(chain)
+        super()._release(chain)
+        if link is not None:
+            rows = self._rows[link.robot]
+            rows.cleared_ns[node:] = [self._passed_ns()]
+            link.clear([self._cleared(chain, node)])
+
+    def _cleared(self, chain: int, node: int) -> ClearedNode:
+        own = self.tpg.chains[chain]
+        rows = slice(int(own.first[node]), int(own.first[node + 1]))
+        task = self.tpg.tasks[int(own.task[node])]
+        act = self._acts[chain].get(node)
+        return ClearedNode(
+            node,
+            task.index,
+            task.kind,
+            task.label,
+            own.waypoints[rows],
+            own.fraction[rows] * own.duration[node],
+            "" if act is None else act.act,
+            task.object or "",
+        )
+
+    def _next_is_safe(self, chain: int) -> bool:
+        link = self._link(chain)
+        alive = link is None or link.alive(self._passed_s())
+        return alive and super()._next_is_safe(chain)
+
+    def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
+        """Follow a node that a driver executes, and return whether its task failed for good."""
+        if self._link(chain) is None:
+            return (yield from super()._pass(chain, node))
+        name = self.tpg.chains[chain].robot
+        while not self._reached(name, node):
+            yield self._news[name]
+        rows = self._rows[name]
+        self.start[chain][node] = rows.begin_ns[node]
+        self._count_patience(chain, node)
+        if self.narrator is not None:
+            self.narrator.emit("started", chain, node)
+        while not self._reached(name, node, through=True):
+            yield self._news[name]
+        if self._states[name].failed == node:
+            self.failed.append(chain)
+            if self.narrator is not None:
+                words = self._states[name].words
+                self.narrator.emit("failed", chain, node, detail=words)
+            return True
+        if self.narrator is not None:
+            handled = self.narrator.handlings.get((chain, node), ())
+            for _, item, holder in handled:
+                self.narrator.handle(chain, node, item, holder)
+            self.narrator.emit("completed", chain, node)
+        self._complete(chain, node)
+        self.end[chain][node] = rows.end_ns[node]
+        return False
+
+    def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
+        """Tell whether a robot has begun a node, or is through with it, or has failed there."""
+        state = self._states.get(name)
+        if state is None:
+            return False
+        count = state.done if through else state.begun
+        return count > node or state.failed == node
+
+    def _swap(self, version: Version) -> None:
+        super()._swap(version)
+        self._acts = actuation_nodes(self.tpg)
+        for name, link in self._links.items():
+            if (k := self.tpg.chain_index.get(name)) is not None:
+                link.swap(len(self.versions) + 1, self.released[k])
+
+
+@dataclass
+class MeasuredRows:
+    """What has been measured of a robot: rows while it moves, and both ends of each time for which it stands.
+
+    Attributes:
+        t_ns, q, node: see ``Measured``; where it stands, the first row is of the node before, the last one of
+            that which it then begins.
+        begin_ns, end_ns: when it began each of its nodes, and was through with it.
+        cleared_ns: when it was cleared for them; whatever its clock says, it began none before.
+    """
+
+    t_ns: list[int] = field(default_factory=list)
+    q: list[Array] = field(default_factory=list)
+    node: list[int] = field(default_factory=list)
+    begin_ns: list[int] = field(default_factory=list)
+    end_ns: list[int] = field(default_factory=list)
+    cleared_ns: list[int] = field(default_factory=list)
+    _stood: tuple[int, Array] | None = None
+    _last_s: float = -math.inf
+
+    def add(self, t_ns: int, state: Sample) -> None:
+        """Take note of a sample, unless that has been done before."""
+        if state.at_s < self._last_s:
+            return
+        self._last_s = state.at_s
+        begun = self.cleared_ns[state.begun - 1 : state.begun]
+        t_ns = max([t_ns, *self.t_ns[-1:], *begun])
+        self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
+        self.end_ns += [t_ns] * (state.done - len(self.end_ns))
+        if state.begun == state.done:
+            if self._stood is None:
+                self._row(t_ns, state.q, state.done - 1)
+            self._stood = t_ns, state.q
+            return
+        if self._stood is not None:
+            self._row(*self._stood, state.done)
+            self._stood = None
+        self._row(t_ns, state.q, state.done)
+
+    def _row(self, t_ns: int, q: Array, node: int) -> None:
+        self.t_ns.append(t_ns)
+        self.q.append(q)
+        self.node.append(node)
+
+    def measured(self) -> Measured:
+        """Return all of it."""
+        return Measured(np.array(self.t_ns), np.array(self.q), np.array(self.node))

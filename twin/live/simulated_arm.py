@@ -1,0 +1,174 @@
+"""An arm that follows its nodes as planned, by the clock: a driver without a robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from planning.transforms import Array
+from twin.live.driver import ClearedNode, DriverState, Mode, Sample
+
+
+class SimulatedArm:
+    """A driver that passes nodes in the time that the plan has for them.
+
+    Args:
+        clock: returns the time [s].
+        pace: how many times as fast as planned.
+        fails: tells of the first node of a skill whether it fails.
+        stands: joint positions at which the arm is when it is started anew, shape (n,); by default where the
+            plan has it.
+        reach: how far from the path it may stand then [rad or m].
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        pace: float = 1.0,
+        fails: Callable[[ClearedNode], bool] = lambda _: False,
+        stands: Array | None = None,
+        reach: float = 0.01,
+    ) -> None:
+        self._clock, self._pace, self._fails = clock, pace, fails
+        self._stands, self._reach = stands, reach
+        self._q = np.zeros(0) if stands is None else stands
+        self._start = self._q
+        self._nodes: list[ClearedNode] = []
+        self._first = self._done = self._failed = 0
+        self._failed, self._gone, self._at = -1, 0.0, clock()
+        self._held, self._words = False, ""
+        self._samples: list[Sample] = []
+
+    def begin(self, start: Array, done: int) -> None:
+        """Be told where the plan has it stand; see Driver."""
+        self._first = self._done = done
+        self._start = start
+        if self._stands is None:
+            self._q = start
+
+    def take(self, nodes: list[ClearedNode]) -> None:
+        """Take further nodes; see Driver."""
+        self._advance()
+        if self._failed >= 0:
+            del self._nodes[self._failed + 1 - self._first :]
+            self._done, self._gone, self._failed, self._words = (
+                self._failed + 1,
+                0.0,
+                -1,
+                "",
+            )
+        self._nodes += nodes
+        if self._stands is not None:
+            self._find_itself()
+
+    def _find_itself(self) -> None:
+        """Take up the path where it is nearest, unless that is too far."""
+        assert self._stands is not None
+        found = []
+        for k, node in enumerate(self._nodes):
+            corners = np.vstack([self._before(k), node.waypoints])
+            times = np.array([0.0, *node.seconds])
+            for a, b, t, u in zip(corners, corners[1:], times, times[1:], strict=False):
+                way = b - a
+                part = float(
+                    np.dot(self._stands - a, way) / max(np.dot(way, way), 1e-12)
+                )
+                part = min(max(part, 0.0), 1.0)
+                off = float(np.abs(a + part * way - self._stands).max())
+                found.append((off, k, t + part * (u - t)))
+        off, k, gone = min(found, default=(0.0, 0, 0.0))
+        if off > self._reach:
+            self._words = f"stands {off:.3f} rad away from what is left of its path"
+        self._done, self._gone, self._stands = self._first + k, gone, None
+
+    def state(self) -> DriverState:
+        """Return how far it is."""
+        self._advance()
+        going = self._current is not None and self._failed < 0
+        mode: Mode = "moving" if going else "standing"
+        mode = "held" if self._held else mode
+        if self._words and self._failed < 0:
+            mode = "fault"
+        begun = self._done + (going and self._gone > 0.0)
+        before, self._q = self._q, self._position()
+        speed = np.zeros_like(self._q)
+        if mode == "moving" and before.shape == self._q.shape:
+            speed = self._q - before
+        self._sample(self._at)
+        samples, self._samples = tuple(self._samples), []
+        return DriverState(
+            begun,
+            self._done,
+            mode,
+            self._q,
+            speed,
+            0.0,
+            self._failed,
+            self._words,
+            samples,
+        )
+
+    def hold(self, held: bool) -> None:
+        """Stand, or go on."""
+        self._advance()
+        self._held = held
+
+    def leave(self) -> None:
+        """Go on to the end of what it has; nothing more comes."""
+
+    def _sample(self, at_s: float, *, begins: bool = False) -> None:
+        begun = self._done + (begins or self._gone > 0.0)
+        self._samples.append(Sample(at_s, self._position(), begun, self._done))
+
+    @property
+    def _current(self) -> ClearedNode | None:
+        k = self._done - self._first
+        return self._nodes[k] if k < len(self._nodes) else None
+
+    def _before(self, k: int) -> Array:
+        return self._nodes[k - 1].waypoints[-1] if k else self._start
+
+    def _advance(self) -> None:
+        """Go on to now."""
+        now = self._clock()
+        left, self._at = (now - self._at) * self._pace, now
+        if self._held or self._words or self._stands is not None:
+            return
+        while left > 0.0 and (node := self._current) is not None:
+            if self._gone <= 0.0:
+                self._sample(now - left / self._pace, begins=True)
+            for passed in node.seconds[:-1]:
+                if self._gone < passed < self._gone + left:
+                    left -= passed - self._gone
+                    self._gone = float(passed)
+                    self._sample(now - left / self._pace)
+            whole = float(node.seconds[-1])
+            if self._gone + left < whole:
+                self._gone += left
+                return
+            left -= whole - self._gone
+            if self._begins_skill(node) and self._fails(node):
+                self._failed, self._words = node.node, f"{node.label} failed"
+                self._gone = 0.0
+                return
+            self._done, self._gone = self._done + 1, 0.0
+            self._sample(now - left / self._pace)
+
+    def _begins_skill(self, node: ClearedNode) -> bool:
+        k = node.node - self._first
+        first = k == 0 or self._nodes[k - 1].task != node.task
+        return first and node.kind != "transit"
+
+    def _position(self) -> Array:
+        if self._stands is not None:
+            return self._stands
+        k, node = self._done - self._first, self._current
+        before = self._before(k)
+        if node is None or self._gone <= 0.0:
+            return before
+        times = np.array([0.0, *node.seconds])
+        corners = np.vstack([before, node.waypoints])
+        return np.array([np.interp(self._gone, times, own) for own in corners.T])
