@@ -144,6 +144,8 @@ def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:
         rows = replay.robots[robot.name]
         if robot.limits is None or len(rows.t) < 2:
             continue
+        if robot.name in replay.measured:
+            continue
         if rows.v is None or rows.a is None:
             at = float(rows.t[0]), float(rows.t[-1])
             what = "has limits, and its table neither speeds nor accelerations"

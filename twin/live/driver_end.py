@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.live.driver import Driver, Sample
+from twin.live.driver import Driver, DriverState, Sample
 from twin.live.messages import Command, Report
 
 _MOST_SAMPLES = 5000
@@ -63,7 +63,7 @@ class DriverEnd:
 
     def _take(self, command: Command) -> None:
         """Take the nodes that it has not got yet, if none is missing before them."""
-        failed = self._driver.state().failed
+        failed = self._look().failed
         if failed >= 0:
             # What was to come after it is of a graph that is not executed any more.
             if command.version <= self._version:
@@ -75,12 +75,18 @@ class DriverEnd:
             self._have += len(fresh)
             self._version = max(self._version, command.version)
 
+    def _look(self) -> DriverState:
+        """Return how far the robot is; its samples are told of in the next report."""
+        state = self._driver.state()
+        alone = Sample(self._clock(), state.q, state.begun, state.done)
+        number = self._number + 1
+        self._samples += [(number, own) for own in state.samples or (alone,)]
+        return state
+
     def report(self) -> Report:
         """Return what is to be told now; it is worth telling often, as a sign of life."""
+        now_s, state = self._clock(), self._look()
         self._number += 1
-        now_s, state = self._clock(), self._driver.state()
-        alone = Sample(now_s, state.q, state.begun, state.done)
-        self._samples += [(self._number, own) for own in state.samples or (alone,)]
         state = replace(state, samples=tuple(own for _, own in self._samples))
         have = self._have if state.failed < 0 else state.failed + 1
         return Report(

@@ -25,6 +25,8 @@ class Link:
         done: nodes that are through.
         cleared: nodes that it may pass, from its first one on.
         version: of the graph that they are from.
+        ahead_s: how far the clock of the dispatcher is ahead of the driver's, as far as is known; None where
+            they are the same [s].
         held, leave: whether it is to stand; whether nothing more will come.
         state: what it said last, None before it has.
         problem: what it has said that cannot be, empty for nothing: it is not to be relied on any more.
@@ -39,6 +41,7 @@ class Link:
     done: int = 0
     cleared: list[ClearedNode] = field(default_factory=list)
     version: int = 1
+    ahead_s: float | None = math.inf
     held: bool = False
     leave: bool = False
     state: DriverState | None = None
@@ -47,7 +50,6 @@ class Link:
     _report: int = -1
     _have: int | None = None
     _heard_s: float | None = None
-    _ahead_s: float = math.inf
     _sent_s: float | None = None
     _news: bool = True
 
@@ -64,7 +66,7 @@ class Link:
 
         As far as is known: no report was quicker than the quickest one.
         """
-        return at_s + self._ahead_s
+        return at_s + (self.ahead_s or 0.0)
 
     def clear(self, nodes: Sequence[ClearedNode]) -> None:
         """Let the robot pass more nodes."""
@@ -103,9 +105,12 @@ class Link:
         before, (self._instance, self._report) = self._instance, order
         if report.instance != before:
             # What it was told last may be old: it knows less than is known of it.
-            self._ahead_s, self._have = math.inf, None
+            self._have = None
+            if self.ahead_s is not None:
+                self.ahead_s = math.inf
         self._heard_s = now_s
-        self._ahead_s = min(self._ahead_s, now_s - report.at_s)
+        if self.ahead_s is not None:
+            self.ahead_s = min(self.ahead_s, now_s - report.at_s)
         if not report.session:
             # It has been started anew, or has not been told yet.
             self._news, self._have = True, None

@@ -10,17 +10,19 @@ import math
 import queue
 import time
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import simpy
 
-from planning.transforms import Array
+from planning.errors import RequestError
 from scheduling.graph.task_edges import actuation_nodes
 from twin.durations.model import NANOSECONDS
-from twin.live.driver import ClearedNode, DriverState, Sample
+from twin.live.driver import ClearedNode, DriverState
 from twin.live.link import Link
+from twin.live.measured_rows import MeasuredRows
 from twin.live.messages import Report
 from twin.live.wire import Wire
 from twin.operate.rolling import RollingExecution, Version
@@ -69,16 +71,45 @@ class LiveExecution(RollingExecution):
         self._acts = actuation_nodes(self.tpg)
 
     def execute(self) -> Outcome:
-        """Run until everything is done, nothing can go on, or the user interrupts."""
+        """Run until everything is done, nothing can go on, or the user interrupts.
+
+        Raises:
+            RequestError: a driver is not there at the beginning.
+            OutputError: the log cannot be written any more.
+        """
         for wire in self._wires.values():
             wire.open(self._inbox.put)
         try:
+            self._gather()
             return super().execute()
         finally:
             for name, wire in self._wires.items():
                 self._links[name].say_leave()
-                self._send(name)
+                last = self._links[name].command(time.monotonic())
+                if last is not None:
+                    wire.send(replace(last, nodes=()))
                 wire.close()
+
+    def _gather(self) -> None:
+        """Wait until all drivers have been heard of; the run's time begins then."""
+        while missing := sorted(self._links.keys() - self._states.keys()):
+            if time.monotonic() - self._begin_s > self._out_s:
+                raise RequestError(
+                    f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
+                )
+            for name in self._links:
+                self._send(name)
+            with suppress(queue.Empty):
+                report = self._inbox.get(timeout=_TICK_S)
+                if (state := self._heard(report)) is not None:
+                    self._states[report.robot] = state
+        self._silent.clear()
+        self._begin_s = time.monotonic()
+
+    def _heard(self, report: Report) -> DriverState | None:
+        """Return what a report says, None where it is to be left aside."""
+        link = self._links.get(report.robot)
+        return None if link is None else link.receive(report, time.monotonic())
 
     def node_times(self) -> NodeTimes:
         """Return how long nodes took."""
@@ -95,13 +126,10 @@ class LiveExecution(RollingExecution):
 
     # Time
 
-    def _passed_s(self) -> float:
-        """Return the time by the clock since the run began [s]."""
-        return time.monotonic() - self._begin_s
-
     def _passed_ns(self) -> int:
         """Return how late it is in the run [ns]."""
-        return round(self._passed_s() * self._pace * NANOSECONDS)
+        passed_s = time.monotonic() - self._begin_s
+        return round(passed_s * self._pace * NANOSECONDS)
 
     def _upcoming(self) -> float:
         """Wait until something happens next, and return when that is [ns]; infinity at the end of the run."""
@@ -112,7 +140,7 @@ class LiveExecution(RollingExecution):
             now = self._passed_ns()
             if due <= now or (due == math.inf and self._over()):
                 return due
-            self._look_at_links(self._passed_s())
+            self._look_at_links(time.monotonic())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             try:
                 report = self._inbox.get(timeout=max(wait, 0.0))
@@ -129,15 +157,12 @@ class LiveExecution(RollingExecution):
 
     def _take(self, report: Report) -> None:
         """Take note of a report, as something that happens now in the simulation."""
-        link = self._links.get(report.robot)
-        state = None if link is None else link.receive(report, self._passed_s())
-        if state is None:
+        if (state := self._heard(report)) is None:
             return
-        assert link is not None
-        rows = self._rows[report.robot]
+        link, rows = self._links[report.robot], self._rows[report.robot]
         for sample in state.samples:
-            own_s = link.when(sample.at_s) * self._pace
-            rows.add(round(own_s * NANOSECONDS), sample)
+            own_s = link.when(sample.at_s) - self._begin_s
+            rows.add(round(own_s * self._pace * NANOSECONDS), sample)
         self._now(self._observe, report.robot, state)
 
     def _now(self, act: Callable[..., None], *about: Any) -> None:
@@ -157,15 +182,15 @@ class LiveExecution(RollingExecution):
         """Tell drivers what they are to know, and see whether they are there."""
         for name, link in self._links.items():
             self._send(name)
-            alive, words = link.alive(now_s), self._why_out(name, now_s)
-            if not alive:
+            words = why = self._why_out(name, now_s)
+            if not link.alive(now_s):
                 self._silent.add(name)
                 words = words or "no sign of life"
-            if name in self._states and words != self._told.get(name, ""):
+            if words != self._told.get(name, ""):
                 self._told[name] = words
                 self._now(self._tell_of_driver, name, words)
-            if self._why_out(name, now_s):
-                self._give_up_driver(name, words)
+                if why:
+                    self._now(self._give_up_driver, name, why)
 
     def _why_out(self, name: str, now_s: float) -> str:
         """Return why a driver is not to be relied on any more, empty where it is."""
@@ -173,7 +198,7 @@ class LiveExecution(RollingExecution):
         if state is not None and state.mode == "fault":
             return state.words
         silent = link.silent_s(now_s)
-        if (now_s if silent is None else silent) > self._out_s:
+        if silent is not None and silent > self._out_s:
             return f"has not been heard of for {self._out_s:g} s"
         return link.problem
 
@@ -187,13 +212,13 @@ class LiveExecution(RollingExecution):
         if name in self._out or self._broken:
             return
         state, k = self._states.get(name), self.tpg.chain_index.get(name)
-        if k is None or (state is not None and state.begun == self.released[k]):
+        if k is None or (state and state.begun == self.released[k] > 0):
             self.outage(name, self.now_ns)
         else:
             self._broken = f"{name} {words}"
 
     def _send(self, name: str) -> None:
-        command = self._links[name].command(self._passed_s())
+        command = self._links[name].command(time.monotonic())
         if command is not None:
             if command.nodes:
                 self._written()
@@ -230,7 +255,7 @@ class LiveExecution(RollingExecution):
 
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)
-        alive = link is None or link.alive(self._passed_s())
+        alive = link is None or link.alive(time.monotonic())
         return alive and super()._next_is_safe(chain)
 
     def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
@@ -276,52 +301,3 @@ class LiveExecution(RollingExecution):
         for name, link in self._links.items():
             if (k := self.tpg.chain_index.get(name)) is not None:
                 link.swap(len(self.versions) + 1, self.released[k])
-
-
-@dataclass
-class MeasuredRows:
-    """What has been measured of a robot: rows while it moves, and both ends of each time for which it stands.
-
-    Attributes:
-        t_ns, q, node: see ``Measured``; where it stands, the first row is of the node before, the last one of
-            that which it then begins.
-        begin_ns, end_ns: when it began each of its nodes, and was through with it.
-        cleared_ns: when it was cleared for them; whatever its clock says, it began none before.
-    """
-
-    t_ns: list[int] = field(default_factory=list)
-    q: list[Array] = field(default_factory=list)
-    node: list[int] = field(default_factory=list)
-    begin_ns: list[int] = field(default_factory=list)
-    end_ns: list[int] = field(default_factory=list)
-    cleared_ns: list[int] = field(default_factory=list)
-    _stood: tuple[int, Array] | None = None
-    _last_s: float = -math.inf
-
-    def add(self, t_ns: int, state: Sample) -> None:
-        """Take note of a sample, unless that has been done before."""
-        if state.at_s < self._last_s:
-            return
-        self._last_s = state.at_s
-        begun = self.cleared_ns[state.begun - 1 : state.begun]
-        t_ns = max([t_ns, *self.t_ns[-1:], *begun])
-        self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
-        self.end_ns += [t_ns] * (state.done - len(self.end_ns))
-        if state.begun == state.done:
-            if self._stood is None:
-                self._row(t_ns, state.q, state.done - 1)
-            self._stood = t_ns, state.q
-            return
-        if self._stood is not None:
-            self._row(*self._stood, state.done)
-            self._stood = None
-        self._row(t_ns, state.q, state.done)
-
-    def _row(self, t_ns: int, q: Array, node: int) -> None:
-        self.t_ns.append(t_ns)
-        self.q.append(q)
-        self.node.append(node)
-
-    def measured(self) -> Measured:
-        """Return all of it."""
-        return Measured(np.array(self.t_ns), np.array(self.q), np.array(self.node))

@@ -42,7 +42,11 @@ class Session:
         links, wires = {}, dict[str, Wire]()
         for robot in cell.robots:
             links[robot.name] = Link(
-                self.name, robot.name, robot.home, self.drivers.lease_s
+                self.name,
+                robot.name,
+                robot.home,
+                self.drivers.lease_s,
+                ahead_s=None,
             )
             wires[robot.name] = self._wire(robot.name)
         return partial(

@@ -172,11 +172,17 @@ WORLD = "world"
 FLANGE = "flange"
 
 
-def trajectory_table(trajectories: Sequence[Trajectory]) -> pa.Table:
+def trajectory_table(
+    trajectories: Sequence[Trajectory], measured: Sequence[str] = ()
+) -> pa.Table:
     """Return columns t_s, robot, q_0 ... q_k and node, robot after robot.
 
     Where robots keep to limits of acceleration there are v_0 ... v_k and a_0 ... a_k besides. A
     robot with fewer joints than another has nulls in the columns that it does not need.
+
+    Args:
+        trajectories: of the robots.
+        measured: whose were measured; the table's metadata says so.
     """
     counts = [len(motion.t_ns) for motion in trajectories]
     names = pa.array([motion.robot for motion in trajectories], pa.string())
@@ -190,7 +196,8 @@ def trajectory_table(trajectories: Sequence[Trajectory]) -> pa.Table:
         columns |= _joint_columns("v", [_or_zero(m, m.v) for m in trajectories])
         columns |= _joint_columns("a", [_or_zero(m, m.a) for m in trajectories])
     columns["node"] = pa.array(_joined([m.node for m in trajectories]))
-    return pa.table(columns)
+    about = {"measured": ",".join(measured)} if measured else None
+    return pa.table(columns, metadata=about)
 
 
 def _or_zero(motion: Trajectory, values: Array | None) -> Array:
@@ -267,7 +274,8 @@ def write_motion(folder: Path, tpg: TemporalPlanGraph, run: ExecutionRecord) -> 
     Raises:
         OutputError: a file cannot be written.
     """
-    write_table(folder / TRAJECTORY, trajectory_table(robot_trajectories(tpg, run)))
+    moves = trajectory_table(robot_trajectories(tpg, run), tuple(run.measured))
+    write_table(folder / TRAJECTORY, moves)
     write_table(folder / OBJECTS, objects_table(object_placements(tpg, run)))
 
 

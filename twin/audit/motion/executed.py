@@ -153,11 +153,14 @@ class Recording:
         robots: the rows of every robot of the cell.
         objects: rows by time.
         end: time of the last row [s].
+        measured: robots that others move: their rows were measured, and how they speed up and slow down
+            within their limits is their controllers'.
     """
 
     robots: Mapping[str, RobotRows]
     objects: tuple[ObjectRow, ...]
     end: float
+    measured: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,10 +197,12 @@ class ReplayedRun:
         end: time of the last row [s].
         stays: of each object in their order, the one at its start first.
         in_order: all stays by time.
+        measured: see ``Recording``.
     """
 
     def __init__(self, cell: Workcell, recording: Recording) -> None:
         self.cell, self.robots, self.end = cell, recording.robots, recording.end
+        self.measured = recording.measured
         told = {row.object for row in recording.objects if row.t <= 0.0}
         rows = [
             *(
@@ -290,7 +295,9 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
         rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(*pose)))
     rows.sort(key=lambda row: row.t)
     ends = [float(r.t[-1]) for r in robots.values()]
-    return Recording(robots, tuple(rows), max(*ends, *(row.t for row in rows)))
+    measured = (moves.schema.metadata or {}).get(b"measured", b"").decode()
+    end = max(*ends, *(row.t for row in rows))
+    return Recording(robots, tuple(rows), end, frozenset(measured.split(",")))
 
 
 def _rows_of(folder: Path, robot: PlacedRobot, table: Any) -> RobotRows:

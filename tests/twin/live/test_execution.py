@@ -1,0 +1,264 @@
+"""Plans that drivers execute: simulated arms, and wires between them and the dispatcher that fail."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+import twin
+from planning.errors import OutputError, RequestError
+from scheduling.graph.plan_files import load_plan
+from scheduling.verification.verify import verify_plan
+from tests.twin.operate.operated import STACK, stack
+from twin.live.driver import ClearedNode, DriverState
+from twin.live.driver_end import DriverEnd
+from twin.live.link import Link
+from twin.live.live_execution import LiveExecution
+from twin.live.messages import Command, Report
+from twin.live.simulated_arm import SimulatedArm
+from twin.live.wire import LocalWire
+from twin.operate.operation import Operation, operate
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import Event
+from twin.trial.plan_result import PlanResult
+from twin.trial.simulation import scenario_execution
+from twin.uncertainty.disturbances import Disturbances
+
+PACE = 60.0
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+    return stack(tmp_path_factory.mktemp("stack"))
+
+
+@dataclass
+class Watched(LocalWire):
+    """A wire that notes what it carries, and carries nothing at some times."""
+
+    end: DriverEnd
+    cut: Callable[[], bool] = lambda: False
+    sent: list[Command] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__(self.end, 0.001)
+
+    def open(self, deliver: Callable[[Report], None]) -> None:
+        super().open(lambda report: None if self.cut() else deliver(report))
+
+    def send(self, command: Command) -> None:
+        self.sent.append(command)
+        if not self.cut():
+            super().send(command)
+
+
+def live(
+    plan: PlanResult,
+    arms: dict[str, SimulatedArm],
+    cuts: dict[str, Callable[[], bool]] | None = None,
+    written: Callable[[], None] = lambda: None,
+    **values: Any,
+) -> tuple[Operation, list[Event], dict[str, Watched]]:
+    """Operate a plan with some arms; return what was told, and what was sent to them."""
+    memory, links, wires = MemoryRecorder(), {}, {}
+    for robot in plan.tpg.cell.robots:
+        arm = arms.get(robot.name) or SimulatedArm(pace=PACE)
+        own = {"cut": cuts[robot.name]} if cuts and robot.name in cuts else {}
+        wires[robot.name] = Watched(DriverEnd(arm, robot.name, 1), **own)
+        links[robot.name] = Link(
+            "run", robot.name, robot.home, lease_s=0.2, ahead_s=None
+        )
+    sections = plan.scenario.varied({"recovery.planning_s": 0.0, **values}).sections
+    model = scenario_execution(sections, plan.scenario.folder)
+    done = operate(
+        sections,
+        plan.motions,
+        plan.tpg,
+        replace(model, disturbances=Disturbances()),
+        seed=0,
+        recorders=(memory,),
+        cell_of=partial(
+            LiveExecution,
+            links=links,
+            wires=wires,
+            written=written,
+            out_s=1.0,
+            pace=PACE,
+        ),
+    )
+    return done, memory.events, wires
+
+
+def placed(done: Operation) -> list[int]:
+    return sorted(t.step for t in done.tpg.tasks if t.kind == "place-down")
+
+
+def require_order(done: Operation) -> None:
+    """Nobody has begun a node before all that it waits for was over."""
+    start, end = done.record.start_ns, done.record.end_ns
+    for a, u, b, v in done.tpg.edges.tolist():
+        if start[b][v] >= 0:
+            assert 0 <= end[a][u] <= start[b][v]
+
+
+def test_a_cell_of_drivers_is_audited_by_what_they_have_measured(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "stack.yaml").write_text(STACK)
+    (tmp_path / "drivers.yaml").write_text(f"pace: {PACE}\n")
+    done = twin.operate(
+        tmp_path / "stack.yaml", drivers=tmp_path / "drivers.yaml", out=tmp_path / "run"
+    )
+    assert done.outcome == "completed"
+    assert done.summary["audit"]["violations"] == []
+    assert not verify_plan(load_plan(tmp_path / "run")).problems
+    table = pq.read_table(tmp_path / "run" / "trajectory.parquet")
+    assert table.schema.metadata[b"measured"] == b"left,right"
+    # It is as quick as in the twin, but for what it takes to tell each other.
+    planned = twin.operate(tmp_path / "stack.yaml", out=tmp_path / "twin")
+    assert planned.summary["makespan_s"] < done.summary["makespan_s"]
+    assert done.summary["makespan_s"] < 1.5 * planned.summary["makespan_s"]
+
+
+def test_a_node_is_in_the_log_before_its_driver_is_cleared_for_it(
+    plan: PlanResult,
+) -> None:
+    count = [0]
+
+    def written() -> None:
+        count[0] += 1
+
+    done, events, wires = live(plan, {}, written=written)
+    require_order(done)
+    released = [e for e in events if e.kind == "released"]
+    sent = {n.node for c in wires["left"].sent for n in c.nodes}
+    assert sent == {e.node for e in released if e.robot == "left"}
+    assert count[0] == sum(bool(c.nodes) for w in wires.values() for c in w.sent)
+
+
+def test_a_skill_that_a_driver_reports_as_failed_is_planned_anew(
+    plan: PlanResult,
+) -> None:
+    failed: list[str] = []
+
+    def fails(node: ClearedNode) -> bool:
+        if node.kind == "pick" and not failed:
+            failed.append(node.object)
+            return True
+        return False
+
+    arm = SimulatedArm(pace=PACE, fails=fails)
+    done, events, _ = live(plan, {"left": arm})
+    assert done.record.outcome == "completed"
+    assert placed(done) == [1, 2, 3, 4]
+    require_order(done)
+    (own,) = (e for e in events if e.kind == "failed")
+    assert own.detail == f"pick {failed[0]} failed"
+    assert any(e.kind == "recovered" for e in events)
+
+
+@dataclass
+class Breaking(SimulatedArm):
+    """An arm that can do no more from some node on."""
+
+    at: int
+    within: bool
+
+    def __post_init__(self) -> None:
+        super().__init__(pace=PACE)
+
+    def state(self) -> DriverState:
+        state = super().state()
+        if state.done < self.at or (self.within and state.begun <= self.at):
+            return state
+        self._words = "collision reflex"
+        begun = self.at + self.within
+        samples = tuple(s for s in state.samples if s.done <= self.at)
+        return replace(
+            state,
+            mode="fault",
+            words="collision reflex",
+            done=self.at,
+            begun=begun,
+            samples=samples,
+        )
+
+
+def test_a_robot_that_breaks_down_within_a_node_ends_the_run_with_the_cause(
+    plan: PlanResult,
+) -> None:
+    done, events, _ = live(plan, {"left": Breaking(40, within=True)})
+    assert done.record.outcome == "failed"
+    assert events[-2].detail == "left collision reflex"
+    assert [e.detail for e in events if e.kind == "stopped"] == ["collision reflex"]
+
+
+def test_nothing_is_cleared_to_a_driver_that_gives_no_sign_of_life(
+    plan: PlanResult,
+) -> None:
+    begin = time.monotonic()
+
+    def cut() -> bool:
+        return 0.4 < time.monotonic() - begin < 1.0
+
+    done, events, wires = live(plan, {}, {"left": cut})
+    assert done.record.outcome == "completed"
+    require_order(done)
+    stopped = [e for e in events if e.kind == "stopped"]
+    resumed = [e for e in events if e.kind == "resumed"]
+    assert [e.detail for e in stopped] == ["no sign of life"]
+    assert len(resumed) == 1
+    lower, upper = stopped[0].t_ns, resumed[0].t_ns
+    quiet = [e for e in events if e.kind == "released" and lower < e.t_ns < upper]
+    assert not [e for e in quiet if e.robot == "left"]
+    numbers = [c.number for c in wires["left"].sent]
+    assert numbers == sorted(set(numbers))
+
+
+def test_a_log_that_cannot_be_written_stops_the_run(plan: PlanResult) -> None:
+    def full() -> None:
+        raise OutputError("events.jsonl: no space left on device")
+
+    with pytest.raises(OutputError, match="no space"):
+        live(plan, {}, written=full)
+
+
+def test_a_robot_that_is_not_heard_of_at_all_is_named(plan: PlanResult) -> None:
+    with pytest.raises(RequestError, match="no driver of right has been heard of"):
+        live(plan, {}, {"right": lambda: True})
+
+
+def test_a_driver_that_falls_silent_for_good_is_done_without(plan: PlanResult) -> None:
+    first = plan.tpg.chains[0].robot
+    at = [0.0]
+
+    def cut() -> bool:
+        """Silent from when it stands at the end of all that it was cleared for."""
+        return bool(at[0])
+
+    arm = SimulatedArm(pace=PACE)
+    whole = arm.state
+
+    def state() -> DriverState:
+        found = whole()
+        if found.done > 100 and found.begun == found.done:
+            at[0] = 1.0
+        return found
+
+    arm.state = state  # type: ignore[method-assign]
+    done, events, _ = live(plan, {first: arm}, {first: cut})
+    told = [e.detail for e in events if e.kind == "stopped"]
+    assert told[-1] == "has not been heard of for 1 s"
+    if done.out:
+        assert done.out == {first}
+        # The other one does what it can, and the rest is named.
+        assert sorted({*placed(done), *done.given_up}) == [1, 2, 3, 4]
+    else:
+        assert events[-2].detail == f"{first} has not been heard of for 1 s"

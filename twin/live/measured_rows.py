@@ -1,0 +1,64 @@
+"""Where a robot was, made of the samples that its driver reports."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planning.transforms import Array
+from twin.live.driver import Sample
+from twin.run.events import Measured
+
+
+@dataclass
+class MeasuredRows:
+    """What has been measured of a robot: rows while it moves, and both ends of each time for which it stands.
+
+    Attributes:
+        t_ns, q, node: see ``Measured``; where it stands, the first row is of the node before, the last one of
+            that which it then begins.
+        begin_ns, end_ns: when it began each of its nodes, and was through with it.
+        cleared_ns: when it was cleared for them; whatever its clock says, it began none before.
+    """
+
+    t_ns: list[int] = field(default_factory=list)
+    q: list[Array] = field(default_factory=list)
+    node: list[int] = field(default_factory=list)
+    begin_ns: list[int] = field(default_factory=list)
+    end_ns: list[int] = field(default_factory=list)
+    cleared_ns: list[int] = field(default_factory=list)
+    _stood: tuple[int, Array] | None = None
+    _last: tuple[float, int, int] = (-math.inf, 0, 0)
+
+    def add(self, t_ns: int, state: Sample) -> None:
+        """Take note of a sample, unless that has been done before."""
+        order = state.at_s, state.done, state.begun
+        if order <= self._last:
+            return
+        self._last = order
+        begun = self.cleared_ns[state.begun - 1 : state.begun]
+        t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
+        self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
+        self.end_ns += [t_ns] * (state.done - len(self.end_ns))
+        if state.begun == state.done:
+            if self._stood is None:
+                self._row(t_ns, state.q, state.done - 1)
+            self._stood = t_ns, state.q
+            return
+        if self._stood is not None:
+            self._row(*self._stood, state.done)
+            self._stood = None
+        self._row(t_ns, state.q, state.done)
+
+    def _row(self, t_ns: int, q: Array, node: int) -> None:
+        if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):
+            return  # its clock is known better by now, and this would be a jump
+        self.t_ns.append(t_ns)
+        self.q.append(q)
+        self.node.append(node)
+
+    def measured(self) -> Measured:
+        """Return all of it."""
+        return Measured(np.array(self.t_ns), np.array(self.q), np.array(self.node))
