@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from twin.commands.doctor import doctor
+from twin.commands.drive import drive
 from twin.commands.fit import fit
 from twin.commands.operate import operate
 from twin.commands.robots import robots
@@ -57,6 +58,7 @@ for _name, _function in {
     "scenarios": scenarios,
     "run": run,
     "operate": operate,
+    "drive": drive,
     "validate": validate,
     "check": check,
     "sequence": sequence,

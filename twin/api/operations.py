@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from planning.errors import RequestError
 from twin.api.runs import AnyPlan, Begun, check
 from twin.audit.worlds.engines import engine_named
 from twin.host.progress import Report, report_nothing
-from twin.live.drivers_file import DriversSection, read_drivers
+from twin.live.drivers_file import read_drivers
 from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
@@ -67,7 +67,7 @@ def operate(
     require_rolling(case.sections)
     checked = check(case, progress=progress)
     checked.require_ok()
-    section = None if drivers is None else _drivers_of(case, Path(drivers))
+    section = None if drivers is None else _session(case, Path(drivers))
     with run_folder(None if out is None else Path(out), case.name) as folder:
         if begun is not None:
             begun(checked, folder)
@@ -81,13 +81,16 @@ def operate(
             audit=engine or audit,
             operated=True,
             says=says,
-            session=None if section is None else Session(folder.name, section),
+            session=None if section is None else section(folder.name),
             progress=progress,
         )
 
 
-def _drivers_of(case: LoadedScenario, path: Path) -> DriversSection:
-    return read_drivers(path, tuple(robot.name for robot in case.sections.cell.robots))
+def _session(case: LoadedScenario, path: Path) -> Callable[[str], Session]:
+    """Return what makes the session of a run of a name, with the drivers that a file names."""
+    robots = tuple(robot.name for robot in case.sections.cell.robots)
+    section = read_drivers(path, robots)
+    return lambda name: Session(name, section, path.parent)
 
 
 def require_operable(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -39,10 +40,20 @@ class DriverEnd:
         self._number = self._seen = self._version = self._have = 0
         self._held = False
         self._samples: deque[tuple[int, Sample]] = deque(maxlen=_MOST_SAMPLES)
-        self.left = False
+        self._turn = threading.RLock()
+        self._left = False
+
+    @property
+    def left(self) -> bool:
+        """Whether nothing more will come."""
+        return self._left
 
     def receive(self, command: Command) -> None:
         """Do what a command says, unless it is another robot's or session's, or overtaken by a later one."""
+        with self._turn:
+            self._receive(command)
+
+    def _receive(self, command: Command) -> None:
         if command.robot != self._robot or self.left:
             return
         if self._session not in ("", command.session) or command.number <= self._seen:
@@ -58,7 +69,7 @@ class DriverEnd:
             self._held = command.held
             self._driver.hold(command.held)
         if command.leave:
-            self.left = True
+            self._left = True
             self._driver.leave()
 
     def _take(self, command: Command) -> None:
@@ -85,6 +96,10 @@ class DriverEnd:
 
     def report(self) -> Report:
         """Return what is to be told now; it is worth telling often, as a sign of life."""
+        with self._turn:
+            return self._report()
+
+    def _report(self) -> Report:
         now_s, state = self._clock(), self._look()
         self._number += 1
         state = replace(state, samples=tuple(own for _, own in self._samples))

@@ -41,7 +41,6 @@ class LocalWire:
     def __init__(self, end: DriverEnd, every_s: float = 0.01) -> None:
         self._end, self._every = end, every_s
         self._over = threading.Event()
-        self._turn = threading.Lock()
         self._thread: threading.Thread | None = None
 
     def open(self, deliver: Deliver) -> None:
@@ -49,17 +48,14 @@ class LocalWire:
 
         def report() -> None:
             while not self._over.wait(self._every):
-                with self._turn:
-                    told = self._end.report()
-                deliver(told)
+                deliver(self._end.report())
 
         self._thread = threading.Thread(target=report, daemon=True)
         self._thread.start()
 
     def send(self, command: Command) -> None:
         """Tell the driver."""
-        with self._turn:
-            self._end.receive(command)
+        self._end.receive(command)
 
     def close(self) -> None:
         """Report no more."""

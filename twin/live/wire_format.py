@@ -1,0 +1,187 @@
+"""Messages of a session as bytes, by ``cell.proto``; what is not valid is refused before anybody believes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import numpy as np
+
+from planning.errors import RequestError, TwinError
+from planning.transforms import Array
+from twin.live.driver import ClearedNode, DriverState, Mode, Sample
+from twin.live.messages import Command, Report
+
+DESCRIPTION = Path(__file__).with_name("cell.binpb")
+"""``cell.proto`` as ``protoc --descriptor_set_out`` writes it."""
+
+_MODES = frozenset(get_args(Mode))
+_ACTS = ("", "close", "open")
+
+
+class MessageError(TwinError):
+    """Bytes that are no valid message."""
+
+
+@cache
+def message_class(name: str) -> Any:
+    """Return the class of a message of ``cell.proto``.
+
+    Raises:
+        RequestError: protobuf is not installed.
+    """
+    try:
+        from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    except ImportError:
+        raise RequestError(
+            "drivers beyond this program talk by gRPC: pip install 'assembly-twin[service]'"
+        ) from None
+    pool = descriptor_pool.DescriptorPool()
+    files = descriptor_pb2.FileDescriptorSet.FromString(DESCRIPTION.read_bytes())
+    for file in files.file:
+        pool.Add(file)
+    found = pool.FindMessageTypeByName(f"assembly_twin.{name}")
+    return message_factory.GetMessageClass(found)
+
+
+def command_bytes(command: Command) -> bytes:
+    """Return a command as bytes."""
+    kind = message_class("Command")
+    nodes = [
+        {
+            "node": node.node,
+            "task": node.task,
+            "kind": node.kind,
+            "label": node.label,
+            "waypoints": np.ravel(node.waypoints).tolist(),
+            "seconds": node.seconds.tolist(),
+            "act": node.act,
+            "object": node.object,
+        }
+        for node in command.nodes
+    ]
+    plain = vars(command) | {"start": command.start.tolist(), "nodes": nodes}
+    return cast(bytes, kind(**plain).SerializeToString())
+
+
+def read_command(content: bytes) -> Command:
+    """Return the command that some bytes are.
+
+    Raises:
+        MessageError: they are none.
+    """
+    told = _parsed("Command", content)
+    start = _numbers("start", told.start)
+    return Command(
+        told.session,
+        told.robot,
+        told.number,
+        start,
+        told.done,
+        told.version,
+        tuple(_node(item, len(start)) for item in told.nodes),
+        told.heard,
+        told.held,
+        told.leave,
+    )
+
+
+def _node(told: Any, joints: int) -> ClearedNode:
+    waypoints = _numbers("waypoints", told.waypoints)
+    seconds = _numbers("seconds", told.seconds)
+    if not len(seconds) or len(waypoints) != joints * len(seconds):
+        raise MessageError(f"node {told.node}: its waypoints are not one for a time")
+    if np.any(np.diff(seconds, prepend=0.0) < 0.0):
+        raise MessageError(f"node {told.node}: its times fall")
+    if told.act not in _ACTS:
+        raise MessageError(f"node {told.node}: unknown act {told.act!r}", choices=_ACTS)
+    return ClearedNode(
+        told.node,
+        told.task,
+        told.kind,
+        told.label,
+        waypoints.reshape(len(seconds), joints),
+        seconds,
+        told.act,
+        told.object,
+    )
+
+
+def report_bytes(report: Report) -> bytes:
+    """Return a report as bytes."""
+    kind, state = message_class("Report"), report.state
+    samples = [vars(own) | {"q": own.q.tolist()} for own in state.samples]
+    plain = {k: v for k, v in vars(report).items() if k != "state"}
+    plain |= vars(state) | {
+        "q": state.q.tolist(),
+        "dq": state.dq.tolist(),
+        "samples": samples,
+        "failed": None if state.failed < 0 else state.failed,
+    }
+    return cast(bytes, kind(**plain).SerializeToString())
+
+
+def read_report(content: bytes, joints: int | None = None) -> Report:
+    """Return the report that some bytes are.
+
+    Args:
+        content: the bytes.
+        joints: number of the robot's joints; where that is given, positions must be as many.
+
+    Raises:
+        MessageError: they are none.
+    """
+    told = _parsed("Report", content)
+    if told.mode not in _MODES:
+        raise MessageError(f"unknown mode {told.mode!r}", choices=get_args(Mode))
+    q, dq = _numbers("q", told.q), _numbers("dq", told.dq)
+    samples = tuple(
+        Sample(own.at_s, _numbers("q", own.q), own.begun, own.done)
+        for own in told.samples
+    )
+    sizes = {len(q), len(dq), *(len(own.q) for own in samples)}
+    # One that has not been told where it stands need not know.
+    if sizes - {joints if joints is not None else len(q)} and told.session:
+        raise MessageError(f"positions of {sorted(sizes)} joints, not of {joints}")
+    times = [told.at_s, told.off, *(own.at_s for own in samples)]
+    _numbers("times", times)
+    state = DriverState(
+        told.begun,
+        told.done,
+        told.mode,
+        q,
+        dq,
+        told.off,
+        told.failed if told.HasField("failed") else -1,
+        told.words,
+        samples,
+    )
+    return Report(
+        told.session,
+        told.robot,
+        told.instance,
+        told.number,
+        told.at_s,
+        told.seen,
+        told.version,
+        told.have,
+        state,
+    )
+
+
+def _parsed(name: str, content: bytes) -> Any:
+    from google.protobuf.message import DecodeError
+
+    try:
+        return message_class(name).FromString(content)
+    except (DecodeError, ValueError) as error:
+        raise MessageError(f"no {name.lower()}: {error}") from None
+
+
+def _numbers(name: str, values: Iterable[float]) -> Array:
+    found = np.array(values, dtype=float)
+    if not np.all(np.isfinite(found)) or np.any(np.abs(found) > 1e12):
+        raise MessageError(f"{name}: no finite numbers")
+    return found
