@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -12,6 +13,9 @@ import numpy as np
 
 from twin.live.driver import Driver, DriverState, Sample
 from twin.live.messages import Command, Report
+
+_AGAIN_S = 0.5
+"""After so long, samples that have not been heard of are told again [s]."""
 
 _MOST_SAMPLES = 5000
 """Samples that are kept for a dispatcher that does not answer."""
@@ -40,6 +44,7 @@ class DriverEnd:
         self._number = self._seen = self._version = self._have = 0
         self._held = False
         self._samples: deque[tuple[int, Sample]] = deque(maxlen=_MOST_SAMPLES)
+        self._again_s = -math.inf
         self._turn = threading.RLock()
         self._left = False
 
@@ -102,7 +107,11 @@ class DriverEnd:
     def _report(self) -> Report:
         now_s, state = self._clock(), self._look()
         self._number += 1
-        state = replace(state, samples=tuple(own for _, own in self._samples))
+        since = self._number
+        if now_s - self._again_s >= _AGAIN_S:
+            since, self._again_s = 0, now_s
+        told = [own for number, own in self._samples if number >= since]
+        state = replace(state, samples=tuple(told))
         have = self._have if state.failed < 0 else state.failed + 1
         return Report(
             self._session,

@@ -55,7 +55,7 @@ class Report:
         seen: number of the last command that it has taken note of.
         version: number of the graph that its last nodes are from, 0 before the first.
         have: how many nodes it knows, from the robot's first one on.
-        state: how far it is; its samples are those of all reports that have not been heard of.
+        state: how far it is; now and then it has the samples of all reports that have not been heard of.
     """
 
     session: str

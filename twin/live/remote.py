@@ -58,8 +58,6 @@ def drive_remotely(
                 for content in ask(reports()):
                     heard = time.monotonic()
                     _take(end, content)
-                    if end.left:
-                        return
             except grpc.RpcError as error:
                 told: Any = error
                 if told.code() in refused:
