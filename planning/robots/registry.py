@@ -119,6 +119,26 @@ _ENTRIES = (
         " payload: maker's data sheet; masses: of the description, not the maker's",
     ),
     RobotEntry(
+        name="fr3",
+        source="as panda, with the limits and masses of the FR3",
+        licence="Apache-2.0",
+        note="Franka Research 3, 7 joints, hand with fingers held 60 mm apart; meshes of the Panda,"
+        " whose lengths are its own",
+        home=_radians(0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0),
+        tool_links=("fr3_hand", "fr3_leftfinger", "fr3_rightfinger"),
+        frames={"tool": from_rpy((0.0, 0.0, 0.1034), (0.0, 0.0, -np.pi / 4))},
+        folder="franka_panda",
+        file="fr3.urdf",
+        flange_link="fr3_link8",
+        frozen={"fr3_finger_joint1": 0.03, "fr3_finger_joint2": 0.03},
+        acceleration=(10.0,) * 7,
+        jerk=(5000.0,) * 7,
+        payload=3.0,
+        limits_source="positions, speeds, accelerations, jerks, efforts: Franka Control Interface, robot limits,"
+        " of positions and speeds those that are independent of each other; payload: maker's data sheet;"
+        " masses: maker's description",
+    ),
+    RobotEntry(
         name="iiwa14",
         source="copy of pybullet_data/kuka_iiwa",
         licence="BSD-2-Clause",
