@@ -1,0 +1,410 @@
+"""Robots of Franka Robotics (FR3, Panda) as drivers, by libfranka: package ``franky-control``, extra ``franka``.
+
+A straight leg in joint space is one motion of Ruckig's from rest to rest, with limits of the joints in
+proportion to their ways, so that it stays on the straight line; nodes that are cleared while it runs
+and lie on the same line make it longer before it begins to brake. At corners the robot comes to rest, and
+goes on once it has been measured near enough for the path not to be cut by more than is allowed. A motion
+is carried out by libfranka's own thread, to the last cleared border and no farther, whatever becomes of
+who cleared it; when this process dies, the robot's controller stops it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import importlib
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from planning.errors import TwinError
+from planning.transforms import Array
+from twin.live.driver import ClearedNode, DriverState, Mode
+from twin.live.legs import ClearedPath
+
+FR3_VELOCITY = (2.0, 1.0, 1.5, 1.25, 3.0, 1.5, 3.0)
+"""Speeds of the FR3's joints that are allowed wherever they are within ``fr3`` [rad/s]."""
+FR3_ACCELERATION = (10.0,) * 7
+"""[rad/s^2]"""
+FR3_JERK = (5000.0,) * 7
+"""[rad/s^3]"""
+
+_LEAST_SHARE = 0.01
+"""Limits of joints that hardly move, over those of the one with the longest way."""
+
+_LOOK_S = 0.01
+"""How often the robot is looked at [s]."""
+
+_AHEAD_S = 0.08
+"""How long before it would have to brake a motion is made longer [s]."""
+
+_PATIENCE_S = 5.0
+"""How long a robot may take to come to rest where it was sent [s]."""
+
+_STILL = 2e-3
+"""Joints that are told to be slower stand; a motion begins with the speed that they are told [rad/s]."""
+
+_LOOKS = 5
+"""How many times in a row a robot has to be seen where it is to stand."""
+
+
+class FrankaError(TwinError):
+    """A Franka robot cannot be driven."""
+
+
+@dataclass(frozen=True)
+class HandGrip:
+    """How a hand grips what it handles.
+
+    Attributes:
+        width: of what is gripped, between the fingers [m].
+        within: by how much that may differ; else the grasp has failed [m].
+        opening: to which it opens [m].
+        force: with which it presses [N].
+        speed: of the fingers [m/s].
+        goal: width to which it is told to close, where that is not ``width``: fingers that are springs,
+            as simulated ones are, press by what they are kept from [m].
+    """
+
+    width: float = 0.04
+    within: float = 0.005
+    opening: float = 0.06
+    force: float = 30.0
+    speed: float = 0.05
+    goal: float | None = None
+
+
+def franky() -> Any:
+    """Return the package of Franka robots, which is an extra.
+
+    Raises:
+        FrankaError: it is not installed.
+    """
+    try:
+        return importlib.import_module("franky")
+    except ImportError as error:
+        raise FrankaError(
+            "a Franka robot needs the package 'franky-control': pip install"
+            " 'assembly-twin[franka]'"
+        ) from error
+
+
+class FrankaDriver:
+    """A Franka robot with its hand; a thread of its own does all that takes time.
+
+    Args:
+        address: of the robot's controller, name or number.
+        velocity: greatest speed of each joint, that of the plan or less, shape (7,) [rad/s].
+        acceleration: likewise [rad/s^2].
+        jerk: likewise [rad/s^3].
+        grip: how the hand grips.
+        corner: by how much a joint may cut a corner [rad].
+        settle: how near a joint has to be before the tool acts, and at the end of what is cleared [rad].
+        stray: farthest that the robot may be from where the plan has it stand at the begin [rad].
+        realtime: whether this computer has a real-time kernel, which real robots ask for.
+
+    Raises:
+        FrankaError: the package is not installed, or the robot does not answer.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        velocity: tuple[float, ...] = FR3_VELOCITY,
+        acceleration: tuple[float, ...] = FR3_ACCELERATION,
+        jerk: tuple[float, ...] = FR3_JERK,
+        grip: HandGrip | None = None,
+        corner: float = 0.005,
+        settle: float = 0.002,
+        stray: float = 0.01,
+        realtime: bool = True,
+    ) -> None:
+        self._franky = franky()
+        config = self._franky.RealtimeConfig
+        try:
+            self._robot = self._franky.Robot(
+                address, realtime_config=config.Enforce if realtime else config.Ignore
+            )
+            self._hand = self._franky.Gripper(address)
+        except Exception as error:
+            raise FrankaError(f"no robot at {address!r}: {error}") from error
+        self._address = address
+        self._grip = grip or HandGrip()
+        self._corner, self._settle, self._stray = corner, settle, stray
+        self._limits = tuple(
+            (limit, np.minimum(np.array(given), np.array(limit.max)))
+            for limit, given in (
+                (self._robot.joint_velocity_limit, velocity),
+                (self._robot.joint_acceleration_limit, acceleration),
+                (self._robot.joint_jerk_limit, jerk),
+            )
+        )
+        self._lock = threading.Lock()
+        state = self._robot.state
+        self._q, self._dq = np.array(state.q), np.array(state.dq)
+        self._path = ClearedPath(self._q, 0)
+        self._off, self._words, self._mode = 0.0, "", "standing"
+        self._failed, self._failing = -1, -1
+        self._held = self._left = False
+        self._done = self._begun = 0
+        self._at = 0
+        self._end = -1  # of the leg that it is in, -1 for none
+        self._thread: threading.Thread | None = None
+        # Of the leg that it is in: unit of its way, speed and acceleration along it.
+        self._unit, self._speed, self._rate = np.zeros(7), 0.0, 1.0
+        self._stopping = self._stands = False
+        self._since, self._near = 0.0, 0
+        self._hand_at_work: Any = None
+        atexit.register(self._close)
+
+    def begin(self, start: Array, done: int) -> None:
+        """Be told where the plan has it stand, and begin to look at the robot."""
+        off = float(np.abs(self._q - start).max())
+        with self._lock:
+            self._path = ClearedPath(start, done)
+            self._done = self._begun = done
+            self._at, self._end = 0, -1
+            if off > self._stray:
+                self._mode = "fault"
+                self._words = f"it is {off:.3f} rad from where the plan has it stand"
+        if self._thread is None:
+            self._thread = threading.Thread(
+                target=self._run, name=f"franka {self._address}", daemon=True
+            )
+            self._thread.start()
+
+    def take(self, nodes: list[ClearedNode]) -> None:
+        """Take nodes that come after those that it has."""
+        with self._lock:
+            for node in nodes:
+                self._path.add(node)
+            if nodes:
+                self._failed = -1
+
+    def state(self) -> DriverState:
+        """Return how far it is."""
+        with self._lock:
+            mode: Mode = self._mode  # type: ignore[assignment]
+            off, self._off = self._off, 0.0
+            return DriverState(
+                self._begun,
+                self._done,
+                mode,
+                self._q.copy(),
+                self._dq.copy(),
+                off,
+                self._failed,
+                self._words,
+            )
+
+    def hold(self, held: bool) -> None:
+        """Stand as soon as it can, on the path, or go on."""
+        with self._lock:
+            self._held = held
+
+    def leave(self) -> None:
+        """Stand, and let go of the robot."""
+        with self._lock:
+            self._left = self._held = True
+
+    def _close(self) -> None:
+        """Leave, and wait until that is done: libfranka's threads end before the interpreter does."""
+        self.leave()
+        if self._thread is not None:
+            self._thread.join(_PATIENCE_S)
+
+    def _run(self) -> None:
+        """Look at the robot and have it go on until it is left; then let go of it."""
+        self._work()
+        del self._hand, self._robot
+        atexit.unregister(self._close)
+
+    def _work(self) -> None:
+        while True:
+            try:
+                state = self._robot.state
+                with self._lock:
+                    self._look(state)
+                    if self._mode != "fault":
+                        self._step(state)
+                        self._mode = self._doing()
+                    standing = self._end < 0 and self._hand_at_work is None
+                    if self._left and (standing or self._mode == "fault"):
+                        return
+            except Exception as error:  # whatever libfranka has to say
+                with self._lock:
+                    self._mode, self._words = "fault", str(error)
+                    if self._left:
+                        return
+            time.sleep(_LOOK_S)
+
+    def _doing(self) -> Mode:
+        if (
+            self._held
+            and self._hand_at_work is None
+            and (self._end < 0 or self._stands)
+        ):
+            return "held"
+        if self._end >= 0 or self._hand_at_work is not None:
+            return "moving"
+        return "standing"
+
+    def _look(self, state: Any) -> None:
+        """Take note of what is measured."""
+        self._q, self._dq = np.array(state.q), np.array(state.dq)
+        end = self._at if self._end < 0 else self._end
+        self._off = max(self._off, self._path.off(self._at, end, self._q))
+        modes = self._franky.RobotMode
+        if state.robot_mode in (modes.Reflex, modes.UserStopped):
+            self._mode = "fault"
+            said = state.last_motion_errors or state.current_errors
+            self._words = f"{state.robot_mode.name}: {said}"
+
+    def _step(self, state: Any) -> None:
+        """Go on with what is under way, or begin what comes next."""
+        if self._end >= 0:
+            self._follow(state)
+        elif self._hand_at_work is not None:
+            self._act()
+        elif self._failing >= 0 and self._at + 1 == len(self._path.stops):
+            self._failed, self._failing = self._failing, -1
+            self._done = self._begun = self._failed + 1
+        if self._end >= 0 or self._hand_at_work is not None or self._held:
+            return
+        if self._at + 1 < len(self._path.stops):
+            self._begin_next()
+
+    def _begin_next(self) -> None:
+        """Begin with the leg or the act that comes next."""
+        stop = self._path.stops[self._at + 1]
+        self._begun = max(self._begun, self._path.stops[self._at].done + 1)
+        self._since = time.monotonic()
+        if stop.stands:
+            self._hand_at_work = self._hand_to(stop.act)
+            return
+        self._end = self._path.leg_end(self._at)
+        way = self._path.stops[self._end].q - self._path.stops[self._at].q
+        longest = float(np.abs(way).max())
+        self._unit = way / longest
+        share = np.maximum(np.abs(self._unit), _LEAST_SHARE)
+        (speeds, speed), (rates, rate), (jerks, jerk) = self._limits
+        self._speed = float(np.min(speed / share))
+        self._rate = float(np.min(rate / share))
+        speeds.set(share * self._speed)
+        rates.set(share * self._rate)
+        # Accelerations build up within milliseconds; so does what is wrong with the one that the robot
+        # reports at the begin go away.
+        jerks.set(jerk)
+        self._move_to_end()
+
+    def _move_to_end(self) -> None:
+        """Have the robot move to the end of the leg, as fast as planned at most."""
+        top = self._path.top(self._at, self._end)
+        slower = min(1.0, top / self._speed)
+        factor = self._franky.RelativeDynamicsFactor(slower, 1.0, 1.0)
+        target = self._franky.JointState(self._path.stops[self._end].q)
+        motion = self._franky.JointWaypointMotion(
+            [self._franky.JointWaypoint(target)], relative_dynamics_factor=factor
+        )
+        self._robot.move(motion, asynchronous=True)
+        self._stopping = self._stands = False
+        self._near = 0
+
+    def _follow(self, state: Any) -> None:
+        """See how far it is on the leg, and make the motion longer where that is due."""
+        stops, end = self._path.stops, self._end
+        square = float(self._unit @ self._unit)
+        between = self._path.points(self._at, end)[1:-1]
+        for k in np.flatnonzero((between - self._q) @ self._unit <= 0.0).tolist():
+            self._passed(self._at + 1 + k)
+        if self._held and not self._stopping:
+            self._robot.move(self._franky.JointStopMotion(), asynchronous=True)
+            self._stopping = True
+        elif self._stopping:
+            self._stands = self._robot.join_motion(0.0)
+            if not self._stands:
+                return
+            if self._left:
+                self._end = -1
+            elif not self._held:
+                self._move_to_end()
+                self._since = time.monotonic()
+        else:
+            left = (stops[end].q - np.array(state.q_d)) @ self._unit / square
+            speed = max(0.0, float(np.array(state.dq_d) @ self._unit) / square)
+            brake = speed * speed / (2.0 * self._rate) + _AHEAD_S * speed
+            longer = self._path.leg_end(self._at, end)
+            if longer > end and left <= brake + 1e-3:
+                self._end = longer
+                self._move_to_end()
+            elif not self._robot.join_motion(0.0):
+                self._since = time.monotonic()
+            elif self._is_there() and np.abs(state.dq_d).max() <= _STILL:
+                self._arrived()
+            elif time.monotonic() - self._since > _PATIENCE_S:
+                off = np.abs(self._q - stops[end].q).max()
+                raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
+
+    def _is_there(self) -> bool:
+        """Tell whether the robot is near enough to the end of the leg to go on from there."""
+        target = self._path.stops[self._end].q
+        off = float(np.abs(self._q - target).max())
+        turn = self._path.turn(self._at, self._end)
+        if turn < 1.0 and off * turn <= self._corner:
+            return True
+        self._near = self._near + 1 if off <= self._settle else 0
+        return self._near >= _LOOKS
+
+    def _arrived(self) -> None:
+        for k in range(self._at + 1, self._end + 1):
+            self._passed(k)
+        self._at, self._end = self._end, -1
+
+    def _passed(self, k: int) -> None:
+        self._done = max(self._done, self._path.stops[k].done)
+        ahead = k < self._end
+        self._begun = max(self._begun, self._done + ahead)
+
+    def _hand_to(self, act: str) -> Any:
+        """Begin what the tool does and return when it is over, as a future or as True."""
+        grip = self._grip
+        if act == "close":
+            goal = grip.width if grip.goal is None else grip.goal
+            low = goal - grip.width + grip.within
+            high = grip.width + grip.within - goal
+            return self._hand.grasp_async(goal, grip.speed, grip.force, low, high)
+        if act == "open":
+            return self._hand.move_async(grip.opening, grip.speed)
+        return True
+
+    def _act(self) -> None:
+        """See whether the tool has done what it was to do."""
+        stop = self._path.stops[self._at + 1]
+        if self._hand_at_work is True:
+            if time.monotonic() - self._since < stop.seconds:
+                return
+            good = True
+        elif not self._hand_at_work.wait(0.0):
+            return
+        else:
+            good = bool(self._hand_at_work.get())
+        self._hand_at_work = None
+        if self._failing >= 0:
+            self._path, _ = self._path.back(self._at + 1)
+            self._at = 0
+        elif good:
+            self._at += 1
+            self._done = max(self._done, stop.done)
+        elif stop.act == "close":
+            # Open again, and go back to where the skill began.
+            self._failing = stop.first
+            width = self._hand.width
+            self._words = f"the hand closed to {1000 * width:.1f} mm"
+            self._hand_at_work = self._hand.move_async(
+                self._grip.opening, self._grip.speed
+            )
+        else:
+            raise FrankaError("the hand does not open")

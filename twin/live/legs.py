@@ -1,0 +1,145 @@
+"""What a robot has been cleared for, as straight legs in joint space that are passed from rest to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planning.transforms import Array
+from twin.live.driver import ClearedNode
+
+STRAIGHT = 2e-3
+"""Farthest that a joint of a path may be from the leg that is passed in its place [rad or m]."""
+
+_SAME = 1e-9
+"""Joint positions that differ by less are the same [rad or m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """A point of a path, where the robot could stand.
+
+    Attributes:
+        q: joint positions, shape (n,).
+        seconds: that the way to it takes as planned [s].
+        done: nodes that are done once it is passed.
+        stands: the robot is there already, and stands there for all of these seconds.
+        act: what the tool does meanwhile; empty for nothing.
+        task: number of the task.
+        first: the first node of that task.
+    """
+
+    q: Array
+    seconds: float
+    done: int
+    stands: bool
+    act: str
+    task: int
+    first: int
+
+
+class ClearedPath:
+    """The points of all nodes that a robot is cleared for, which becomes longer.
+
+    Args:
+        start: where it begins, shape (n,).
+        done: nodes that are done there.
+    """
+
+    def __init__(self, start: Array, done: int) -> None:
+        self.stops = [PathPoint(np.array(start), 0.0, done, False, "", -1, 0)]
+
+    def add(self, node: ClearedNode) -> None:
+        """Add what is passed in a node."""
+        last = self.stops[-1]
+        first = last.first if last.task == node.task else node.node
+        own = node.task, first
+        for k, q in enumerate(node.waypoints):
+            took = float(node.seconds[k] - (node.seconds[k - 1] if k else 0.0))
+            moves = bool(np.abs(q - self.stops[-1].q).max() > _SAME)
+            act = node.act if k + 1 == len(node.waypoints) else ""
+            if moves:
+                self.stops.append(PathPoint(q, took, last.done, False, "", *own))
+            if act or not moves:
+                stay = 0.0 if moves else took
+                self.stops.append(PathPoint(q, stay, last.done, True, act, *own))
+        if self.stops[-1] is last:
+            self.stops.append(PathPoint(last.q, 0.0, last.done, True, "", *own))
+        self.stops[-1] = replace(self.stops[-1], done=node.node + 1)
+
+    def leg_end(self, begin: int, known: int = -1) -> int:
+        """Return the last point of the straight leg that begins at a point, which is not the last.
+
+        All points in between come one after another on it, to within ``STRAIGHT``, and the robot stands
+        at none.
+
+        Args:
+            begin: point where it begins.
+            known: a point up to which it is known to go, -1 for none.
+        """
+        end = max(begin + 1, known)
+        while not self.stops[end].stands and end + 1 < len(self.stops):
+            if self.stops[end + 1].stands or not self._is_straight(begin, end + 1):
+                break
+            end += 1
+        return end
+
+    def _is_straight(self, begin: int, end: int) -> bool:
+        points = self.points(begin, end) - self.stops[begin].q
+        way = points[-1]
+        square = float(way @ way)
+        share = points @ way / max(square, 1e-18)
+        off = np.abs(points - share[:, None] * way).max()
+        return bool((np.diff(share) >= 0.0).all() and off <= STRAIGHT)
+
+    def points(self, begin: int, end: int) -> Array:
+        """Return points from one to another, both included, shape (k, n)."""
+        return np.array([stop.q for stop in self.stops[begin : end + 1]])
+
+    def top(self, begin: int, end: int) -> float:
+        """Return the greatest planned speed of the fastest joint on the way [rad/s or m/s]."""
+        ways = np.abs(np.diff(self.points(begin, end), axis=0)).max(axis=1)
+        took = [stop.seconds for stop in self.stops[begin + 1 : end + 1]]
+        speeds = [w / t for w, t in zip(ways, took, strict=True) if t > 0.0]
+        return max(speeds, default=np.inf)
+
+    def turn(self, begin: int, corner: int) -> float:
+        """Return the sine of the turn between a leg and the next, 1 where none is or it turns back."""
+        if corner + 1 >= len(self.stops) or self.stops[corner + 1].stands:
+            return 1.0
+        come = self.stops[corner].q - self.stops[begin].q
+        go = self.stops[self.leg_end(corner)].q - self.stops[corner].q
+        lengths = float(np.linalg.norm(come) * np.linalg.norm(go))
+        cosine = float(come @ go) / max(lengths, 1e-18)
+        return 1.0 if cosine <= 0.0 else float(np.sqrt(max(0.0, 1.0 - cosine**2)))
+
+    def off(self, begin: int, end: int, q: Array) -> float:
+        """Return how far a joint is from the way between two points at most [rad or m].
+
+        Args:
+            begin, end: points of the path.
+            q: joint positions, shape (n,).
+        """
+        points = self.points(begin, end)
+        if len(points) == 1:
+            return float(np.abs(q - points[0]).max())
+        ways = np.diff(points, axis=0)
+        squares = np.maximum((ways**2).sum(axis=1), 1e-18)
+        share = np.clip(((q - points[:-1]) * ways).sum(axis=1) / squares, 0.0, 1.0)
+        return float(np.abs(points[:-1] + share[:, None] * ways - q).max(axis=1).min())
+
+    def back(self, at: int) -> tuple[ClearedPath, int]:
+        """Return the way back from a point to where its task began, and the first node of that."""
+        task, first = self.stops[at].task, self.stops[at].first
+        back = ClearedPath(self.stops[at].q, first + 1)
+        k = at
+        while k > 0 and self.stops[k].task == task:
+            stop, k = self.stops[k], k - 1
+            if stop.stands:
+                continue
+            took = stop.seconds
+            back.stops.append(
+                PathPoint(self.stops[k].q, took, first + 1, False, "", -1, 0)
+            )
+        return back, first
