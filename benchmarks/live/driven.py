@@ -1,0 +1,107 @@
+"""The simplest loop that executes a plan on drivers: what is safe is cleared, what is done is reported."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from benchmarks.live.scene import Scene
+from planning.transforms import Transform
+from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import actuation_nodes
+from twin.live.driver import ClearedNode, Driver
+
+_PERIOD_S = 0.01
+"""How often drivers are asked [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What came of a plan that was driven.
+
+    Attributes:
+        poses: of the objects at the end.
+        off: farthest that each robot was from its path [rad].
+        simulated_s: makespan by the simulator's clock [s].
+        wall_s: by the clock on the wall [s].
+        failed: why it is not finished; empty where it is.
+    """
+
+    poses: dict[str, Transform]
+    off: dict[str, float]
+    simulated_s: float
+    wall_s: float
+    failed: str
+
+
+def cleared_nodes(tpg: TemporalPlanGraph, k: int) -> list[ClearedNode]:
+    """Return all nodes of a chain as its driver knows them."""
+    chain, acts = tpg.chains[k], actuation_nodes(tpg)[k]
+    found = []
+    for node in range(len(chain)):
+        own = slice(int(chain.first[node]), int(chain.first[node + 1]))
+        task = tpg.tasks[chain.task[node]]
+        act = acts.get(node)
+        found.append(
+            ClearedNode(
+                node,
+                int(chain.task[node]),
+                task.kind,
+                task.label,
+                chain.waypoints[own],
+                chain.fraction[own] * chain.duration[node],
+                act.act if act is not None and act.robot == chain.robot else "",
+                task.object or "",
+            )
+        )
+    return found
+
+
+def drive(
+    tpg: TemporalPlanGraph,
+    drivers: Mapping[str, Driver],
+    scene: Scene,
+    patience_s: float = 15.0,
+) -> Driven:
+    """Execute a plan to its end, or to a fault, a skill that failed, or a standstill of all.
+
+    Args:
+        tpg: the plan.
+        drivers: by robot.
+        scene: that the robots are in.
+        patience_s: how long nothing may be done [s].
+    """
+    dispatcher = Dispatcher(tpg)
+    nodes = [cleared_nodes(tpg, k) for k in range(len(tpg.chains))]
+    own = [drivers[chain.robot] for chain in tpg.chains]
+    given, off = [0] * len(own), {chain.robot: 0.0 for chain in tpg.chains}
+    for chain, driver in zip(tpg.chains, own, strict=True):
+        driver.begin(chain.start, 0)
+    begin, clock = scene.look().seconds, time.monotonic()
+    last, failed = clock, ""
+    while not dispatcher.finished and not failed:
+        for k, driver in enumerate(own):
+            chain = tpg.chains[k]
+            state = driver.state()
+            off[chain.robot] = max(off[chain.robot], state.off)
+            while dispatcher.completed(k) < state.done:
+                dispatcher.complete(k, dispatcher.completed(k))
+                last = time.monotonic()
+            stop = given[k]
+            while stop < len(chain) and not dispatcher.waits_for(k, stop):
+                stop += 1
+            driver.take(nodes[k][given[k] : stop])
+            given[k] = stop
+            if state.mode == "fault" or state.failed >= 0:
+                failed = f"{chain.robot} at node {state.done}: {state.words}"
+        if time.monotonic() - last > patience_s:
+            failed = f"nothing done after {[d.state().done for d in own]}"
+        time.sleep(_PERIOD_S)
+    wall = time.monotonic() - clock
+    seconds = scene.look().seconds - begin
+    time.sleep(1.0)
+    for driver in own:
+        driver.leave()
+    return Driven(scene.look().poses, off, seconds, wall, failed)
