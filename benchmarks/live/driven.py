@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from benchmarks.live.scene import Scene
 from planning.transforms import Transform
 from scheduling.graph.dispatcher import Dispatcher
+from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.motion_times import actuation_nodes
 from twin.live.driver import ClearedNode, Driver
 
 _PERIOD_S = 0.01

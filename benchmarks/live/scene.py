@@ -136,6 +136,7 @@ def _serve(
         # Without these, what is held by friction creeps.
         option.set("cone", "elliptic")
         option.set("impratio", "10")
+        option.set("noslip_iterations", "5")
     for base, q in robots:
         simulator.add_robot(initial_q=q.tolist(), initial_hand_width=OPENING)
         _placed(simulator.worldbody[-1], base)

@@ -14,6 +14,7 @@ import atexit
 import importlib
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 
 from planning.errors import TwinError
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState, Mode
+from twin.live.driver import ClearedNode, DriverState, Mode, Sample
 from twin.live.legs import ClearedPath
 
 FR3_VELOCITY = (2.0, 1.0, 1.5, 1.25, 3.0, 1.5, 3.0)
@@ -37,11 +38,17 @@ _LEAST_SHARE = 0.01
 _LOOK_S = 0.01
 """How often the robot is looked at [s]."""
 
+_SAME = 1e-4
+"""Distances from the path that differ by less are the same [rad]."""
+
 _AHEAD_S = 0.08
 """How long before it would have to brake a motion is made longer [s]."""
 
 _PATIENCE_S = 5.0
 """How long a robot may take to come to rest where it was sent [s]."""
+
+_MOST_SAMPLES = 5000
+"""Samples that are kept for who does not ask."""
 
 _STILL = 2e-3
 """Joints that are told to be slower stand; a motion begins with the speed that they are told [rad/s]."""
@@ -102,7 +109,7 @@ class FrankaDriver:
         grip: how the hand grips.
         corner: by how much a joint may cut a corner [rad].
         settle: how near a joint has to be before the tool acts, and at the end of what is cleared [rad].
-        stray: farthest that the robot may be from where the plan has it stand at the begin [rad].
+        stray: farthest that the robot may be from its path at the begin [rad].
         realtime: whether this computer has a real-time kernel, which real robots ask for.
 
     Raises:
@@ -158,18 +165,20 @@ class FrankaDriver:
         self._stopping = self._stands = False
         self._since, self._near = 0.0, 0
         self._hand_at_work: Any = None
+        self._samples: deque[Sample] = deque(maxlen=_MOST_SAMPLES)
+        self._seeks = False
         atexit.register(self._close)
 
     def begin(self, start: Array, done: int) -> None:
-        """Be told where the plan has it stand, and begin to look at the robot."""
-        off = float(np.abs(self._q - start).max())
+        """Be told where the plan has it stand, and begin to look at the robot.
+
+        One that stands elsewhere takes up the path where it is nearest, once it has nodes.
+        """
         with self._lock:
             self._path = ClearedPath(start, done)
             self._done = self._begun = done
             self._at, self._end = 0, -1
-            if off > self._stray:
-                self._mode = "fault"
-                self._words = f"it is {off:.3f} rad from where the plan has it stand"
+            self._seeks = bool(np.abs(self._q - start).max() > self._stray)
         if self._thread is None:
             self._thread = threading.Thread(
                 target=self._run, name=f"franka {self._address}", daemon=True
@@ -189,6 +198,8 @@ class FrankaDriver:
         with self._lock:
             mode: Mode = self._mode  # type: ignore[assignment]
             off, self._off = self._off, 0.0
+            samples = tuple(self._samples)
+            self._samples.clear()
             return DriverState(
                 self._begun,
                 self._done,
@@ -198,6 +209,7 @@ class FrankaDriver:
                 off,
                 self._failed,
                 self._words,
+                samples,
             )
 
     def hold(self, held: bool) -> None:
@@ -231,6 +243,8 @@ class FrankaDriver:
                     if self._mode != "fault":
                         self._step(state)
                         self._mode = self._doing()
+                    now = time.monotonic()
+                    self._samples.append(Sample(now, self._q, self._begun, self._done))
                     standing = self._end < 0 and self._hand_at_work is None
                     if self._left and (standing or self._mode == "fault"):
                         return
@@ -256,7 +270,8 @@ class FrankaDriver:
         """Take note of what is measured."""
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         end = self._at if self._end < 0 else self._end
-        self._off = max(self._off, self._path.off(self._at, end, self._q))
+        if not self._seeks:
+            self._off = max(self._off, self._path.off(self._at, end, self._q))
         modes = self._franky.RobotMode
         if state.robot_mode in (modes.Reflex, modes.UserStopped):
             self._mode = "fault"
@@ -275,7 +290,23 @@ class FrankaDriver:
         if self._end >= 0 or self._hand_at_work is not None or self._held:
             return
         if self._at + 1 < len(self._path.stops):
+            if self._seeks:
+                self._find_itself()
             self._begin_next()
+
+    def _find_itself(self) -> None:
+        """Take up the path where it is nearest.
+
+        Raises:
+            FrankaError: that is too far away.
+        """
+        legs = range(len(self._path.stops) - 1)
+        off = np.array([self._path.off(k, k + 1, self._q) for k in legs])
+        self._at = int(np.flatnonzero(off <= off.min() + _SAME)[0])
+        if off.min() > self._stray:
+            raise FrankaError(f"it stands {off.min():.3f} rad from its path")
+        self._done = max(self._done, self._path.stops[self._at].done)
+        self._seeks = False
 
     def _begin_next(self) -> None:
         """Begin with the leg or the act that comes next."""
