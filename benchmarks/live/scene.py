@@ -22,6 +22,16 @@ from planning.transforms import Array, Transform, quat_wxyz
 OPENING = 0.06
 """How far hands are open at the start [m]."""
 
+_STIFFNESS = (4500.0, 4500.0, 3500.0, 3500.0, 2000.0, 2000.0, 2000.0)
+"""Of the joints' controllers: franky-sim's own [N m/rad]."""
+
+_LAG_S = 0.03
+"""Their damping over their stiffness: by how much joints are behind what they are told [s].
+
+That of franky-sim is 0.1 s. It is more than steps of 1 ms keep stable at the wrist: torques swing from limit
+to limit there, by which what the hand holds creeps out of it.
+"""
+
 _DEBT_S = 0.02
 """By how much the simulator tries to catch up with the clock at most [s]."""
 
@@ -96,9 +106,12 @@ def _add(world: ET.Element, body: Body) -> None:
         geom = ET.SubElement(element, "geom", type="box", size=_numbers(size / 2))
         _placed(geom, pose)
         geom.set("rgba", _numbers([*(c / 255 for c in body.colour), 1]))
-        # As rubber on wood: fingers hold by friction, also against turning in the hand.
+        # As rubber on wood: fingers hold by friction, also against turning in the hand. What is held slips by
+        # its change of speed times half the time of the contact, 20 ms unless it is said.
         geom.set("friction", "1 0.01 0.001")
         geom.set("condim", "4")
+        geom.set("solref", "0.0025 1")
+        geom.set("priority", "1")
         if body.mass is not None:
             geom.set("mass", f"{body.mass / len(body.boxes):.9g}")
 
@@ -133,12 +146,16 @@ def _serve(
     simulator = MujocoSimulator()
     option = simulator.scene.find("option")
     if option is not None:
-        # Without these, what is held by friction creeps.
+        # Without these, what is held by friction creeps under its weight.
         option.set("cone", "elliptic")
         option.set("impratio", "10")
-        option.set("noslip_iterations", "5")
     for base, q in robots:
-        simulator.add_robot(initial_q=q.tolist(), initial_hand_width=OPENING)
+        simulator.add_robot(
+            initial_q=q.tolist(),
+            initial_hand_width=OPENING,
+            kp=_STIFFNESS,
+            kv=tuple(_LAG_S * stiffness for stiffness in _STIFFNESS),
+        )
         _placed(simulator.worldbody[-1], base)
     ground = simulator.worldbody.find("geom[@name='ground']")
     if ground is not None:
