@@ -35,15 +35,9 @@ def drivers_of(
     # Simulated fingers are springs of 1 N/mm each.
     grip = HandGrip(width=width, opening=OPENING, goal=0.0, force=30.0)
     for robot in tpg.cell.robots:
-        limits = robot.limits
-        assert limits is not None
+        assert robot.limits is not None
         found[robot.name] = FrankaDriver(
-            addresses[robot.name],
-            velocity=tuple(limits.velocity),
-            acceleration=tuple(limits.acceleration),
-            jerk=tuple(limits.jerk),
-            grip=grip,
-            realtime=False,
+            addresses[robot.name], robot.limits, grip=grip, realtime=False
         )
     return found
 

@@ -20,26 +20,17 @@ from typing import Any
 
 import numpy as np
 
+from planning.cell.robot_model import MotionLimits
 from planning.errors import TwinError
 from planning.transforms import Array
 from twin.live.driver import ClearedNode, DriverState, Mode, Sample
 from twin.live.legs import ClearedPath
-
-FR3_VELOCITY = (2.0, 1.0, 1.5, 1.25, 3.0, 1.5, 3.0)
-"""Speeds of the FR3's joints that are allowed wherever they are within ``fr3`` [rad/s]."""
-FR3_ACCELERATION = (10.0,) * 7
-"""[rad/s^2]"""
-FR3_JERK = (5000.0,) * 7
-"""[rad/s^3]"""
 
 _LEAST_SHARE = 0.01
 """Limits of joints that hardly move, over those of the one with the longest way."""
 
 _LOOK_S = 0.01
 """How often the robot is looked at [s]."""
-
-_SAME = 1e-4
-"""Distances from the path that differ by less are the same [rad]."""
 
 _AHEAD_S = 0.08
 """How long before it would have to brake a motion is made longer [s]."""
@@ -103,9 +94,7 @@ class FrankaDriver:
 
     Args:
         address: of the robot's controller, name or number.
-        velocity: greatest speed of each joint, that of the plan or less, shape (7,) [rad/s].
-        acceleration: likewise [rad/s^2].
-        jerk: likewise [rad/s^3].
+        limits: of the joints, those that the plan keeps to.
         grip: how the hand grips.
         corner: by how much a joint may cut a corner [rad].
         settle: how near a joint has to be before the tool acts, and at the end of what is cleared [rad].
@@ -119,10 +108,8 @@ class FrankaDriver:
     def __init__(
         self,
         address: str,
+        limits: MotionLimits,
         *,
-        velocity: tuple[float, ...] = FR3_VELOCITY,
-        acceleration: tuple[float, ...] = FR3_ACCELERATION,
-        jerk: tuple[float, ...] = FR3_JERK,
         grip: HandGrip | None = None,
         corner: float = 0.005,
         settle: float = 0.002,
@@ -142,31 +129,30 @@ class FrankaDriver:
         self._grip = grip or HandGrip()
         self._corner, self._settle, self._stray = corner, settle, stray
         self._limits = tuple(
-            (limit, np.minimum(np.array(given), np.array(limit.max)))
+            (limit, np.minimum(given, np.array(limit.max)))
             for limit, given in (
-                (self._robot.joint_velocity_limit, velocity),
-                (self._robot.joint_acceleration_limit, acceleration),
-                (self._robot.joint_jerk_limit, jerk),
+                (self._robot.joint_velocity_limit, limits.velocity),
+                (self._robot.joint_acceleration_limit, limits.acceleration),
+                (self._robot.joint_jerk_limit, limits.jerk),
             )
         )
         self._lock = threading.Lock()
         state = self._robot.state
         self._q, self._dq = np.array(state.q), np.array(state.dq)
         self._path = ClearedPath(self._q, 0)
-        self._off, self._words, self._mode = 0.0, "", "standing"
+        self._off, self._words = 0.0, ""
+        self._mode: Mode = "standing"
         self._failed, self._failing = -1, -1
         self._held = self._left = False
         self._done = self._begun = 0
-        self._at = 0
-        self._end = -1  # of the leg that it is in, -1 for none
-        self._thread: threading.Thread | None = None
-        # Of the leg that it is in: unit of its way, speed and acceleration along it.
+        # The leg that it is in, if its end is not -1: its way, speed and acceleration along that.
+        self._at, self._end = 0, -1
         self._unit, self._speed, self._rate = np.zeros(7), 0.0, 1.0
-        self._stopping = self._stands = False
+        self._stopping = self._stands = self._seeks = False
         self._since, self._near = 0.0, 0
         self._hand_at_work: Any = None
         self._samples: deque[Sample] = deque(maxlen=_MOST_SAMPLES)
-        self._seeks = False
+        self._thread: threading.Thread | None = None
         atexit.register(self._close)
 
     def begin(self, start: Array, done: int) -> None:
@@ -188,22 +174,23 @@ class FrankaDriver:
     def take(self, nodes: list[ClearedNode]) -> None:
         """Take nodes that come after those that it has."""
         with self._lock:
+            if not nodes or self._failing >= 0:
+                return  # what comes after a skill that has failed is not done
             for node in nodes:
                 self._path.add(node)
-            if nodes:
-                self._failed = -1
+            if self._failed >= 0:
+                self._failed, self._words = -1, ""
 
     def state(self) -> DriverState:
         """Return how far it is."""
         with self._lock:
-            mode: Mode = self._mode  # type: ignore[assignment]
             off, self._off = self._off, 0.0
             samples = tuple(self._samples)
             self._samples.clear()
             return DriverState(
                 self._begun,
                 self._done,
-                mode,
+                self._mode,
                 self._q.copy(),
                 self._dq.copy(),
                 off,
@@ -256,15 +243,11 @@ class FrankaDriver:
             time.sleep(_LOOK_S)
 
     def _doing(self) -> Mode:
-        if (
-            self._held
-            and self._hand_at_work is None
-            and (self._end < 0 or self._stands)
-        ):
-            return "held"
-        if self._end >= 0 or self._hand_at_work is not None:
+        if self._hand_at_work is not None:
             return "moving"
-        return "standing"
+        if self._held and (self._end < 0 or self._stands):
+            return "held"
+        return "standing" if self._end < 0 else "moving"
 
     def _look(self, state: Any) -> None:
         """Take note of what is measured."""
@@ -291,22 +274,12 @@ class FrankaDriver:
             return
         if self._at + 1 < len(self._path.stops):
             if self._seeks:
-                self._find_itself()
+                self._at, off = self._path.nearest(self._q)
+                if off > self._stray:
+                    raise FrankaError(f"it stands {off:.3f} rad from its path")
+                self._passed(self._at)
+                self._seeks = False
             self._begin_next()
-
-    def _find_itself(self) -> None:
-        """Take up the path where it is nearest.
-
-        Raises:
-            FrankaError: that is too far away.
-        """
-        legs = range(len(self._path.stops) - 1)
-        off = np.array([self._path.off(k, k + 1, self._q) for k in legs])
-        self._at = int(np.flatnonzero(off <= off.min() + _SAME)[0])
-        if off.min() > self._stray:
-            raise FrankaError(f"it stands {off.min():.3f} rad from its path")
-        self._done = max(self._done, self._path.stops[self._at].done)
-        self._seeks = False
 
     def _begin_next(self) -> None:
         """Begin with the leg or the act that comes next."""
@@ -336,9 +309,8 @@ class FrankaDriver:
         top = self._path.top(self._at, self._end)
         slower = min(1.0, top / self._speed)
         factor = self._franky.RelativeDynamicsFactor(slower, 1.0, 1.0)
-        target = self._franky.JointState(self._path.stops[self._end].q)
-        motion = self._franky.JointWaypointMotion(
-            [self._franky.JointWaypoint(target)], relative_dynamics_factor=factor
+        motion = self._franky.JointMotion(
+            self._path.stops[self._end].q, relative_dynamics_factor=factor
         )
         self._robot.move(motion, asynchronous=True)
         self._stopping = self._stands = False
@@ -374,30 +346,25 @@ class FrankaDriver:
             elif not self._robot.join_motion(0.0):
                 self._since = time.monotonic()
             elif self._is_there() and np.abs(state.dq_d).max() <= _STILL:
-                self._arrived()
+                self._passed(end)
+                self._at, self._end = end, -1
             elif time.monotonic() - self._since > _PATIENCE_S:
                 off = np.abs(self._q - stops[end].q).max()
                 raise FrankaError(f"it stands {off:.4f} rad from where it was sent")
 
     def _is_there(self) -> bool:
         """Tell whether the robot is near enough to the end of the leg to go on from there."""
-        target = self._path.stops[self._end].q
-        off = float(np.abs(self._q - target).max())
+        off = float(np.abs(self._q - self._path.stops[self._end].q).max())
         turn = self._path.turn(self._at, self._end)
         if turn < 1.0 and off * turn <= self._corner:
             return True
         self._near = self._near + 1 if off <= self._settle else 0
         return self._near >= _LOOKS
 
-    def _arrived(self) -> None:
-        for k in range(self._at + 1, self._end + 1):
-            self._passed(k)
-        self._at, self._end = self._end, -1
-
     def _passed(self, k: int) -> None:
+        """Take note that a point is behind the robot, or that it stands there."""
         self._done = max(self._done, self._path.stops[k].done)
-        ahead = k < self._end
-        self._begun = max(self._begun, self._done + ahead)
+        self._begun = max(self._begun, self._done + (k < self._end))
 
     def _hand_to(self, act: str) -> Any:
         """Begin what the tool does and return when it is over, as a future or as True."""
@@ -424,18 +391,14 @@ class FrankaDriver:
             good = bool(self._hand_at_work.get())
         self._hand_at_work = None
         if self._failing >= 0:
-            self._path, _ = self._path.back(self._at + 1)
-            self._at = 0
+            self._path, self._at = self._path.back(self._at + 1), 0
         elif good:
             self._at += 1
-            self._done = max(self._done, stop.done)
+            self._passed(self._at)
         elif stop.act == "close":
             # Open again, and go back to where the skill began.
             self._failing = stop.first
-            width = self._hand.width
-            self._words = f"the hand closed to {1000 * width:.1f} mm"
-            self._hand_at_work = self._hand.move_async(
-                self._grip.opening, self._grip.speed
-            )
+            self._words = f"the hand closed to {1000 * self._hand.width:.1f} mm"
+            self._hand_at_work = self._hand_to("open")
         else:
             raise FrankaError("the hand does not open")

@@ -12,8 +12,8 @@ from twin.live.driver import ClearedNode
 STRAIGHT = 2e-3
 """Farthest that a joint of a path may be from the leg that is passed in its place [rad or m]."""
 
-_SAME = 1e-9
-"""Joint positions that differ by less are the same [rad or m]."""
+_SAME, _NEAR = 1e-9, 1e-4
+"""Joint positions, and distances of measured ones, that differ by less are the same [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,18 @@ class ClearedPath:
         share = np.clip(((q - points[:-1]) * ways).sum(axis=1) / squares, 0.0, 1.0)
         return float(np.abs(points[:-1] + share[:, None] * ways - q).max(axis=1).min())
 
-    def back(self, at: int) -> tuple[ClearedPath, int]:
-        """Return the way back from a point to where its task began, and the first node of that."""
+    def nearest(self, q: Array) -> tuple[int, float]:
+        """Return the first point behind which the path is nearest to where a robot is, and how near.
+
+        Args:
+            q: joint positions, shape (n,).
+        """
+        off = np.array([self.off(k, k + 1, q) for k in range(len(self.stops) - 1)])
+        first = int(np.flatnonzero(off <= off.min() + _NEAR)[0])
+        return first, float(off.min())
+
+    def back(self, at: int) -> ClearedPath:
+        """Return the way back from a point to where its task began, whose first node is done there."""
         task, first = self.stops[at].task, self.stops[at].first
         back = ClearedPath(self.stops[at].q, first + 1)
         k = at
@@ -142,4 +152,4 @@ class ClearedPath:
             back.stops.append(
                 PathPoint(self.stops[k].q, took, first + 1, False, "", -1, 0)
             )
-        return back, first
+        return back

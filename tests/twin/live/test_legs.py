@@ -62,10 +62,17 @@ def test_the_way_back_leads_to_where_the_task_began() -> None:
     path.add(node(4, [[1]], task=7))
     path.add(node(5, [[2], [3]], task=8))
     path.add(node(6, [[3]], task=8, act="close"))
-    back, first = path.back(4)
-    assert first == 5
+    back = path.back(4)
     assert [float(stop.q[0]) for stop in back.stops] == [3, 2, 1]
     assert {stop.done for stop in back.stops} == {6}
+
+
+def test_a_robot_takes_up_the_path_where_it_is_nearest() -> None:
+    path = ClearedPath(np.zeros(2), 0)
+    path.add(node(0, [[1, 0], [1, 1]]))
+    path.add(node(1, [[1, 0]]))
+    assert path.nearest(np.array([0.5, 0.01])) == (0, 0.01)
+    assert path.nearest(np.array([1.0, 0.5])) == (1, 0.0)
 
 
 @given(
