@@ -190,7 +190,7 @@ class _Sample(DurationModel, ABC):
         return float(self.values_s[0])
 
 
-class Measured(_Sample):
+class MeasuredTimes(_Sample):
     """Empirical distribution of given durations.
 
     Attributes:
@@ -208,7 +208,7 @@ class Measured(_Sample):
 
     # The sorted array is no part of what is compared: arrays have no one truth value.
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Measured):
+        if not isinstance(other, MeasuredTimes):
             return NotImplemented
         return (self.values, self.scale) == (other.values, other.scale)
 
@@ -228,13 +228,13 @@ class Empirical(_Sample):
     csv: str
     column: str = "duration_s"
 
-    def located(self, folder: Path) -> Measured:
+    def located(self, folder: Path) -> MeasuredTimes:
         """Return the durations of the file; ScenarioError names file and line."""
         path = folder / self.csv
         if not is_file(path):
             raise ScenarioError(f"no such file: {path}")
         rows = read_durations(path, self.column)
-        return Measured(values=tuple(value for _, value in rows), scale=self.scale)
+        return MeasuredTimes(values=tuple(value for _, value in rows), scale=self.scale)
 
     @property
     def values_s(self) -> Array:

@@ -10,7 +10,7 @@ import yaml
 
 from planning.errors import OutputError, RequestError
 from twin.fit.fitting import Fit, fitted_execution, write_sample
-from twin.fit.samples import Sample
+from twin.fit.samples import FitSample
 from twin.host.guard import replacing
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.document.yaml_text import read_yaml, scenario_text
@@ -21,7 +21,7 @@ _NOTE = "Durations of skills: "
 """Beginning of the comment above an execution section that was written here."""
 
 
-def require_skills(samples: Sequence[Sample]) -> None:
+def require_skills(samples: Sequence[FitSample]) -> None:
     """Refuse samples of which it is not known what they are of.
 
     Raises:

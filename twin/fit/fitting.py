@@ -25,7 +25,7 @@ from twin.durations.fittable import Family, ShiftedFamily, rounded
 from twin.durations.lifetimes import AnyDuration, Exponential, Gamma, Weibull
 from twin.durations.model import DurationModel
 from twin.durations.normal import Lognormal, TruncatedNormal
-from twin.fit.samples import Sample
+from twin.fit.samples import FitSample
 from twin.host.guard import write_text
 from twin.host.pictures import INK, new_picture, save_png, style_axes
 from twin.scenario.document.yaml_text import scenario_text
@@ -185,7 +185,7 @@ class Fit:
         candidates: best first; none where all durations are as good as the same.
     """
 
-    sample: Sample
+    sample: FitSample
     candidates: tuple[Candidate, ...]
 
     @property

@@ -35,7 +35,7 @@ _Rows = Iterator[tuple[tuple[str, ...], float]]
 
 
 @dataclass(frozen=True)
-class Sample:
+class FitSample:
     """Durations that belong together.
 
     Attributes:
@@ -59,7 +59,7 @@ def read_samples(
     columns: Columns | None = None,
     by: Sequence[str] = (),
     skill: str | None = None,
-) -> tuple[tuple[Sample, ...], dict[str, int]]:
+) -> tuple[tuple[FitSample, ...], dict[str, int]]:
     """Read measured durations, group by group.
 
     Args:
@@ -146,7 +146,7 @@ def _logged(path: Path, keys: Sequence[str], skill: str | None) -> _Rows:
 
 def _sample(
     path: Path, labels: dict[str, str], skill: str | None, values: list[float]
-) -> Sample:
+) -> FitSample:
     if "skill" not in labels and skill is not None:
         labels = {"skill": skill, **labels}
     where = (
@@ -163,7 +163,7 @@ def _sample(
             " distributions apart"
         )
     ordered = {name: labels[name] for name in LABELS if name in labels}
-    return Sample(ordered, readonly(values))
+    return FitSample(ordered, readonly(values))
 
 
 def unused_labels(

@@ -15,7 +15,7 @@ from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.bounded import Fixed
 from twin.durations.lifetimes import Exponential
-from twin.durations.measured import Measured
+from twin.durations.measured import MeasuredTimes
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
 from twin.engine.bulk.holding import held_back
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
@@ -232,7 +232,7 @@ class Forecaster:
             return Exponential(mean_s=found.breakdowns.mttr_s)
         elif found.emergency_stops:
             stops = tuple(stop.duration_s for stop in found.emergency_stops)
-            return Measured(values=stops)
+            return MeasuredTimes(values=stops)
         return Fixed(value_s=0.0)
 
     def _fails(self, k: int, robot: RobotProgress) -> Array:

@@ -18,7 +18,7 @@ from planning.transforms import Array
 from tests.twin.durations.known_distributions import KNOWN
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
 from twin.durations.lifetimes import Exponential, Gamma, Retries, Shifted, Weibull
-from twin.durations.measured import Empirical, Measured
+from twin.durations.measured import Empirical, MeasuredTimes
 from twin.durations.model import DurationModel
 from twin.durations.normal import Lognormal, TruncatedNormal
 from twin.fit.fitting import section_model
@@ -84,7 +84,7 @@ def test_mean_and_cv_come_back() -> None:
 
 
 def test_mean_and_minimum_of_measured_and_of_fixed_times() -> None:
-    model = Measured(values=(1.0, 2.0, 2.0, 7.0))
+    model = MeasuredTimes(values=(1.0, 2.0, 2.0, 7.0))
     assert (model.mean, model.minimum) == (3.0, 1.0)
     fixed = Fixed(value_s=2.5)
     assert fixed.ppf(U[:3]).tolist() == [2.5, 2.5, 2.5]
@@ -194,7 +194,7 @@ SIMPLE = st.one_of(
     st.builds(Weibull, shape=st.floats(0.5, 20), scale_s=SECONDS),
 )
 MEASURED = st.lists(SECONDS, min_size=1, max_size=9).map(
-    lambda values: Measured(values=tuple(values))
+    lambda values: MeasuredTimes(values=tuple(values))
 )
 ANY = st.one_of(
     SIMPLE,
@@ -243,8 +243,8 @@ def test_a_quantile_does_not_depend_on_its_neighbours(
         lambda: Fixed(value_s=-1.0),
         lambda: Fixed(value_s=math.nan),
         lambda: Uniform(low_s=3.0, high_s=2.0),
-        lambda: Measured(values=()),
-        lambda: Measured(values=(1.0, -1.0)),
+        lambda: MeasuredTimes(values=()),
+        lambda: MeasuredTimes(values=(1.0, -1.0)),
         lambda: Lognormal(median_s=0.0, p95_s=1.0),
         lambda: Lognormal(median_s=2.0, p95_s=1.0),
         lambda: Triangular(low_s=-1.0, mode_s=1.0, high_s=2.0),

@@ -18,7 +18,7 @@ from planning.tasks.task import SKILLS
 from tests.twin.one_draw import sample
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.lifetimes import Retries
-from twin.durations.measured import Empirical, Measured, Packaged, packaged_timings
+from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings
 from twin.durations.model import to_nanoseconds
 from twin.durations.normal import Lognormal
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
@@ -33,7 +33,7 @@ def test_lognormal_keeps_the_two_figures_it_is_given() -> None:
 
 
 def test_empirical_gives_the_values_measured_each_as_often() -> None:
-    model = Measured(values=tuple(MEASURED))
+    model = MeasuredTimes(values=tuple(MEASURED))
     values, counts = np.unique(model.ppf(PROBABILITIES), return_counts=True)
     assert values.tolist() == [1.0, 2.0, 3.0, 8.0]
     assert (counts / len(PROBABILITIES)).tolist() == [0.2, 0.4, 0.2, 0.2]
@@ -58,7 +58,7 @@ def test_models_of_one_file_are_equal_after_draws_too(tmp_path: Path) -> None:
 def test_empirical_quantiles_invert_the_distribution(
     values: list[float], u: float
 ) -> None:
-    quantile = float(Measured(values=tuple(values)).ppf(np.array([u]))[0])
+    quantile = float(MeasuredTimes(values=tuple(values)).ppf(np.array([u]))[0])
     below = np.mean(np.array(values) < quantile)
     assert below <= u <= np.mean(np.array(values) <= quantile) + 1e-12
 

@@ -18,7 +18,7 @@ from planning.tasks.task import SKILLS
 from planning.transforms import Array
 from twin.cli import app
 from twin.durations.bounded import Fixed
-from twin.durations.measured import Measured
+from twin.durations.measured import MeasuredTimes
 from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
 from twin.scenario.manifest import load_scenario
@@ -86,7 +86,7 @@ def test_the_snippet_loads_back_as_what_was_fitted(tmp_path: Path) -> None:
     assert durations.models["handover"].mean == pytest.approx(RIGHT.mean(), rel=0.01)
     assert durations.models["place-down"] == Fixed(value_s=7.5)
     heaps = durations.models["place-up"]
-    assert isinstance(heaps, Measured)
+    assert isinstance(heaps, MeasuredTimes)
     assert heaps.values_s.tolist() == sorted(TWO_HEAPS)
 
 
@@ -305,7 +305,7 @@ def test_apply_writes_a_scenario_with_what_was_fitted(tmp_path: Path) -> None:
     assert left.mean == pytest.approx(LEFT.mean(), rel=0.02)
     assert durations.model_of("pick", "right", None) == Fixed(value_s=7)
     heaps = durations.model_of("place-up", "left", None)
-    assert isinstance(heaps, Measured)
+    assert isinstance(heaps, MeasuredTimes)
     assert heaps.values_s.tolist() == sorted(TWO_HEAPS)
     # What the planner is told is what was fitted.
     cell = build_workcell(scenario, tmp_path)

@@ -14,7 +14,7 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.lifetimes import Exponential
-from twin.durations.measured import Measured
+from twin.durations.measured import MeasuredTimes
 from twin.durations.normal import Lognormal
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
@@ -59,11 +59,13 @@ def test_what_has_no_memory_begins_afresh() -> None:
 
 def test_of_measured_times_only_the_longer_ones_are_left() -> None:
     values = np.array([1.0, 2.0, 2.0, 3.0, 5.0, 8.0])
-    found = conditional_quantiles(Measured(values=tuple(values)), 2.0, U)
+    found = conditional_quantiles(MeasuredTimes(values=tuple(values)), 2.0, U)
     left, counts = np.unique(found, return_counts=True)
     assert left.tolist() == [3.0, 5.0, 8.0]
     assert counts / len(U) == pytest.approx([1 / 3] * 3, abs=0.01)
-    assert np.all(conditional_quantiles(Measured(values=tuple(values)), 9.0, U) == 9.0)
+    assert np.all(
+        conditional_quantiles(MeasuredTimes(values=tuple(values)), 9.0, U) == 9.0
+    )
     assert np.all(conditional_quantiles(Fixed(value_s=3.0), 1.0, U) == 3.0)
 
 

@@ -11,7 +11,7 @@ from planning.tasks.task import SKILLS
 from tests.twin.one_draw import sample, uniform
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.bounded import Fixed, Uniform
-from twin.durations.measured import Measured
+from twin.durations.measured import MeasuredTimes
 from twin.durations.model import DurationModel, to_nanoseconds
 from twin.durations.normal import Lognormal
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns, share_duration
@@ -19,7 +19,7 @@ from twin.uncertainty.skill_durations import SkillDurations, nominal_ns, share_d
 MODELS: dict[str, DurationModel] = {
     "pick": Lognormal(median_s=6.0, p95_s=8.0),
     "place-down": Uniform(low_s=3.0, high_s=5.0),
-    "place-up": Measured(values=(1.0, 2.0, 7.0)),
+    "place-up": MeasuredTimes(values=(1.0, 2.0, 7.0)),
     "handover": Fixed(value_s=8.7),
     "support-top": Lognormal(median_s=4.0, p95_s=5.0),
 }
