@@ -59,7 +59,10 @@ def report(tpg: TemporalPlanGraph, done: Driven, planned_s: float) -> dict[str, 
         far = 1000 * np.linalg.norm(off)
         _tell(f"{name}: {far:.1f} mm off its goal, tilted by {turn:.1f} deg")
     for robot, off_rad in done.off.items():
-        _tell(f"{robot}: at most {off_rad:.4f} rad from its path")
+        far = 1000 * done.tool_off[robot]
+        _tell(
+            f"{robot}: joints at most {off_rad:.4f} rad, tool {far:.1f} mm from its path"
+        )
     _tell(
         f"makespan {done.simulated_s:.1f} s by the simulator's clock, {done.wall_s:.1f} s"
         f" by that on the wall; planned {planned_s:.1f} s"
@@ -69,6 +72,7 @@ def report(tpg: TemporalPlanGraph, done: Driven, planned_s: float) -> dict[str, 
     return {
         "cubes": rows,
         "off_rad": done.off,
+        "tool_off_m": done.tool_off,
         "makespan_s": done.simulated_s,
         "wall_s": done.wall_s,
         "planned_s": planned_s,
