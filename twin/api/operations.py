@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from twin.live.drivers_file import read_drivers
 from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
+from twin.page.attended_execution import AttendedSession
+from twin.page.forecasts import Forecasts
+from twin.page.panel import Panel
 from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant, layout_of, varied
@@ -21,7 +25,9 @@ from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, 
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
 from twin.trial.run_result import RunResult
+from twin.trial.simulation import scenario_execution
 from twin.trial.trial import try_plan
+from twin.uncertainty.disturbances import Disturbances
 
 
 def operate(
@@ -34,6 +40,8 @@ def operate(
     audit_engine: str | None = None,
     says: Says | None = None,
     drivers: PathOrName | None = None,
+    page: int | None = None,
+    opened: Callable[[str], None] | None = None,
     begun: Begun | None = None,
     progress: Report = report_nothing,
 ) -> RunResult:
@@ -54,14 +62,21 @@ def operate(
         says: answers whether somebody helps, given what a person is asked before anything is given up, in
             place of what is drawn; such a run cannot be resumed.
         drivers: file that says who moves the robots, in place of the twin.
+        page: with drivers, a port of this machine at which a page shows what goes on to who stands beside the
+            cell, with buttons, and with what is asked by ``recovery.ask``; 0 for any port that is free.
+        opened: told of the address of that page.
         begun: told of the check and of the folder, before anything that takes long.
         progress: told how far each stage has come.
 
     Raises:
         InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
-        RequestError: the scenario cannot be planned anew while it is executed.
+        RequestError: the scenario cannot be planned anew while it is executed, or there is no page.
         TwinError: there is no plan, or the run broke off; see ``twin.plan``.
     """
+    if page is not None and drivers is None:
+        raise RequestError(
+            "a page is for robots that drivers move: name a file of them, too"
+        )
     engine = engine_named(audit_engine) if audit and audit_engine is not None else None
     case = load(scenario)
     require_rolling(case.sections)
@@ -74,16 +89,43 @@ def operate(
         made = plan_to_operate(case, progress)
         if failures is not None:
             made = replace(made, scenario=with_failures(case, made.tpg, failures))
-        return try_plan(
-            replace(made, warnings=checked.warnings, fits=checked.fits),
-            folder,
-            recording=recording,
-            audit=engine or audit,
-            operated=True,
-            says=says,
-            session=None if section is None else section(folder.name),
-            progress=progress,
-        )
+        session = None if section is None else section(folder.name)
+        with ExitStack() as stack:
+            if session is not None and page is not None:
+                panel = stack.enter_context(_page(made.scenario, page, opened))
+                session = AttendedSession(
+                    session.name, session.drivers, session.folder, panel=panel
+                )
+                asks = case.sections.execution.recovery.ask is not None
+                says = panel.says if asks and says is None else says
+            return try_plan(
+                replace(made, warnings=checked.warnings, fits=checked.fits),
+                folder,
+                recording=recording,
+                audit=engine or audit,
+                operated=True,
+                says=says,
+                session=session,
+                progress=progress,
+            )
+
+
+@contextmanager
+def _page(
+    case: LoadedScenario, port: int, opened: Callable[[str], None] | None
+) -> Iterator[Panel]:
+    """Serve a page beside a run, and yield what both share."""
+    from twin.page.server import PageServer
+
+    model = scenario_execution(case.sections, case.folder)
+    # What fails is reported by drivers, and foreseen by nobody.
+    model = replace(model, disturbances=Disturbances())
+    panel = Panel(case.steps)
+    server = PageServer(panel, Forecasts(model), port, case.name)
+    with server.serving():
+        if opened is not None:
+            opened(server.address)
+        yield panel
 
 
 def _session(case: LoadedScenario, path: Path) -> Callable[[str], Session]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,8 +38,8 @@ def operate_scenario(
         robots: of the team, in place of the scenario's; without a team, the first M.
         settings: value of any key, such as execution.recovery.planning_s=2; may be given several
             times. Values are words or JSON.
-        ask: ask at the keyboard before anything is given up; time in the simulation stands meanwhile, and
-            the run cannot be resumed.
+        ask: ask at the keyboard before anything is given up, or on the page where there is one; time in a
+            simulation stands meanwhile, and the run cannot be resumed.
         view: how to show.
         options: those of twin.operate.
     """
@@ -58,11 +59,18 @@ def operate_scenario(
         if not view.silent:
             announce(check, folder)
 
-    if ask:
+    def opened(address: str) -> None:
+        if not view.silent:
+            print(f"page: {address}", file=sys.stderr)  # noqa: T201
+
+    page = options.get("page") is not None
+    if ask and not page:
         # A display of progress would write over the question.
         options |= {"says": _answer, "progress": report_nothing}
     chosen = load(scenario).varied(runs.released(values))
-    return operations.operate(chosen, begun=begun, **options)
+    if ask and page and chosen.sections.execution.recovery.ask is None:
+        chosen = chosen.varied({"recovery.ask": {}})
+    return operations.operate(chosen, begun=begun, opened=opened, **options)
 
 
 def _answer(question: str) -> bool:
@@ -81,5 +89,6 @@ operate = command(
     passes_to="twin.api.operations:operate",
     robots={"min": 1, "metavar": "M"},
     failures={"min": 0, "max": 1, "metavar": "P"},
+    page={"min": 0, "max": 65_535, "metavar": "PORT"},
     settings={"names": ("--set",), "metavar": "KEY=VALUE"},
 )

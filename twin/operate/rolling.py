@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+import simpy
 from simpy.events import EventPriority
 
 from scheduling.graph.dispatcher import Dispatcher
@@ -92,6 +93,11 @@ class Version:
 class Planner(Protocol):
     """Plans what is left of an assembly while it is executed."""
 
+    @property
+    def given_up(self) -> Mapping[int, str]:
+        """Steps that are not done any more in what is executed, by number, with the reason."""
+        ...
+
     def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
         """Return what is to take the place of a graph; nothing beyond its counts is executed any more.
 
@@ -147,7 +153,7 @@ class RollingExecution(SuppliedExecution):
         """Let a robot stop for good at a time [ns]."""
 
         def stop() -> Steps:
-            yield self.env.timeout(at_ns)
+            yield self.env.timeout(max(at_ns - self.now_ns, 0))
             if robot not in self._out and not self._done():
                 self._out.add(robot)
                 if robot in self.tpg.chain_index:
@@ -246,22 +252,25 @@ class RollingExecution(SuppliedExecution):
         yield self._at_the_end_of_now(_AFTER_ALL)
         while self._again:
             self._again = False
-            incident = Incident(
-                tuple(self._failures),
-                frozenset(self._out),
-                frozenset(self._unwanted),
-                # Whatever is done, what is to be brought is brought.
-                tuple(
-                    max(n, int(k in self._coming)) for k, n in enumerate(self.released)
-                ),
-            )
-            version = self._planner.plan(self.tpg, incident)
+            version = yield from self._version()
             self._limit = list(version.counts[: len(self._limit)])
             if version.planning_ns:
                 yield self.env.timeout(version.planning_ns)
         self._planning = False
         self._planner.swapped()
         self._swap(version)
+
+    def _version(self) -> Generator[simpy.Event, Any, Version]:
+        """Plan what is left of all that has happened by now."""
+        incident = Incident(
+            tuple(self._failures),
+            frozenset(self._out),
+            frozenset(self._unwanted),
+            # Whatever is done, what is to be brought is brought.
+            tuple(max(n, int(k in self._coming)) for k, n in enumerate(self.released)),
+        )
+        yield from ()
+        return self._planner.plan(self.tpg, incident)
 
     def _swap(self, version: Version) -> None:
         """Go on with another graph."""

@@ -37,6 +37,8 @@ EventKind = Literal[
     "window_broken",
     "replanned",
     "recovered",
+    "asked",
+    "ordered",
     "finished",
 ]
 

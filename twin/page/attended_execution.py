@@ -1,0 +1,244 @@
+"""Execution by drivers that somebody stands beside: who sees how far it is, gives orders and is asked."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import simpy
+
+from planning.tasks.task import LEFT_OUT, PRESENT
+from scheduling.rolling.cut import complete_tasks
+from twin.durations.model import NANOSECONDS
+from twin.live.live_execution import LiveExecution
+from twin.live.session import Session
+from twin.operate.rolling import Version
+from twin.page.panel import (
+    NodesSoFar,
+    Notice,
+    Order,
+    Panel,
+    Shown,
+    ShownMode,
+    ShownRobot,
+    UnansweredError,
+)
+from twin.recorders.observers import Observers
+from twin.run.events import Event, Outcome
+
+_SHOW_S, _PROGRESS_S = 0.25, 2.0
+"""Time between what is shown, and between what forecasts are made of [s]."""
+
+_MOST_NOTICES = 60
+
+_QUIET = ("released", "started", "completed", "waiting", "attached", "detached")
+"""Events that people are not told of."""
+
+
+@dataclass(frozen=True)
+class AttendedSession(Session):
+    """Drivers of the robots of a cell that somebody stands beside, for one run.
+
+    Attributes:
+        panel: what is shared with the page.
+    """
+
+    panel: Panel = field(kw_only=True)
+
+    def execution(self, *about: Any, **more: Any) -> Callable[..., LiveExecution]:
+        """Return what makes the state of the run; see Session."""
+        made = super().execution(*about, **more)
+        assert isinstance(made, partial)
+        return partial(AttendedExecution, panel=self.panel, **made.keywords)
+
+
+class AttendedExecution(LiveExecution):
+    """State of one run that drivers execute, with somebody beside the cell.
+
+    A question that is open lets time go on: what is planned is not settled, and everybody works on as far as
+    the plan goes that is executed.
+
+    Args:
+        rest, options: as of an execution by drivers.
+        panel: what is shared with the page.
+    """
+
+    def __init__(
+        self,
+        *rest: Any,
+        panel: Panel,
+        observers: Observers | None = None,
+        **options: Any,
+    ) -> None:
+        self._panel = panel
+        self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
+        self._question = ""
+        self._asked, self._held = 0, set[str]()
+        self._show_s = self._progress_s = 0.0
+        both = Observers((*([] if observers is None else [observers]), self))
+        super().__init__(*rest, observers=both, **options)
+        self._answered = self.env.event()
+
+    def execute(self) -> Outcome:
+        """Run until everything is done; see LiveExecution."""
+        outcome = ""
+        try:
+            outcome = super().execute()
+            return outcome
+        finally:
+            self._question = ""
+            self._panel.show(replace(self._shown(), outcome=outcome or "broken off"))
+
+    # Notices: this execution is a recorder of its own events
+
+    def record(self, event: Event) -> None:
+        """Keep what people are to know."""
+        if event.kind not in _QUIET:
+            label = self.tpg.tasks[event.task].label if event.task >= 0 else ""
+            new = "" if event.detail.startswith(label) else label
+            words = ": ".join(filter(None, (new, event.detail)))
+            at_s = event.t_ns / NANOSECONDS
+            self._notices.appendleft(Notice(at_s, event.robot, event.kind, words))
+
+    def close(self) -> None:
+        """Finish; there is nothing to do."""
+
+    # Orders
+
+    def _look_at_links(self, now_s: float) -> None:
+        while True:
+            try:
+                order = self._panel.orders.get_nowait()
+            except queue.Empty:
+                break
+            self._now(self._obey, order)
+        super()._look_at_links(now_s)
+        for name, link in self._links.items():
+            state = self._states.get(name)
+            stands = link.held and state is not None and state.mode == "held"
+            if stands != (name in self._held):
+                (self._held.add if stands else self._held.discard)(name)
+                self._now(self._tell_of_driver, name, "held" if stands else "")
+        if now_s >= self._show_s:
+            self._show(now_s)
+
+    def _obey(self, order: Order) -> None:
+        """Do what somebody has ordered, once that is on the disk."""
+        question = self._question
+        if order.action in ("yes", "no"):
+            if not question or order.question != self._asked:
+                return
+            self._log_order(f"{order.action}: {question}")
+            self._question = ""
+            self._panel.answer(question, helps=order.action == "yes")
+            answered, self._answered = self._answered, self.env.event()
+            answered.succeed()
+        elif order.action == "out":
+            if order.robot not in self._links or order.robot in self._out:
+                return
+            self._log_order("out", order.robot)
+            self.outage(order.robot, self.now_ns)
+        else:
+            held = order.action == "hold"
+            names = [order.robot] if order.robot else list(self._links)
+            changed = [n for n in names if n in self._links]
+            if not any(self._links[n].held != held for n in changed):
+                return
+            self._log_order(order.action, order.robot)
+            for name in changed:
+                self._links[name].hold(held)
+
+    def _log_order(self, words: str, robot: str = "") -> None:
+        chain = self.tpg.chain_index.get(robot, -1)
+        if robot and chain < 0:
+            words = f"{words}: {robot}"
+        assert self.narrator is not None
+        self.narrator.emit("ordered", chain, detail=words)
+        self._written()
+
+    # Questions
+
+    def _version(self) -> Generator[simpy.Event, Any, Version]:
+        """Plan what is left; as often as somebody has to be asked for that, once it is answered."""
+        while True:
+            self._show(time.monotonic())
+            try:
+                return (yield from super()._version())
+            except UnansweredError as error:
+                self._question = str(error)
+            self._asked += 1
+            assert self.narrator is not None
+            self.narrator.emit("asked", detail=self._question)
+            yield self._answered
+            self._again = False
+
+    # What is shown
+
+    def _show(self, now_s: float) -> None:
+        self._show_s = now_s + _SHOW_S
+        self._panel.show(self._shown())
+        if now_s >= self._progress_s:
+            self._progress_s = now_s + _PROGRESS_S
+            start, end = map(tuple, self.start), map(tuple, self.end)
+            so_far = NodesSoFar(self.tpg, self._passed_ns(), tuple(start), tuple(end))
+            self._panel.so_far = so_far
+
+    def _shown(self) -> Shown:
+        return Shown(
+            self._passed_ns() / NANOSECONDS,
+            tuple(self._shown_robot(name) for name in self._links),
+            self._steps_done(),
+            self._panel.steps,
+            dict(self._planner.given_up),
+            tuple(self._notices),
+            self._question,
+            self._asked,
+            self._planning,
+        )
+
+    def _steps_done(self) -> int:
+        counts = [
+            next((n for n, t in enumerate(own) if t < 0), len(own)) for own in self.end
+        ]
+        complete = complete_tasks(self.tpg, counts)
+        steps: dict[int, bool] = {}
+        for task in self.tpg.tasks:
+            if task.kind not in (LEFT_OUT, PRESENT):
+                before = steps.get(task.step, True)
+                steps[task.step] = before and task.index in complete
+        return sum(steps.values()) - sum(
+            steps.get(k, False) for k in self._planner.given_up
+        )
+
+    def _shown_robot(self, name: str) -> ShownRobot:
+        state, held = self._states.get(name), self._links[name].held
+        k, out = self.tpg.chain_index.get(name, -1), name in self._out
+        nodes = len(self.tpg.chains[k]) if k >= 0 else 0
+        done = min(0 if state is None else state.done, nodes)
+        mode: ShownMode = "silent" if state is None else state.mode
+        stands = mode == "standing"
+        if name in self._silent:
+            mode = "silent"
+        elif out and stands:
+            mode = "out"
+        elif stands and done == nodes and not self._planning:
+            mode = "finished"
+        task = ""
+        if done < nodes and mode != "out":
+            task = self.tpg.tasks[self.task[k][done]].label
+        waits = self._waits(k) if mode == "standing" and done < nodes else ""
+        return ShownRobot(name, mode, task, waits, done, nodes, held, out)
+
+    def _waits(self, chain: int) -> str:
+        """Return what a robot that stands waits for, in words."""
+        node = self.released[chain]
+        if node < self._limit[chain]:
+            return self._cause(chain, node)
+        if self._question:
+            return "waits for an answer"
+        return "waits for what is planned anew" if self._planning else ""

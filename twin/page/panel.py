@@ -1,0 +1,163 @@
+"""What a page and the run share: orders of people one way, what they are shown the other.
+
+The page is served in a thread of its own, which never touches the run: it puts orders into a queue and reads
+what was shown last, which never changes once it is shown.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.live.driver import Mode
+
+Action = Literal["hold", "go on", "out", "yes", "no"]
+"""What somebody may order: of a robot or all, or as the answer to a question."""
+
+ShownMode = Mode | Literal["silent", "out", "finished"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What somebody has ordered.
+
+    Attributes:
+        action: what.
+        robot: of which one, empty for all.
+        question: which one is answered, from 1; 0 for none.
+    """
+
+    action: Action
+    robot: str = ""
+    question: int = 0
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something that has happened that people should know.
+
+    Attributes:
+        at_s: time of the run [s].
+        robot: whom it happened to, empty for the whole cell.
+        kind: of the event.
+        words: what.
+    """
+
+    at_s: float
+    robot: str
+    kind: str
+    words: str
+
+
+@dataclass(frozen=True)
+class ShownRobot:
+    """A robot as it is shown.
+
+    Attributes:
+        name: of it.
+        mode: what it does.
+        task: label of the task that it is at, or comes to next; empty where there is none.
+        waits: what it waits for, empty for nothing.
+        done, nodes: how many nodes it is through with, of all.
+        held: whether it is told to stand.
+        out: whether it is out for good.
+    """
+
+    name: str
+    mode: ShownMode
+    task: str
+    waits: str
+    done: int
+    nodes: int
+    held: bool
+    out: bool
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What people see of a run.
+
+    Attributes:
+        t_s: how late it is in the run [s].
+        robots: all that are driven.
+        steps_done, steps: of the assembly.
+        given_up: steps that are not done any more, by number, with the reason.
+        notices: the last ones, newest first.
+        question: that is open, empty for none.
+        asked: how many questions there were, with that one.
+        planning: whether something is being planned anew.
+        outcome: how the run has ended, empty while it goes on.
+    """
+
+    t_s: float
+    robots: tuple[ShownRobot, ...]
+    steps_done: int
+    steps: int
+    given_up: Mapping[int, str]
+    notices: tuple[Notice, ...]
+    question: str = ""
+    asked: int = 0
+    planning: bool = False
+    outcome: str = ""
+
+
+@dataclass(frozen=True)
+class NodesSoFar:
+    """What has been executed of a plan.
+
+    Attributes:
+        tpg: the plan.
+        now_ns: time of the run [ns].
+        start_ns, end_ns: of the nodes of each chain, -1 for what has not happened [ns].
+    """
+
+    tpg: TemporalPlanGraph
+    now_ns: int
+    start_ns: tuple[tuple[int, ...], ...]
+    end_ns: tuple[tuple[int, ...], ...]
+
+
+class UnansweredError(Exception):
+    """Nobody has answered a question yet; it is no failure."""
+
+
+@dataclass
+class Panel:
+    """What a page and a run share.
+
+    Attributes:
+        steps: of the assembly.
+        orders: that have not been obeyed yet.
+        shown: what people see; None before the run has begun.
+        shown_s: when that was, by the clock of this machine [s].
+        so_far: what a forecast needs; None likewise.
+    """
+
+    steps: int
+    orders: queue.SimpleQueue[Order] = field(default_factory=queue.SimpleQueue)
+    shown: Shown | None = None
+    shown_s: float = 0.0
+    so_far: NodesSoFar | None = None
+    _answers: dict[str, bool] = field(default_factory=dict)
+
+    def show(self, shown: Shown) -> None:
+        """Let people see something; called by the run."""
+        self.shown, self.shown_s = shown, time.monotonic()
+
+    def says(self, words: str) -> bool:
+        """Return what somebody has answered; see Person.
+
+        Raises:
+            UnansweredError: nobody has.
+        """
+        if words not in self._answers:
+            raise UnansweredError(words)
+        return self._answers.pop(words)
+
+    def answer(self, words: str, *, helps: bool) -> None:
+        """Take note of an answer; called by the run."""
+        self._answers[words] = helps

@@ -1,0 +1,225 @@
+"""Serves the page to browsers of this machine, and to no page of somebody else's in one of them."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import logging
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, cast, get_args
+
+from planning.errors import RequestError
+from twin.follow.forecast import Forecast
+from twin.host.guard import finite
+from twin.page.forecasts import Forecasts
+from twin.page.panel import Action, NodesSoFar, Order, Panel
+
+try:
+    from tornado.httpserver import HTTPServer
+    from tornado.web import Application, HTTPError, RequestHandler
+except ImportError:
+    raise RequestError(
+        "a page needs the package 'tornado': pip install 'assembly-twin[page]'"
+    ) from None
+
+_log = logging.getLogger(__name__)
+
+HOST = "127.0.0.1"
+_MOST_BYTES = 1000
+"""Of an order [B]."""
+
+_FORECAST_S = 2.0
+"""Least time between two forecasts [s]."""
+
+_PAGE = Path(__file__).with_name("page.html")
+_POLICY = (
+    "default-src 'none'; style-src 'nonce-{0}'; script-src 'nonce-{0}'; connect-src 'self';"
+    " img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+class PageServer:
+    """Serves one page in a thread of its own.
+
+    Args:
+        panel: what is shared with the run.
+        forecasts: of its end; None for none.
+        port: of this machine, 0 for any that is free.
+        title: of the page.
+
+    Raises:
+        RequestError: the port is taken.
+    """
+
+    def __init__(
+        self, panel: Panel, forecasts: Forecasts | None, port: int = 0, title: str = ""
+    ) -> None:
+        try:
+            self._socket = socket.create_server((HOST, port))
+        except (OSError, OverflowError) as error:
+            raise RequestError(f"no page at port {port} of {HOST}: {error}") from error
+        self._panel, self._forecasts = panel, forecasts
+        self._socket.setblocking(False)
+        self.port: int = self._socket.getsockname()[1]
+        self.token = secrets.token_urlsafe(24)
+        self.title = title
+        self.hosts = {f"{name}:{self.port}" for name in (HOST, "localhost")}
+        self.hosts |= {HOST, "localhost"} if self.port == 80 else set()
+        self._forecast: Forecast | None = None
+        self._over = threading.Event()
+        self._threads = [threading.Thread(target=self._run, daemon=True)]
+        if forecasts is not None:
+            foresee = threading.Thread(target=self._foresee, daemon=True)
+            self._threads.append(foresee)
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return f"http://{HOST}:{self.port}/"
+
+    @contextmanager
+    def serving(self) -> Iterator[None]:
+        """Serve meanwhile."""
+        for thread in self._threads:
+            thread.start()
+        try:
+            yield
+        finally:
+            self._over.set()
+            self._threads[0].join(timeout=5.0)
+
+    def _run(self) -> None:
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        handlers = [
+            (path, kind, {"server": self})
+            for path, kind in (("/", _Page), ("/state", _State), ("/order", _Orders))
+        ]
+        application = Application(handlers, log_function=lambda _: None)
+        server = HTTPServer(
+            application,
+            max_body_size=_MOST_BYTES,
+            idle_connection_timeout=60.0,
+            body_timeout=10.0,
+        )
+        server.add_socket(self._socket)
+        while not self._over.is_set():
+            await asyncio.sleep(0.1)
+        server.stop()
+        await server.close_all_connections()
+
+    def _foresee(self) -> None:
+        """Make one forecast after another, of what has been executed by then."""
+        assert self._forecasts is not None
+        before: NodesSoFar | None = None
+        while not self._over.wait(_FORECAST_S):
+            so_far = self._panel.so_far
+            if so_far is None or so_far is before:
+                continue
+            before = so_far
+            try:
+                self._forecast = self._forecasts.forecast(so_far)
+            except Exception as error:
+                _log.warning("there is no forecast on the page: %s", error)
+                return
+
+    def state(self) -> dict[str, Any]:
+        """Return what the page shows, as JSON has it."""
+        shown, forecast = self._panel.shown, self._forecast
+        content: dict[str, Any] = {"shown": None, "forecast": None}
+        if shown is not None:
+            content["shown"] = asdict(shown)
+            content["age_s"] = round(time.monotonic() - self._panel.shown_s, 2)
+        if forecast is not None:
+            p50, p90 = forecast.quantile(0.5), forecast.quantile(0.9)
+            content["forecast"] = {"p50_s": finite(p50), "p90_s": finite(p90)}
+        return content
+
+    def take(self, body: bytes) -> None:
+        """Pass an order on to the run.
+
+        Raises:
+            ValueError: it makes no sense; says why.
+        """
+        given = json.loads(body)
+        if not isinstance(given, dict):
+            raise ValueError("an order is an object")
+        action, robot = str(given.get("action")), given.get("robot", "")
+        question, shown = given.get("question", 0), self._panel.shown
+        if action not in get_args(Action):
+            raise ValueError(f"action must be one of {', '.join(get_args(Action))}")
+        if shown is None or shown.outcome:
+            raise ValueError("nothing is under way")
+        if robot != "" and robot not in [own.name for own in shown.robots]:
+            raise ValueError("there is no such robot")
+        if action in ("yes", "no"):
+            if not shown.question or question != shown.asked:
+                raise ValueError("that question is not open")
+        elif action == "out" and not robot:
+            raise ValueError("which robot is out?")
+        self._panel.orders.put(Order(cast(Action, action), robot, question))
+
+
+class _Own(RequestHandler):
+    """Answers whoever has this page, and nobody else."""
+
+    def initialize(self, server: PageServer) -> None:
+        self.server = server
+
+    def set_default_headers(self) -> None:
+        self.clear_header("Server")
+        self.set_header("Cache-Control", "no-store")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("Cross-Origin-Resource-Policy", "same-origin")
+
+    def prepare(self) -> None:
+        host, origin = self.request.host.lower(), self.request.headers.get("Origin")
+        own = {f"http://{name}" for name in self.server.hosts}
+        if host not in self.server.hosts or origin not in (None, *own):
+            _log.warning("page: refused a request of %.80r for %.80r", origin, host)
+            raise HTTPError(403)
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{status_code}: {self._reason}\n")
+
+
+class _Page(_Own):
+    def get(self) -> None:
+        nonce = secrets.token_urlsafe(12)
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.set_header("Content-Security-Policy", _POLICY.format(nonce))
+        about = json.dumps({"token": self.server.token, "title": self.server.title})
+        text = _PAGE.read_text(encoding="utf-8").replace("NONCE", nonce)
+        self.finish(text.replace("ABOUT", about.replace("<", "\\u003c")))
+
+
+class _State(_Own):
+    def get(self) -> None:
+        self.finish(self.server.state())
+
+
+class _Orders(_Own):
+    def post(self) -> None:
+        token = self.request.headers.get("X-Token", "")
+        if not hmac.compare_digest(token.encode(), self.server.token.encode()):
+            _log.warning("page: refused an order without the token of the page")
+            raise HTTPError(403)
+        try:
+            self.server.take(self.request.body)
+        except (ValueError, RecursionError) as error:
+            self.set_status(400)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(f"{error}\n")
+            return
+        self.set_status(202)
