@@ -16,7 +16,6 @@ from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
 from twin.page.attended_execution import AttendedSession
-from twin.page.forecasts import Forecasts
 from twin.page.panel import Panel
 from twin.run.folder import run_folder
 from twin.run.policies import NAMED_POLICIES
@@ -121,7 +120,7 @@ def _page(
     # What fails is reported by drivers, and foreseen by nobody.
     model = replace(model, disturbances=Disturbances())
     panel = Panel(case.steps)
-    server = PageServer(panel, Forecasts(model), port, case.name)
+    server = PageServer(panel, model, port, case.name)
     with server.serving():
         if opened is not None:
             opened(server.address)

@@ -135,7 +135,7 @@ class AttendedExecution(LiveExecution):
                 return
             self._log_order(f"{order.action}: {question}")
             self._question = ""
-            self._panel.answer(question, helps=order.action == "yes")
+            self._panel.answers[question] = order.action == "yes"
             answered, self._answered = self._answered, self.env.event()
             answered.succeed()
         elif order.action == "out":

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.follow.state import FollowedRun
 from twin.live.driver import Mode
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
@@ -120,6 +121,15 @@ class NodesSoFar:
     start_ns: tuple[tuple[int, ...], ...]
     end_ns: tuple[tuple[int, ...], ...]
 
+    def followed(self) -> FollowedRun:
+        """Return the run as who follows it knows it."""
+        run = FollowedRun(self.tpg)
+        run.now_ns = self.now_ns
+        for own, start, end in zip(run.robots, self.start_ns, self.end_ns, strict=True):
+            own.start_ns[:], own.end_ns[:] = start, end
+            own.completed = next((k for k, t in enumerate(end) if t < 0), len(end))
+        return run
+
 
 class UnansweredError(Exception):
     """Nobody has answered a question yet; it is no failure."""
@@ -135,6 +145,7 @@ class Panel:
         shown: what people see; None before the run has begun.
         shown_s: when that was, by the clock of this machine [s].
         so_far: what a forecast needs; None likewise.
+        answers: that have been given, and not been asked for since; only the run looks at them.
     """
 
     steps: int
@@ -142,7 +153,7 @@ class Panel:
     shown: Shown | None = None
     shown_s: float = 0.0
     so_far: NodesSoFar | None = None
-    _answers: dict[str, bool] = field(default_factory=dict)
+    answers: dict[str, bool] = field(default_factory=dict)
 
     def show(self, shown: Shown) -> None:
         """Let people see something; called by the run."""
@@ -154,10 +165,6 @@ class Panel:
         Raises:
             UnansweredError: nobody has.
         """
-        if words not in self._answers:
+        if words not in self.answers:
             raise UnansweredError(words)
-        return self._answers.pop(words)
-
-    def answer(self, words: str, *, helps: bool) -> None:
-        """Take note of an answer; called by the run."""
-        self._answers[words] = helps
+        return self.answers.pop(words)

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from planning.errors import RequestError
-from twin.follow.forecast import Forecast
+from twin.engine.execution_model import ExecutionModel
+from twin.follow.forecast import Forecast, Forecaster
 from twin.host.guard import finite
-from twin.page.forecasts import Forecasts
 from twin.page.panel import Action, NodesSoFar, Order, Panel
 
 try:
@@ -36,8 +36,8 @@ HOST = "127.0.0.1"
 _MOST_BYTES = 1000
 """Of an order [B]."""
 
-_FORECAST_S = 2.0
-"""Least time between two forecasts [s]."""
+_FORECAST_S, _SAMPLES = 2.0, 100
+"""Least time between two forecasts [s], and futures drawn for each."""
 
 _PAGE = Path(__file__).with_name("page.html")
 _POLICY = (
@@ -51,7 +51,7 @@ class PageServer:
 
     Args:
         panel: what is shared with the run.
-        forecasts: of its end; None for none.
+        model: how long what drivers do takes, as far as is known, for forecasts; None for none.
         port: of this machine, 0 for any that is free.
         title: of the page.
 
@@ -60,13 +60,13 @@ class PageServer:
     """
 
     def __init__(
-        self, panel: Panel, forecasts: Forecasts | None, port: int = 0, title: str = ""
+        self, panel: Panel, model: ExecutionModel | None, port: int = 0, title: str = ""
     ) -> None:
         try:
             self._socket = socket.create_server((HOST, port))
         except (OSError, OverflowError) as error:
             raise RequestError(f"no page at port {port} of {HOST}: {error}") from error
-        self._panel, self._forecasts = panel, forecasts
+        self._panel = panel
         self._socket.setblocking(False)
         self.port: int = self._socket.getsockname()[1]
         self.token = secrets.token_urlsafe(24)
@@ -76,8 +76,8 @@ class PageServer:
         self._forecast: Forecast | None = None
         self._over = threading.Event()
         self._threads = [threading.Thread(target=self._run, daemon=True)]
-        if forecasts is not None:
-            foresee = threading.Thread(target=self._foresee, daemon=True)
+        if model is not None:
+            foresee = threading.Thread(target=self._foresee, args=[model], daemon=True)
             self._threads.append(foresee)
 
     @property
@@ -117,20 +117,21 @@ class PageServer:
         server.stop()
         await server.close_all_connections()
 
-    def _foresee(self) -> None:
+    def _foresee(self, model: ExecutionModel) -> None:
         """Make one forecast after another, of what has been executed by then."""
-        assert self._forecasts is not None
         before: NodesSoFar | None = None
         while not self._over.wait(_FORECAST_S):
             so_far = self._panel.so_far
             if so_far is None or so_far is before:
                 continue
-            before = so_far
             try:
-                self._forecast = self._forecasts.forecast(so_far)
+                if before is None or before.tpg is not so_far.tpg:
+                    forecaster = Forecaster(so_far.tpg, model, samples=_SAMPLES)
+                self._forecast = forecaster.forecast(so_far.followed())
             except Exception as error:
                 _log.warning("there is no forecast on the page: %s", error)
                 return
+            before = so_far
 
     def state(self) -> dict[str, Any]:
         """Return what the page shows, as JSON has it."""
