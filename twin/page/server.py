@@ -49,6 +49,11 @@ _POLICY = (
 class PageServer:
     """Serves one page in a thread of its own.
 
+    Attributes:
+        port, address: where it is.
+        token: that orders must carry.
+        hosts: as which requests may name this server.
+
     Args:
         panel: what is shared with the run.
         model: how long what drivers do takes, as far as is known, for forecasts; None for none.
@@ -69,21 +74,17 @@ class PageServer:
         self._panel = panel
         self._socket.setblocking(False)
         self.port: int = self._socket.getsockname()[1]
-        self.token = secrets.token_urlsafe(24)
-        self.title = title
+        self.address = f"http://{HOST}:{self.port}/"
+        self.token, self.title = secrets.token_urlsafe(24), title
         self.hosts = {f"{name}:{self.port}" for name in (HOST, "localhost")}
         self.hosts |= {HOST, "localhost"} if self.port == 80 else set()
         self._forecast: Forecast | None = None
         self._over = threading.Event()
-        self._threads = [threading.Thread(target=self._run, daemon=True)]
+        serve = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+        self._threads = [serve]
         if model is not None:
             foresee = threading.Thread(target=self._foresee, args=[model], daemon=True)
             self._threads.append(foresee)
-
-    @property
-    def address(self) -> str:
-        """Where the page is."""
-        return f"http://{HOST}:{self.port}/"
 
     @contextmanager
     def serving(self) -> Iterator[None]:
@@ -96,15 +97,9 @@ class PageServer:
             self._over.set()
             self._threads[0].join(timeout=5.0)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
     async def _serve(self) -> None:
-        handlers = [
-            (path, kind, {"server": self})
-            for path, kind in (("/", _Page), ("/state", _State), ("/order", _Orders))
-        ]
-        application = Application(handlers, log_function=lambda _: None)
+        answers = (r"/(state|order|)", _Answers, {"server": self})
+        application = Application([answers], log_function=lambda _: None)
         server = HTTPServer(
             application,
             max_body_size=_MOST_BYTES,
@@ -170,7 +165,7 @@ class PageServer:
         self._panel.orders.put(Order(cast(Action, action), robot, question))
 
 
-class _Own(RequestHandler):
+class _Answers(RequestHandler):
     """Answers whoever has this page, and nobody else."""
 
     def initialize(self, server: PageServer) -> None:
@@ -190,37 +185,29 @@ class _Own(RequestHandler):
             _log.warning("page: refused a request of %.80r for %.80r", origin, host)
             raise HTTPError(403)
 
-    def write_error(self, status_code: int, **kwargs: Any) -> None:
-        self.set_header("Content-Type", "text/plain; charset=utf-8")
-        self.finish(f"{status_code}: {self._reason}\n")
-
-
-class _Page(_Own):
-    def get(self) -> None:
+    def get(self, what: str) -> None:
+        if what == "state":
+            self.finish(self.server.state())
+            return
+        if what:
+            raise HTTPError(405)
         nonce = secrets.token_urlsafe(12)
-        self.set_header("Content-Type", "text/html; charset=utf-8")
         self.set_header("Content-Security-Policy", _POLICY.format(nonce))
         about = json.dumps({"token": self.server.token, "title": self.server.title})
         text = _PAGE.read_text(encoding="utf-8").replace("NONCE", nonce)
         self.finish(text.replace("ABOUT", about.replace("<", "\\u003c")))
 
-
-class _State(_Own):
-    def get(self) -> None:
-        self.finish(self.server.state())
-
-
-class _Orders(_Own):
-    def post(self) -> None:
+    def post(self, what: str) -> None:
         token = self.request.headers.get("X-Token", "")
         if not hmac.compare_digest(token.encode(), self.server.token.encode()):
             _log.warning("page: refused an order without the token of the page")
             raise HTTPError(403)
+        if what != "order":
+            raise HTTPError(405)
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
         try:
             self.server.take(self.request.body)
+            self.set_status(202)
         except (ValueError, RecursionError) as error:
             self.set_status(400)
-            self.set_header("Content-Type", "text/plain; charset=utf-8")
             self.finish(f"{error}\n")
-            return
-        self.set_status(202)
