@@ -157,12 +157,14 @@ class PageServer:
             raise ValueError("nothing is under way")
         if robot != "" and robot not in [own.name for own in shown.robots]:
             raise ValueError("there is no such robot")
-        if action in ("yes", "no"):
+        answers = action in ("yes", "no")
+        if answers:
             if not shown.question or question != shown.asked:
                 raise ValueError("that question is not open")
         elif action == "out" and not robot:
             raise ValueError("which robot is out?")
-        self._panel.orders.put(Order(cast(Action, action), robot, question))
+        asked = shown.asked if answers else 0
+        self._panel.orders.put(Order(cast(Action, action), robot, asked))
 
 
 class _Answers(RequestHandler):

@@ -123,3 +123,23 @@ def test_a_robot_that_is_taken_out_does_no_more_at_once(plan: PlanResult) -> Non
     later = [e for e in run.events if e.t_ns > out.t_ns and e.robot == "left"]
     assert not [e for e in later if e.kind == "released"]
     assert {*placed(done), *done.given_up} >= {1, 2, 3, 4}
+
+
+def test_two_that_fail_at_once_are_asked_of_one_after_the_other(
+    plan: PlanResult,
+) -> None:
+    arms = {name: failing_first_pick(40.0) for name in ("left", "right")}
+    values = {"recovery.again": 0, "recovery.ask": {"answer_s": 1.0}}
+    run = Beside(plan, arms=arms, values=values).begin()
+    run.until(lambda s: len([n for n in s.notices if n.kind == "failed"]) == 2)
+    asked = []
+    for number, answer in ((1, "yes"), (2, "no")):
+        shown = run.until(lambda s, n=number: s.asked == n and s.question != "")  # type: ignore[misc]
+        asked.append(shown.question)
+        run.panel.orders.put(Order(answer, "", number))  # type: ignore[arg-type]
+    done = run.done()
+    assert len(set(asked)) == 2
+    assert [ask.helps for ask in done.asks] == [True, False]
+    steps = [int(words.rstrip("?").split()[-1]) for words in asked]
+    assert steps[1] in done.given_up
+    assert steps[0] not in done.given_up or "rests" in done.given_up[steps[0]]

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
+import importlib
 import json
 import re
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
+import hypothesis.strategies as st
 import pytest
 
 import twin
@@ -172,6 +178,56 @@ def test_it_listens_on_this_machine_only(server: PageServer) -> None:
 def test_a_port_that_is_taken_is_named(server: PageServer) -> None:
     with pytest.raises(RequestError, match=f"no page at port {server.port}"):
         PageServer(Panel(steps=1), None, server.port)
+
+
+def test_without_its_package_a_page_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "tornado.web", None)
+    monkeypatch.delitem(sys.modules, "twin.page.server")
+    with pytest.raises(RequestError, match=r"pip install 'assembly-twin\[page\]'"):
+        importlib.import_module("twin.page.server")
+
+
+def test_nobody_else_needs_that_package() -> None:
+    code = "import sys, twin; twin.operate; assert 'tornado' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text() | st.integers(-1, 3),
+    lambda own: st.lists(own) | st.dictionaries(st.text(), own),
+    max_leaves=4,
+)
+NEARLY = st.fixed_dictionaries(
+    {},
+    optional={
+        "action": st.sampled_from(["hold", "go on", "out", "yes", "no"]) | JSON,
+        "robot": st.sampled_from(["left", "right", ""]) | JSON,
+        "question": JSON,
+    },
+)
+
+
+@hypothesis.given(st.binary(max_size=1000) | (NEARLY | JSON).map(json.dumps))
+def test_whatever_comes_is_an_order_or_refused_with_words(given: bytes | str) -> None:
+    panel = Panel(steps=4)
+    panel.show(SHOWN)
+    server = PageServer(panel, None)
+    with contextlib.closing(server._socket):
+        try:
+            server.take(given if isinstance(given, bytes) else given.encode())
+        except ValueError as error:
+            words = str(error)
+        if panel.orders.empty():
+            assert words
+            return
+        order = panel.orders.get_nowait()
+        assert order in {
+            *(Order(act, name) for act in ("hold", "go on") for name in ("", "left")),  # type: ignore[arg-type]
+            Order("out", "left"),
+            *(Order(act, name, 2) for act in ("yes", "no") for name in ("", "left")),  # type: ignore[arg-type]
+        }
 
 
 def test_a_page_is_for_robots_that_drivers_move(tmp_path: Path) -> None:
