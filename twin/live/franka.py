@@ -41,6 +41,9 @@ _PATIENCE_S = 5.0
 _MOST_SAMPLES = 5000
 """Samples that are kept for who does not ask."""
 
+_TRUST, _LATE_S = 0.1, 0.2
+"""Share of what the robot's clock is behind ours that is made up for at each look, and most of that [s]."""
+
 _STILL = 2e-3
 """Joints that are told to be slower stand; a motion begins with the speed that they are told [rad/s]."""
 
@@ -150,6 +153,7 @@ class FrankaDriver:
         self._unit, self._speed, self._rate = np.zeros(7), 0.0, 1.0
         self._stopping = self._stands = self._seeks = False
         self._since, self._near = 0.0, 0
+        self._clock_s = self._told_s = 0.0
         self._hand_at_work: Any = None
         self._samples: deque[Sample] = deque(maxlen=_MOST_SAMPLES)
         self._thread: threading.Thread | None = None
@@ -186,7 +190,8 @@ class FrankaDriver:
         with self._lock:
             off, self._off = self._off, 0.0
             samples = tuple(self._samples)
-            self._samples.clear()
+            # The last one again where there is no other, so that all times are by one clock.
+            self._samples = deque(samples[-1:], maxlen=_MOST_SAMPLES)
             return DriverState(
                 self._begun,
                 self._done,
@@ -230,8 +235,8 @@ class FrankaDriver:
                     if self._mode != "fault":
                         self._step(state)
                         self._mode = self._doing()
-                    now = time.monotonic()
-                    self._samples.append(Sample(now, self._q, self._begun, self._done))
+                    at_s = self._time_of(state)
+                    self._samples.append(Sample(at_s, self._q, self._begun, self._done))
                     standing = self._end < 0 and self._hand_at_work is None
                     if self._left and (standing or self._mode == "fault"):
                         return
@@ -241,6 +246,19 @@ class FrankaDriver:
                     if self._left:
                         return
             time.sleep(_LOOK_S)
+
+    def _time_of(self, state: Any) -> float:
+        """Return when a state was measured, by this computer's clock.
+
+        The robot's own clock tells how far states are apart; ours, which is late by however long a state
+        waits to be looked at, only keeps that from drifting.
+        """
+        told_s, now_s = state.time.to_sec(), time.monotonic()
+        guess = self._clock_s + told_s - self._told_s
+        late = now_s - guess
+        at_s = guess + _TRUST * late if 0.0 <= late < _LATE_S else now_s
+        self._clock_s, self._told_s = max(at_s, self._clock_s), told_s
+        return self._clock_s
 
     def _doing(self) -> Mode:
         if self._hand_at_work is not None:
@@ -388,14 +406,17 @@ class FrankaDriver:
         elif not self._hand_at_work.wait(0.0):
             return
         else:
-            good = bool(self._hand_at_work.get())
+            try:
+                good = bool(self._hand_at_work.get())
+            except self._franky.CommandException:  # so some hands tell of a failure
+                good = False
         self._hand_at_work = None
-        if self._failing >= 0:
+        if self._failing >= 0 and good:
             self._path, self._at = self._path.back(self._at + 1), 0
         elif good:
             self._at += 1
             self._passed(self._at)
-        elif stop.act == "close":
+        elif stop.act == "close" and self._failing < 0:
             # Open again, and go back to where the skill began.
             self._failing = stop.first
             self._words = f"the hand closed to {1000 * self._hand.width:.1f} mm"

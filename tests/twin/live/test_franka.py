@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -73,6 +74,7 @@ class Robot:
             dq=speed,
             q_d=self.q,
             dq_d=speed,
+            time=SimpleNamespace(to_sec=lambda at=self.at: at),
             robot_mode=mode,
             last_motion_errors="cartesian_reflex",
             current_errors="",
@@ -89,15 +91,25 @@ class Robot:
         return bool((self.q == self.target).all())
 
 
+class CommandError(Exception):
+    """What libfranka raises where a command has failed."""
+
+
 class Hand:
     """Closes on nothing as often as it is told."""
 
     def __init__(self, address: str) -> None:
         self.misses, self.width = 0, 0.06
+        self.raises = self.stuck = False
         self.acts: list[str] = []
 
     def _future(self, good: bool) -> Any:
-        return SimpleNamespace(wait=lambda _: True, get=lambda: good)
+        def get() -> bool:
+            if self.raises and not good:
+                raise CommandError("libfranka gripper: Command failed!")
+            return good
+
+        return SimpleNamespace(wait=lambda _: True, get=get)
 
     def grasp_async(
         self, width: float, speed: float, force: float, inner: float, outer: float
@@ -110,12 +122,13 @@ class Hand:
     def move_async(self, width: float, speed: float) -> Any:
         self.acts.append("open")
         self.width = width
-        return self._future(True)
+        return self._future(not self.stuck)
 
 
 FRANKY = SimpleNamespace(
     Robot=Robot,
     Gripper=Hand,
+    CommandException=CommandError,
     RobotMode=Mode,
     RealtimeConfig=SimpleNamespace(Enforce="enforce", Ignore="ignore"),
     RelativeDynamicsFactor=lambda *factors: factors,
@@ -204,10 +217,11 @@ def test_no_motion_is_faster_than_planned(driver: FrankaDriver) -> None:
     assert factors == [(pytest.approx(0.25), 1.0, 1.0)]
 
 
+@pytest.mark.parametrize("raises", [False, True])
 def test_a_grasp_of_nothing_fails_its_skill_and_leads_back(
-    driver: FrankaDriver,
+    driver: FrankaDriver, raises: bool
 ) -> None:
-    hand(driver).misses = 1
+    hand(driver).misses, hand(driver).raises = 1, raises
     driver.begin(np.zeros(7), 0)
     skill = [
         node(1, 0.3, 0.5, task=1),
@@ -245,6 +259,14 @@ def test_what_comes_while_it_goes_back_is_not_done(driver: FrankaDriver) -> None
     time.sleep(0.1)
     assert seen[-1].failed == 0
     np.testing.assert_allclose(driver.state().q, 0.0, atol=0.002)
+
+
+def test_a_hand_that_does_not_open_is_a_fault(driver: FrankaDriver) -> None:
+    hand(driver).stuck = True
+    driver.begin(np.zeros(7), 0)
+    driver.take([node(0, 0.2), node(1, 0.2, act="open")])
+    state = when(driver, lambda s: s.mode == "fault")[-1]
+    assert (state.done, state.words) == (1, "the hand does not open")
 
 
 def test_it_is_held_on_its_path_and_goes_on(driver: FrankaDriver) -> None:
@@ -317,6 +339,12 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         FrankaDriver("robot", LIMITS)
 
 
+def node_to(
+    number: int, q: Array, seconds: float, task: int = 0, act: str = ""
+) -> ClearedNode:
+    return ClearedNode(number, task, "", "", q[None], np.array([seconds]), act)
+
+
 @pytest.mark.nightly
 def test_an_arm_of_franky_sim_keeps_to_a_path_that_becomes_longer() -> None:
     pytest.importorskip("franky")
@@ -327,21 +355,13 @@ def test_an_arm_of_franky_sim_keeps_to_a_path_that_becomes_longer() -> None:
     arm = PlacedRobot("arm", model, identity(), model.home)
     limits = MotionLimits(np.full(7, 0.8), np.full(7, 2.0), np.full(7, 5000.0))
     way = np.array([0.6, 0.2, -0.3, 0.2, 0.2, 0.1, 0.4])
-    nodes = [
-        ClearedNode(
-            k,
-            0,
-            "transit",
-            "",
-            (model.home + (k + 1) / 10 * way)[None],
-            np.array([0.08]),
-        )
-        for k in range(10)
-    ]
+    nodes = [node_to(k, model.home + (k + 1) / 10 * way, 0.08) for k in range(10)]
     corner = model.home + way + np.array([0.0, -0.2, 0.1, 0.2, 0.0, 0.1, 0.0])
-    nodes.append(ClearedNode(10, 0, "transit", "", corner[None], np.array([0.3])))
+    nodes.append(node_to(10, corner, 0.3))
     with Scene(Workcell((arm,), (), ()), {"arm": model.home}) as scene:
-        driver = FrankaDriver(scene.addresses["arm"], limits, realtime=False)
+        driver = FrankaDriver(
+            scene.addresses["arm"], limits, grip=HandGrip(goal=0.0), realtime=False
+        )
         driver.begin(model.home, 0)
         driver.take(nodes[:5])
         given, seen = 5, [driver.state()]
@@ -354,9 +374,28 @@ def test_an_arm_of_franky_sim_keeps_to_a_path_that_becomes_longer() -> None:
                 driver.take([nodes[given]])
                 given += 1
         last = seen[-1]
+        # Held on the way back, it stands on the line; then the hand closes on nothing.
+        driver.take(
+            [node_to(11, model.home, 1.0), node_to(12, model.home + 0.1, 1.0, 1)]
+        )
+        driver.take([node_to(13, model.home + 0.1, 0.5, 1, "close")])
+        when(driver, lambda s: np.abs(s.q - corner).max() > 0.2, 30.0)
+        driver.hold(True)
+        seen += when(driver, lambda s: s.mode == "held", 30.0)
+        time.sleep(0.5)
+        stood = driver.state()
+        driver.hold(False)
+        failed = when(driver, lambda s: s.failed >= 0, 30.0)
         driver._close()
     assert last.done == len(nodes), last
-    assert max(s.off for s in seen) < 0.005
+    assert max(s.off for s in seen + failed) < 0.005
     np.testing.assert_allclose(last.q, corner, atol=0.003)
+    assert (stood.mode, stood.done) == ("held", 11)
+    assert np.abs(stood.q - model.home).max() > 0.1
+    assert (failed[-1].failed, failed[-1].done) == (12, 13), failed[-1]
+    np.testing.assert_allclose(failed[-1].q, model.home, atol=0.003)
+    assert re.fullmatch(r"the hand closed to [0-3]\.\d mm", failed[-1].words)
     samples = [own for s in seen for own in s.samples]
+    times = [s.at_s for s in samples]
+    assert times == sorted(times)
     assert [s.done for s in samples] == sorted(s.done for s in samples)
