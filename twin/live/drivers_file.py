@@ -38,7 +38,34 @@ class ServiceDriver(Section):
     kind: Literal["grpc"]
 
 
-AnyDriver = Annotated[SimulatedDriver | ServiceDriver, Field(discriminator="kind")]
+class FrankaArm(Section):
+    """A robot of Franka Robotics with its hand, by libfranka; see ``twin.live.franka``.
+
+    Attributes:
+        address: of its controller.
+        width_m: of what its hand grips, between the fingers.
+        within_m: by how much that may differ; else the grasp has failed.
+        opening_m: to which the hand opens.
+        force_n: with which it presses.
+        speed_m_s: of its fingers.
+        goal_m: width to which it is told to close; by default ``width_m``.
+        realtime: whether this computer has a real-time kernel, which real robots ask for.
+    """
+
+    kind: Literal["franka"]
+    address: Annotated[str, Field(min_length=1)]
+    width_m: Annotated[float, Field(ge=0, le=0.08)] = 0.04
+    within_m: Annotated[float, Field(gt=0, le=0.08)] = 0.005
+    opening_m: Annotated[float, Field(gt=0, le=0.08)] = 0.06
+    force_n: Annotated[float, Field(gt=0, le=140)] = 30.0
+    speed_m_s: Annotated[float, Field(gt=0, le=0.2)] = 0.05
+    goal_m: Annotated[float, Field(ge=0, le=0.08)] | None = None
+    realtime: bool = True
+
+
+AnyDriver = Annotated[
+    SimulatedDriver | ServiceDriver | FrankaArm, Field(discriminator="kind")
+]
 """Who moves a robot."""
 
 

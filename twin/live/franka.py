@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from planning.cell.robot_model import MotionLimits
+from planning.cell.workcell import PlacedRobot
 from planning.errors import TwinError
 from planning.transforms import Array
 from twin.live.driver import ClearedNode, DriverState, Mode, Sample
+from twin.live.drivers_file import FrankaArm
 from twin.live.legs import ClearedPath
 
 _LEAST_SHARE = 0.01
@@ -423,3 +425,19 @@ class FrankaDriver:
             self._hand_at_work = self._hand_to("open")
         else:
             raise FrankaError("the hand does not open")
+
+
+def franka_driver(arm: FrankaArm, robot: PlacedRobot) -> FrankaDriver:
+    """Return the driver of a robot that a drivers file says is one of Franka's.
+
+    Raises:
+        FrankaError: the plan keeps it to no limits, or it cannot be reached.
+    """
+    if robot.limits is None or robot.model.dof != 7:
+        raise FrankaError(
+            f"{robot.name} cannot be a Franka robot: it needs 7 joints and 'speed_model: limits'"
+        )
+    grip = HandGrip(
+        arm.width_m, arm.within_m, arm.opening_m, arm.force_n, arm.speed_m_s, arm.goal_m
+    )
+    return FrankaDriver(arm.address, robot.limits, grip=grip, realtime=arm.realtime)

@@ -6,21 +6,24 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from planning.cell.robot_model import MotionLimits
+from planning.cell.robot_model import MotionLimits, limits_of
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
 from twin.live import franka
 from twin.live.driver import ClearedNode, DriverState
-from twin.live.franka import FrankaDriver, FrankaError, HandGrip
+from twin.live.drivers_file import FrankaArm, read_drivers
+from twin.live.franka import FrankaDriver, FrankaError, HandGrip, franka_driver
+from twin.scenario.document.validation import InvalidScenarioError
 
 LIMITS = MotionLimits(np.full(7, 4.0), np.full(7, 60.0), np.full(7, 5000.0))
 ONE = np.array([1.0, 0.5, 0.0, -0.5, 0.0, 0.0, 0.25])
@@ -337,6 +340,29 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(franka.importlib, "import_module", missing)
     with pytest.raises(FrankaError, match=r"assembly-twin\[franka\]"):
         FrankaDriver("robot", LIMITS)
+
+
+def test_a_drivers_file_names_a_franka_robot(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(franka, "franky", lambda: FRANKY)
+    file = tmp_path / "drivers.yaml"
+    file.write_text(
+        "robots: {arm: {kind: franka, address: fr3.local, width_m: 0.05, goal_m: 0}}"
+    )
+    chosen = read_drivers(file, ("arm",)).driver_of("arm")
+    assert isinstance(chosen, FrankaArm)
+    model = robot_model("fr3")
+    arm = PlacedRobot("arm", model, identity(), model.home, limits=limits_of(model))
+    driver = franka_driver(chosen, arm)
+    assert driver._grip == HandGrip(width=0.05, goal=0.0)
+    np.testing.assert_array_equal(driver._limits[0][1], np.minimum(model.velocity, 4.0))
+    driver._close()
+    with pytest.raises(FrankaError, match="speed_model: limits"):
+        franka_driver(chosen, replace(arm, limits=None))
+    file.write_text("robots: {arm: {kind: franka}}")
+    with pytest.raises(InvalidScenarioError, match="address"):
+        read_drivers(file, ("arm",))
 
 
 def node_to(
