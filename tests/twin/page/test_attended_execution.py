@@ -8,6 +8,7 @@ import pytest
 
 from tests.twin.operate.operated import stack
 from tests.twin.page.beside import Beside, failing_first_pick, robot
+from twin.follow.state import FollowedRun
 from twin.operate.operation import Operation
 from twin.page.panel import Order
 from twin.run.events import Event
@@ -143,3 +144,29 @@ def test_two_that_fail_at_once_are_asked_of_one_after_the_other(
     steps = [int(words.rstrip("?").split()[-1]) for words in asked]
     assert steps[1] in done.given_up
     assert steps[0] not in done.given_up or "rests" in done.given_up[steps[0]]
+
+
+def test_what_forecasts_are_made_of_is_what_the_log_tells(plan: PlanResult) -> None:
+    run = Beside(plan, pace=10.0).begin()
+    run.until(lambda s: s.t_s > 30.0)
+    so_far = run.panel.so_far
+    assert so_far is not None
+    run.panel.orders.put(Order("out", "left"))  # sooner over
+    run.done()
+    told = FollowedRun(plan.tpg)
+    for event in run.events:
+        if event.t_ns <= so_far.now_ns:
+            told.apply(event)
+    assert not told.violations
+    found = so_far.followed()
+    assert found.now_ns == so_far.now_ns
+    assert found.nodes_done > 20
+    for one, other in zip(found.robots, told.robots, strict=True):
+        # What happens while it is looked at may be told of already.
+        done = one.completed
+        assert done <= other.completed <= done + 2
+        # It is told of once a driver has reported it.
+        assert (one.start_ns[:done] <= other.start_ns[:done]).all()
+        assert (one.end_ns[:done] <= other.end_ns[:done]).all()
+        assert (one.end_ns[done:] < 0).all()
+        assert (one.start_ns[done + 1 :] < 0).all()

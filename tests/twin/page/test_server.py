@@ -291,7 +291,9 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
     assert kinds.count("ordered") == 2
     assert kinds.count("stopped") == kinds.count("resumed") == 2
     (state,) = seen
-    # It was foreseen within a tenth, but for the seconds for which everybody was held.
-    assert state["forecast"]["p50_s"] == pytest.approx(
-        done.summary["makespan_s"], rel=0.1
+    # What holds it up afterwards makes it only later.
+    planned = twin.operate(
+        tmp_path / "stack.yaml", out=tmp_path / "twin", recording=False, audit=False
     )
+    first, last = planned.summary["makespan_s"], done.summary["makespan_s"]
+    assert 0.95 * first <= state["forecast"]["p50_s"] <= 1.05 * last
