@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from planning.tasks.task import DOOR, GONE
 from planning.tasks.time_window import TimeWindow
@@ -83,6 +83,10 @@ class Narrator:
             words = broken_words(window, when - self._ends.get(opens, when))
             if kind == "started" and words:
                 self.emit("window_broken", chain, node, detail=words, t_ns=when)
+
+    def held_by(self, holders: Mapping[str, str]) -> None:
+        """Take note of who holds what, where others told of the beginning of the run."""
+        self._holder = dict(holders)
 
     def close(self) -> None:
         """Tell that there is no more to come."""

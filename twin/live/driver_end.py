@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,12 +11,7 @@ import numpy as np
 
 from twin.live.driver import Driver, DriverState, Sample
 from twin.live.messages import Command, Report
-
-_AGAIN_S = 0.5
-"""After so long, samples that have not been heard of are told again [s]."""
-
-_MOST_SAMPLES = 5000
-"""Samples that are kept for a dispatcher that does not answer."""
+from twin.live.unheard import Unheard
 
 
 class DriverEnd:
@@ -43,8 +36,7 @@ class DriverEnd:
         self._session = ""
         self._number = self._seen = self._version = self._have = 0
         self._held = False
-        self._samples: deque[tuple[int, Sample]] = deque(maxlen=_MOST_SAMPLES)
-        self._again_s = -math.inf
+        self._samples = Unheard()
         self._turn = threading.RLock()
         self._left = False
 
@@ -67,8 +59,7 @@ class DriverEnd:
             self._session, self._have = command.session, command.done
             self._driver.begin(np.asarray(command.start), command.done)
         self._seen = command.number
-        while self._samples and self._samples[0][0] <= command.heard:
-            self._samples.popleft()
+        self._samples.heard(command.heard)
         self._take(command)
         if command.held != self._held:
             self._held = command.held
@@ -94,9 +85,9 @@ class DriverEnd:
     def _look(self) -> DriverState:
         """Return how far the robot is; its samples are told of in the next report."""
         state = self._driver.state()
-        alone = Sample(self._clock(), state.q, state.begun, state.done)
-        number = self._number + 1
-        self._samples += [(number, own) for own in state.samples or (alone,)]
+        if self._session:
+            alone = Sample(self._clock(), state.q, state.begun, state.done)
+            self._samples.add(state.samples or (alone,))
         return state
 
     def report(self) -> Report:
@@ -107,11 +98,8 @@ class DriverEnd:
     def _report(self) -> Report:
         now_s, state = self._clock(), self._look()
         self._number += 1
-        since = self._number
-        if now_s - self._again_s >= _AGAIN_S:
-            since, self._again_s = 0, now_s
-        told = [own for number, own in self._samples if number >= since]
-        state = replace(state, samples=tuple(told))
+        first, samples = self._samples.to_tell(now_s)
+        state = replace(state, samples=samples)
         have = self._have if state.failed < 0 else state.failed + 1
         return Report(
             self._session,
@@ -123,4 +111,6 @@ class DriverEnd:
             self._version,
             have,
             state,
+            first,
+            self._samples.kept,
         )

@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState
+from twin.live.driver import ClearedNode, DriverState, Sample
 from twin.live.messages import Command, Report
+
+_SAME_CLOCK_S = 1.0
+"""A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
 
 
 @dataclass
@@ -21,12 +24,14 @@ class Link:
         lease_s: without a report for so long, nothing more is cleared to it [s].
         repeat_s: what a driver has not got is told again after so long, and at least so often there is a
             sign of life [s].
-        number: of the last command; where a dispatcher is started anew, beyond all before.
+        number: of the last command.
         done: nodes that are through.
         cleared: nodes that it may pass, from its first one on.
         version: of the graph that they are from.
         ahead_s: how far the clock of the dispatcher is ahead of the driver's, as far as is known; None where
             they are the same [s].
+        near: whether its driver may be on this machine; where it then has the same clock, that is seen by its
+            first report.
         held, leave: whether it is to stand; whether nothing more will come.
         state: what it said last, None before it has.
         problem: what it has said that cannot be, empty for nothing: it is not to be relied on any more.
@@ -42,6 +47,7 @@ class Link:
     cleared: list[ClearedNode] = field(default_factory=list)
     version: int = 1
     ahead_s: float | None = math.inf
+    near: bool = False
     held: bool = False
     leave: bool = False
     state: DriverState | None = None
@@ -49,9 +55,38 @@ class Link:
     _instance: int = -1
     _report: int = -1
     _have: int | None = None
+    _taken: int | None = None
+    _base: int = 0
     _heard_s: float | None = None
     _sent_s: float | None = None
     _news: bool = True
+
+    def go_on(self, starts: int, done: int) -> None:
+        """Take up what a dispatcher before this one knew.
+
+        Args:
+            starts: how many there were.
+            done: nodes that are known to be through.
+        """
+        self.number = self._base = starts << 32
+        self.done = done
+
+    def samples(self, report: Report) -> tuple[Sample, ...] | None:
+        """Return the samples of a report that has been believed which have not come before.
+
+        None where some before them are still to come.
+        """
+        if report.seen <= self._base:
+            return None  # it does not know yet what this dispatcher has heard of
+        if self._taken is None:
+            self._taken = report.first
+        self._taken = max(self._taken, report.kept)
+        skip = self._taken - report.first
+        if skip < 0:
+            return None  # what is missing before them is told again
+        own = report.state.samples[skip:]
+        self._taken += len(own)
+        return own
 
     def alive(self, now_s: float) -> bool:
         """Tell whether its driver has given a sign of life."""
@@ -105,10 +140,12 @@ class Link:
         before, (self._instance, self._report) = self._instance, order
         if report.instance != before:
             # What it was told last may be old: it knows less than is known of it.
-            self._have = None
+            self._have = self._taken = None
             if self.ahead_s is not None:
                 self.ahead_s = math.inf
         self._heard_s = now_s
+        if self.near and 0.0 <= now_s - report.at_s < _SAME_CLOCK_S:
+            self.ahead_s = None
         if self.ahead_s is not None:
             self.ahead_s = min(self.ahead_s, now_s - report.at_s)
         if not report.session:
@@ -152,7 +189,7 @@ class Link:
             self.done,
             self.version,
             tuple(self.cleared[have:]),
-            max(self._report, 0),
+            self._taken or 0,
             self.held,
             self.leave,
         )

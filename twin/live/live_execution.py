@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,20 @@ import simpy
 from planning.errors import RequestError
 from scheduling.graph.task_edges import actuation_nodes
 from twin.durations.model import NANOSECONDS
+from twin.engine.processes import Steps
 from twin.live.driver import ClearedNode, DriverState
+from twin.live.history import ANEW, History
 from twin.live.link import Link
+from twin.live.measured_log import MeasuredLog
 from twin.live.measured_rows import MeasuredRows
 from twin.live.messages import Report
 from twin.live.wire import Wire
 from twin.operate.rolling import RollingExecution, Version
 from twin.run.events import EventKind, Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes
+
+_SAME_CLOCK_S = 60.0
+"""The age of a log tells so well when its run began; further off, the machine's clock began anew [s]."""
 
 _TICK_S = 0.02
 """How long messages are waited for at most, before links are looked at again [s]."""
@@ -43,6 +50,8 @@ class LiveExecution(RollingExecution):
         written: sees to it that all events so far are on the disk; called before a driver is cleared for more.
         out_s: a robot whose driver has been silent for so long is out [s].
         pace: how many times as fast as the clock the run's time goes.
+        measured: where samples are written; None for nowhere.
+        history: what has happened by the log, where the dispatcher was started anew.
     """
 
     driven = True
@@ -55,13 +64,16 @@ class LiveExecution(RollingExecution):
         written: Callable[[], None],
         out_s: float,
         pace: float = 1.0,
+        measured: Path | None = None,
+        history: History | None = None,
         **options: Any,
     ) -> None:
         super().__init__(*rest, **options)
         self._links, self._wires = links, wires
         self._written, self._out_s = written, out_s
         self._inbox: queue.SimpleQueue[Report] = queue.SimpleQueue()
-        self._begin_s, self._pace = time.monotonic(), pace
+        since_s = history.since_ns / NANOSECONDS if history else 0.0
+        self._begin_s, self._pace = time.monotonic() - since_s / pace, pace
         self._states: dict[str, DriverState] = {}
         self._told: dict[str, str] = {}
         self._silent = set(links)
@@ -69,6 +81,46 @@ class LiveExecution(RollingExecution):
         self._news = {name: self.env.event() for name in links}
         self._rows = {name: MeasuredRows() for name in links}
         self._acts = actuation_nodes(self.tpg)
+        self._log, self._history = MeasuredLog(measured), history
+        if history is not None:
+            self._remember(history)
+
+    def _remember(self, history: History) -> None:
+        """Take up the state that a log tells of."""
+        for k, chain in enumerate(self.tpg.chains):
+            cleared, begun = history.cleared_ns[k], history.start_ns[k]
+            done = history.end_ns[k]
+            self.released[k] = len(cleared)
+            self.outstanding[k] = len(cleared) - len(done)
+            self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
+            if done:
+                self.dispatcher.observe(k, len(done) - 1)
+            if k in history.finished:
+                self._finished[k] = len(chain)
+            if (link := self._links.get(chain.robot)) is not None:
+                link.clear([self._cleared(k, node) for node in range(len(cleared))])
+                link.go_on(history.starts, len(done))
+                self._rows[chain.robot].cleared_ns = list(cleared)
+        begin_s = self._log.begin_s()
+        if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:
+            self._begin_s = begin_s
+        for robot, t_ns, sample in self._log.before():
+            self._rows[robot].add(t_ns, sample)
+        for k, chain in enumerate(self.tpg.chains):
+            if chain.robot in self._rows:
+                # The log tells when the dispatcher heard of it.
+                rows = self._rows[chain.robot]
+                begun, done = history.start_ns[k], history.end_ns[k]
+                rows.begin_ns += begun[len(rows.begin_ns) :]
+                rows.end_ns += done[len(rows.end_ns) :]
+                self.start[k][: len(begun)] = rows.begin_ns[: len(begun)]
+                self.end[k][: len(done)] = rows.end_ns[: len(done)]
+        if self.narrator is not None:
+            self.narrator.held_by(history.holders)
+
+    def _robot(self, chain: int, node: int = 0) -> Steps:
+        done = len(self._history.end_ns[chain]) if self._history else 0
+        return super()._robot(chain, max(node, done))
 
     def execute(self) -> Outcome:
         """Run until everything is done, nothing can go on, or the user interrupts.
@@ -81,8 +133,13 @@ class LiveExecution(RollingExecution):
             wire.open(self._inbox.put)
         try:
             self._gather()
+            if self._history is not None:
+                self.env.run(until=self._history.since_ns)
+                if self.narrator is not None:
+                    self.narrator.emit("resumed", detail=ANEW)
             return super().execute()
         finally:
+            self._log.close()
             for name, wire in self._wires.items():
                 self._links[name].say_leave()
                 last = self._links[name].command(time.monotonic())
@@ -92,8 +149,9 @@ class LiveExecution(RollingExecution):
 
     def _gather(self) -> None:
         """Wait until all drivers have been heard of; the run's time begins then."""
+        begin_s = time.monotonic()
         while missing := sorted(self._links.keys() - self._states.keys()):
-            if time.monotonic() - self._begin_s > self._out_s:
+            if time.monotonic() - begin_s > self._out_s:
                 raise RequestError(
                     f"no driver of {', '.join(missing)} has been heard of for {self._out_s:g} s"
                 )
@@ -103,8 +161,12 @@ class LiveExecution(RollingExecution):
                 report = self._inbox.get(timeout=_TICK_S)
                 if (state := self._heard(report)) is not None:
                     self._states[report.robot] = state
+                    if self._history is not None:
+                        self._note(report, state)
         self._silent.clear()
-        self._begin_s = time.monotonic()
+        if self._history is None:
+            self._begin_s = time.monotonic()
+            self._log.begin(self._begin_s)
 
     def _heard(self, report: Report) -> DriverState | None:
         """Return what a report says, None where it is to be left aside."""
@@ -159,11 +221,24 @@ class LiveExecution(RollingExecution):
         """Take note of a report, as something that happens now in the simulation."""
         if (state := self._heard(report)) is None:
             return
-        link, rows = self._links[report.robot], self._rows[report.robot]
-        for sample in state.samples:
-            own_s = link.when(sample.at_s) - self._begin_s
-            rows.add(round(own_s * self._pace * NANOSECONDS), sample)
+        self._note(report, state)
         self._now(self._observe, report.robot, state)
+
+    def _note(self, report: Report, state: DriverState) -> None:
+        """Keep the samples of a report."""
+        name = report.robot
+        link, rows = self._links[name], self._rows[name]
+        if (samples := link.samples(report)) is None:
+            return
+        for sample in samples:
+            own_s = link.when(sample.at_s) - self._begin_s
+            own_ns = round(own_s * self._pace * NANOSECONDS)
+            if rows.add(own_ns, sample):
+                self._log.write(name, own_ns, sample)
+        # Of what no sample tells, as the driver was started anew, only that it has happened is known.
+        now = self._passed_ns()
+        rows.begin_ns += [now] * (state.begun - len(rows.begin_ns))
+        rows.end_ns += [now] * (state.done - len(rows.end_ns))
 
     def _now(self, act: Callable[..., None], *about: Any) -> None:
         """Let something happen in the simulation at the time that it is."""
@@ -220,6 +295,7 @@ class LiveExecution(RollingExecution):
     def _send(self, name: str) -> None:
         command = self._links[name].command(time.monotonic())
         if command is not None:
+            self._log.flush()  # what a driver is told to have been heard, it forgets
             if command.nodes:
                 self._written()
             self._wires[name].send(command)
@@ -266,10 +342,11 @@ class LiveExecution(RollingExecution):
         while not self._reached(name, node):
             yield self._news[name]
         rows = self._rows[name]
-        self.start[chain][node] = rows.begin_ns[node]
-        self._count_patience(chain, node)
-        if self.narrator is not None:
-            self.narrator.emit("started", chain, node)
+        if self.start[chain][node] < 0:
+            self.start[chain][node] = rows.begin_ns[node]
+            self._count_patience(chain, node)
+            if self.narrator is not None:
+                self.narrator.emit("started", chain, node)
         while not self._reached(name, node, through=True):
             yield self._news[name]
         if self._states[name].failed == node:
@@ -289,11 +366,10 @@ class LiveExecution(RollingExecution):
 
     def _reached(self, name: str, node: int, *, through: bool = False) -> bool:
         """Tell whether a robot has begun a node, or is through with it, or has failed there."""
-        state = self._states.get(name)
-        if state is None:
-            return False
-        count = state.done if through else state.begun
-        return count > node or state.failed == node
+        rows, state = self._rows[name], self._states.get(name)
+        times = rows.end_ns if through else rows.begin_ns
+        failed = state is not None and state.failed == node
+        return len(times) > node or (failed and len(rows.begin_ns) > node)
 
     def _swap(self, version: Version) -> None:
         super()._swap(version)

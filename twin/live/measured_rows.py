@@ -32,11 +32,11 @@ class MeasuredRows:
     _stood: tuple[int, Array] | None = None
     _last: tuple[float, int, int] = (-math.inf, 0, 0)
 
-    def add(self, t_ns: int, state: Sample) -> None:
-        """Take note of a sample, unless that has been done before."""
+    def add(self, t_ns: int, state: Sample) -> bool:
+        """Take note of a sample, and return whether that had not been done before."""
         order = state.at_s, state.done, state.begun
         if order <= self._last:
-            return
+            return False
         self._last = order
         begun = self.cleared_ns[state.begun - 1 : state.begun]
         t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
@@ -46,11 +46,12 @@ class MeasuredRows:
             if self._stood is None:
                 self._row(t_ns, state.q, state.done - 1)
             self._stood = t_ns, state.q
-            return
+            return True
         if self._stood is not None:
             self._row(*self._stood, state.done)
             self._stood = None
         self._row(t_ns, state.q, state.done)
+        return True
 
     def _row(self, t_ns: int, q: Array, node: int) -> None:
         if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):

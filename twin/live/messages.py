@@ -25,7 +25,7 @@ class Command:
         done: nodes that a driver that was started anew need not do.
         version: number of the graph that ``nodes`` are from, from 1.
         nodes: that the robot is cleared for, one after another; none where it has all.
-        heard: number of the last report that has come.
+        heard: how many samples have come, counted from the driver's first one on.
         held: whether it is to stand.
         leave: whether nothing more will come.
     """
@@ -55,7 +55,9 @@ class Report:
         seen: number of the last command that it has taken note of.
         version: number of the graph that its last nodes are from, 0 before the first.
         have: how many nodes it knows, from the robot's first one on.
-        state: how far it is; now and then it has the samples of all reports that have not been heard of.
+        state: how far it is; its samples are new, and now and then all that have not been heard of.
+        first: number of the first of the samples.
+        kept: number of the oldest sample that it can tell again.
     """
 
     session: str
@@ -67,3 +69,5 @@ class Report:
     version: int
     have: int
     state: DriverState
+    first: int = 0
+    kept: int = 0

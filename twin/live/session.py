@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import Workcell
+from twin.cluster.certificates import on_this_machine
 from twin.live.driver_end import DriverEnd
 from twin.live.drivers_file import DriversSection, ServiceDriver
+from twin.live.history import History
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.simulated_arm import SimulatedArm
@@ -37,14 +40,31 @@ class Session:
     drivers: DriversSection
     folder: Path = Path()
 
+    def content(self) -> dict[str, Any]:
+        """Return what a manifest says of it."""
+        folder = str(self.folder.resolve())
+        return {"drivers": self.drivers.model_dump(mode="json"), "folder": folder}
+
+    @classmethod
+    def of(cls, name: str, content: Mapping[str, Any]) -> Session:
+        """Return the session of a manifest."""
+        drivers = DriversSection.model_validate_json(json.dumps(content["drivers"]))
+        return cls(name, drivers, Path(content["folder"]))
+
     def execution(
-        self, cell: Workcell, written: Callable[[], None]
+        self,
+        cell: Workcell,
+        written: Callable[[], None],
+        measured: Path | None = None,
+        history: History | None = None,
     ) -> Callable[..., LiveExecution]:
         """Return what makes the state of the run.
 
         Args:
             cell: with the robots.
             written: sees to it that all events so far are on the disk.
+            measured: file to which samples are written.
+            history: what has happened by the log, where the dispatcher is started anew.
         """
         links, wires = {}, dict[str, Wire]()
         service = self._service(cell)
@@ -58,6 +78,7 @@ class Session:
             if isinstance(self.drivers.driver_of(robot.name), ServiceDriver):
                 assert service is not None
                 wires[robot.name] = service.wire(robot.name, robot.model.dof)
+                links[robot.name].near = on_this_machine(self.drivers.listen)
             else:
                 links[robot.name].ahead_s = None
                 wires[robot.name] = self._local(robot.name)
@@ -68,6 +89,8 @@ class Session:
             written=written,
             out_s=self.drivers.out_s,
             pace=self.drivers.pace,
+            measured=measured,
+            history=history,
         )
 
     def _service(self, cell: Workcell) -> Service | None:

@@ -113,7 +113,7 @@ def report_bytes(report: Report) -> bytes:
     """Return a report as bytes."""
     kind, state = message_class("Report"), report.state
     samples = [vars(own) | {"q": own.q.tolist()} for own in state.samples]
-    plain = {k: v for k, v in vars(report).items() if k != "state"}
+    plain: dict[str, Any] = {k: v for k, v in vars(report).items() if k != "state"}
     plain |= vars(state) | {
         "q": state.q.tolist(),
         "dq": state.dq.tolist(),
@@ -168,6 +168,8 @@ def read_report(content: bytes, joints: int | None = None) -> Report:
         told.version,
         told.have,
         state,
+        told.first,
+        told.kept,
     )
 
 

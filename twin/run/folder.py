@@ -16,6 +16,7 @@ from planning.files import read_file
 
 EVENTS = "events.jsonl"
 TRAJECTORY = "trajectory.parquet"
+MEASURED = "measured.csv"
 OBJECTS = "objects.parquet"
 RECORDING = "run.rrd"
 GANTT = "gantt.png"
@@ -29,6 +30,7 @@ FIRST = "first-plan"
 """Folder of the plan with which an operation began."""
 
 _RESULTS = (
+    MEASURED,
     *(
         TURNS,
         FIRST,

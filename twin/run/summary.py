@@ -49,6 +49,7 @@ class Preparation:
             plan is what became of it by a better order of tasks and shortcuts [s].
         operated: whether what fails is planned anew.
         answered: whether somebody answered what a person was asked, so that it cannot be executed again.
+        session: of the drivers that moved the robots, None where they are simulated.
     """
 
     recording: bool = False
@@ -65,6 +66,7 @@ class Preparation:
     makespan_asynchronous_s: float | None = None
     operated: bool = False
     answered: bool = False
+    session: Mapping[str, Any] | None = None
 
 
 def summarise(

@@ -7,6 +7,7 @@ writing what it does not hold yet: the same files, kill or none.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 from planning.errors import OutputError, TwinError
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from twin.audit.worlds.engines import Engine, engine_named
+from twin.durations.model import NANOSECONDS
 from twin.host.guard import write_json
 from twin.host.pictures import save_png
 from twin.host.progress import Report, report_nothing
@@ -32,6 +34,7 @@ from twin.run.folder import (
     EVENTS,
     FIRST,
     GANTT,
+    MEASURED,
     RECORDING,
     SUMMARY,
     TURNS,
@@ -103,7 +106,11 @@ def try_plan(
     """
     scenario, base, tpg = plan.scenario.sections, plan.scenario.folder, plan.tpg
     about = prepare(plan, recording=recording, audit=audit, operated=operated)
-    about = replace(about, answered=says is not None)
+    about = replace(
+        about,
+        answered=says is not None,
+        session=None if session is None else session.content(),
+    )
     with new_results(folder), whole_or_failed(folder):
         write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
         save_plan(tpg, folder)
@@ -114,7 +121,9 @@ def try_plan(
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
         log = JsonlRecorder(folder / EVENTS)
-        live = None if session is None else session.execution(tpg.cell, log.sync)
+        live = None
+        if session is not None:
+            live = session.execution(tpg.cell, log.sync, folder / MEASURED)
         done = _executed(plan, about, (log, memory), says, live)
         log.require_whole()
         progress(SIMULATION, 1, 1)
@@ -306,6 +315,8 @@ def resume_run(
     start = base or manifest_base(folder, manifest)
     require_same_files(folder, manifest, scenario, start)
     plan = _plan_to_resume(folder, LoadedScenario(scenario, start), about)
+    if about.session is not None:
+        return _go_on(plan, folder, about, known, progress)
     done = _executed(plan, about, (memory,))
     record = done.record
     if record.outcome == "aborted":
@@ -323,6 +334,47 @@ def resume_run(
     found = Resumed(len(known), len(lines) - len(known))
     return RunResult(
         folder, plan=done.plan, history=memory.events, record=record, resumed=found
+    )
+
+
+def _go_on(
+    plan: PlanResult,
+    folder: Path,
+    about: Preparation,
+    known: Sequence[str],
+    progress: Report,
+) -> RunResult:
+    """Go on with a run whose robots are moved by drivers, from what they and the log say of it.
+
+    Raises:
+        ResumeError: something was planned anew in it.
+    """
+    from twin.live.history import history_of
+    from twin.live.session import Session
+
+    assert about.session is not None
+    events = [parse_event(line) for line in known]
+    try:
+        history = history_of(plan.tpg, events)
+    except TwinError as error:
+        raise ResumeError(f"{folder}: {error}") from None
+    session = Session.of(folder.name, about.session)
+    stood_s = max(time.time() - (folder / EVENTS).stat().st_mtime, 0.0)
+    history.since_ns += round(stood_s * session.drivers.pace * NANOSECONDS)
+    memory = MemoryRecorder()
+    memory.events += events
+    with whole_or_failed(folder):
+        size = sum(len(line.encode()) for line in known)
+        log = JsonlRecorder(folder / EVENTS, kept=size)
+        live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED, history)
+        done = _executed(plan, about, (log, memory), None, live)
+        log.require_whole()
+        progress(SIMULATION, 1, 1)
+        _conclude(done, folder, memory.events, about, progress)
+    keep_new(folder)
+    told = Resumed(len(known), len(memory.events) - len(known))
+    return RunResult(
+        folder, plan=done.plan, history=memory.events, record=done.record, resumed=told
     )
 
 

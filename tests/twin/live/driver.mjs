@@ -16,10 +16,10 @@ const stream = cell.Drive();
 
 const seconds = () => Number(process.hrtime.bigint()) / 1e9;
 let session = "", number = 0, seen = 0, version = 0, have = 0, done = 0, left = false;
-let again = 0, q = [], nodes = [], gone = 0, at = seconds(), samples = [];
+let again = 0, kept = 0, told = 0, q = [], nodes = [], gone = 0, at = seconds(), samples = [];
 
 function sample(time, begun) {
-  samples.push({ number: number + 1, at_s: time, q, begun, done });
+  samples.push({ at_s: time, q, begun, done });
 }
 
 // Straight on from waypoint to waypoint, in the times that the node has for them.
@@ -74,7 +74,11 @@ stream.on("data", (command) => {
     at = seconds();
   }
   seen = command.number;
-  samples = samples.filter((own) => own.number > command.heard);
+  if (command.heard === 0) told = kept;
+  while (samples.length && kept < command.heard) {
+    samples.shift();
+    kept += 1;
+  }
   advance();
   for (const node of command.nodes) {
     if (node.node !== have) continue;
@@ -90,14 +94,15 @@ stream.on("data", (command) => {
 const timer = setInterval(() => {
   advance();
   const begun = done + (gone > 0 ? 1 : 0);
-  sample(at, begun);
+  if (session) sample(at, begun);
   number += 1;
-  const all = at - again > 0.5;
-  if (all) again = at;
-  const told = all ? samples : samples.filter((own) => own.number === number);
+  if (at - again > 0.5) [told, again] = [kept, at];
+  const first = Math.max(told, kept);
+  const fresh = samples.slice(first - kept);
+  told = kept + samples.length;
   stream.write({
     session, robot, instance: process.pid, number, at_s: at, seen, version, have, begun, done,
-    mode: nodes.length ? "moving" : "standing", q, dq: q.map(() => 0), samples: told,
+    mode: nodes.length ? "moving" : "standing", q, dq: q.map(() => 0), samples: fresh, first, kept,
   });
   if (left) {
     clearInterval(timer);

@@ -92,7 +92,8 @@ class Cell:
     def start_dispatcher_anew(self, times: int) -> None:
         """Start it with what was written: what it has cleared, and which nodes are known to be through."""
         old = self.link
-        self.link = Link("run", "left", START, number=times << 32, done=old.done)
+        self.link = Link("run", "left", START)
+        self.link.go_on(times, old.done)
         self.link.clear(self.nodes[: self.cleared])
 
     def tick(self) -> None:

@@ -305,7 +305,8 @@ def test_a_driver_asks_until_its_cell_is_there_and_again_when_it_was_cut_off() -
         service, heard = Service(address), list[Report]()
         wire = service.wire("left", 2)
         wire.open(heard.append)
-        link = Link("run", "left", START, number=number << 32)
+        link = Link("run", "left", START)
+        link.go_on(number, 0)
         link.clear(some_nodes(random.Random(3), 3))
         deadline = time.monotonic() + 20.0
         while link.done < number and time.monotonic() < deadline:
