@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import PlacedRobot, Workcell
 from twin.cluster.certificates import on_this_machine
 from twin.live.driver_end import DriverEnd
-from twin.live.drivers_file import DriversSection, ServiceDriver
+from twin.live.drivers_file import DriversSection, FrankaArm, ServiceDriver
 from twin.live.history import History
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
@@ -81,7 +81,7 @@ class Session:
                 links[robot.name].near = on_this_machine(self.drivers.listen)
             else:
                 links[robot.name].ahead_s = None
-                wires[robot.name] = self._local(robot.name)
+                wires[robot.name] = self._local(robot)
         return partial(
             LiveExecution,
             links=links,
@@ -103,7 +103,12 @@ class Session:
         held = certificates_of(self.drivers.certificates, self.folder)
         return Service(self.drivers.listen, held)
 
-    def _local(self, robot: str) -> Wire:
-        pace = self.drivers.pace
-        end = DriverEnd(SimulatedArm(pace=pace), robot, started_now())
+    def _local(self, robot: PlacedRobot) -> Wire:
+        chosen, pace = self.drivers.driver_of(robot.name), self.drivers.pace
+        if isinstance(chosen, FrankaArm):
+            from twin.live.franka import franka_driver
+
+            end = DriverEnd(franka_driver(chosen, robot), robot.name, started_now())
+            return LocalWire(end)
+        end = DriverEnd(SimulatedArm(pace=pace), robot.name, started_now())
         return LocalWire(end, max(_EVERY_S / pace, _LEAST_S))
