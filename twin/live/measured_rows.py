@@ -48,6 +48,8 @@ class MeasuredRows:
             self._stood = t_ns, state.q
             return True
         if self._stood is not None:
+            # What moved while it stood was no part of the node that it now begins.
+            self._row(*self._stood, state.done - 1)
             self._row(*self._stood, state.done)
             self._stood = None
         self._row(t_ns, state.q, state.done)
