@@ -21,7 +21,7 @@ import twin
 from benchmarks.live.driven import Driven, drive
 from benchmarks.live.scene import OPENING, Scene
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.live.franka import FrankaDriver, HandGrip
+from twin.drivers.franka import FrankaDriver, HandGrip
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "assembly" / "fr3_cubes.yaml"
 

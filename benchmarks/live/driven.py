@@ -14,7 +14,7 @@ from planning.transforms import Transform
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.live.driver import ClearedNode, Driver, Sample
+from twin.drivers.driver import ClearedNode, Driver, Sample
 
 _PERIOD_S = 0.01
 """How often drivers are asked [s]."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from planning.errors import RequestError
 from twin.api.runs import AnyPlan, Begun, check
 from twin.audit.worlds.engines import engine_named
+from twin.drivers.drivers_file import read_drivers
 from twin.host.progress import Report, report_nothing
-from twin.live.drivers_file import read_drivers
 from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says

@@ -33,10 +33,10 @@ def drive_robot(
         patience: how long it asks for a cell that is not there [s].
     """
     from twin.cluster.certificates import certificates_in
+    from twin.drivers.simulated_arm import SimulatedArm
     from twin.host.guard import print_json
     from twin.live.driver_end import DriverEnd
     from twin.live.remote import drive_remotely
-    from twin.live.simulated_arm import SimulatedArm
     from twin.live.wire import started_now
 
     end = DriverEnd(SimulatedArm(pace=pace), robot, started_now())

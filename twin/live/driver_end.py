@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.live.driver import Driver, DriverState, Sample
+from twin.drivers.driver import Driver, DriverState, Sample
 from twin.live.messages import Command, Report
 from twin.live.unheard import Unheard
 

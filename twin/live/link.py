@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Sample
 from twin.live.messages import Command, Report
 
 _SAME_CLOCK_S = 1.0

@@ -20,9 +20,9 @@ import simpy
 
 from planning.errors import RequestError
 from scheduling.graph.task_edges import actuation_nodes
+from twin.drivers.driver import ClearedNode, DriverState
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
-from twin.live.driver import ClearedNode, DriverState
 from twin.live.history import ANEW, History
 from twin.live.link import Link
 from twin.live.measured_log import MeasuredLog

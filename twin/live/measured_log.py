@@ -8,7 +8,7 @@ from typing import TextIO
 
 import numpy as np
 
-from twin.live.driver import Sample
+from twin.drivers.driver import Sample
 
 _BEGIN = "#begin"
 """First column of the line that says when the run began."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planning.transforms import Array
-from twin.live.driver import Sample
+from twin.drivers.driver import Sample
 from twin.run.events import Measured
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState
+from twin.drivers.driver import ClearedNode, DriverState
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import PlacedRobot, Workcell
 from twin.cluster.certificates import on_this_machine
+from twin.drivers.drivers_file import DriversSection, FrankaArm, ServiceDriver
+from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
-from twin.live.drivers_file import DriversSection, FrankaArm, ServiceDriver
 from twin.live.history import History
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
-from twin.live.simulated_arm import SimulatedArm
 from twin.live.wire import LocalWire, Wire, started_now
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class Session:
     def _local(self, robot: PlacedRobot) -> Wire:
         chosen, pace = self.drivers.driver_of(robot.name), self.drivers.pace
         if isinstance(chosen, FrankaArm):
-            from twin.live.franka import franka_driver
+            from twin.drivers.franka import franka_driver
 
             end = DriverEnd(franka_driver(chosen, robot), robot.name, started_now())
             return LocalWire(end)

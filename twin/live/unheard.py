@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from itertools import islice
 
-from twin.live.driver import Sample
+from twin.drivers.driver import Sample
 
 _AGAIN_S = 0.5
 """After so long, samples that have not been heard of are told again [s]."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from planning.errors import RequestError, TwinError
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
 from twin.live.messages import Command, Report
 
 DESCRIPTION = Path(__file__).with_name("cell.binpb")

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.drivers.driver import Mode
 from twin.follow.state import FollowedRun
-from twin.live.driver import Mode
 
 Action = Literal["hold", "go on", "out", "yes", "no"]
 """What somebody may order: of a robot or all, or as the answer to a question."""

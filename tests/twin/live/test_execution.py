@@ -17,12 +17,12 @@ from planning.errors import OutputError, RequestError
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK, stack
-from twin.live.driver import ClearedNode, DriverState
+from twin.drivers.driver import ClearedNode, DriverState
+from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.messages import Command, Report
-from twin.live.simulated_arm import SimulatedArm
 from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate
 from twin.recorders.observers import MemoryRecorder

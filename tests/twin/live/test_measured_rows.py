@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.live.driver import Sample
+from twin.drivers.driver import Sample
 from twin.live.measured_rows import MeasuredRows
 
 

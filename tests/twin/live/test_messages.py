@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.live.driver import ClearedNode
+from twin.drivers.driver import ClearedNode
+from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.messages import Command, Report
-from twin.live.simulated_arm import SimulatedArm
 
 TICK_S = 0.05
 START = np.zeros(2)

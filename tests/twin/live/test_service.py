@@ -24,13 +24,13 @@ from planning.errors import RequestError, TwinError
 from tests.twin.live.test_execution import PACE, placed, plan, require_order
 from tests.twin.live.test_messages import START, some_nodes
 from twin.cluster.certificates import Certificates, make_certificates
+from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.messages import Command, Report
 from twin.live.remote import drive_remotely
 from twin.live.service import METHOD, Service, channel_to
-from twin.live.simulated_arm import SimulatedArm
 from twin.live.wire_format import (
     DESCRIPTION,
     MessageError,

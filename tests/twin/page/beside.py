@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
-from twin.live.simulated_arm import SimulatedArm
 from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate
 from twin.page.attended_execution import AttendedExecution

@@ -39,7 +39,7 @@ class ServiceDriver(Section):
 
 
 class FrankaArm(Section):
-    """A robot of Franka Robotics with its hand, by libfranka; see ``twin.live.franka``.
+    """A robot of Franka Robotics with its hand, by libfranka; see ``twin.drivers.franka``.
 
     Attributes:
         address: of its controller.

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
 
 
 class SimulatedArm:

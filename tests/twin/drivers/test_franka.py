@@ -19,10 +19,10 @@ from planning.cell.robot_model import MotionLimits, limits_of
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
-from twin.live import franka
-from twin.live.driver import ClearedNode, DriverState
-from twin.live.drivers_file import FrankaArm, read_drivers
-from twin.live.franka import FrankaDriver, FrankaError, HandGrip, franka_driver
+from twin.drivers import franka
+from twin.drivers.driver import ClearedNode, DriverState
+from twin.drivers.drivers_file import FrankaArm, read_drivers
+from twin.drivers.franka import FrankaDriver, FrankaError, HandGrip, franka_driver
 from twin.scenario.document.validation import InvalidScenarioError
 
 LIMITS = MotionLimits(np.full(7, 4.0), np.full(7, 60.0), np.full(7, 5000.0))

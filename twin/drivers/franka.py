@@ -24,9 +24,9 @@ from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import PlacedRobot
 from planning.errors import TwinError
 from planning.transforms import Array
-from twin.live.driver import ClearedNode, DriverState, Mode, Sample
-from twin.live.drivers_file import FrankaArm
-from twin.live.legs import ClearedPath
+from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.drivers_file import FrankaArm
+from twin.drivers.legs import ClearedPath
 
 _LEAST_SHARE = 0.01
 """Limits of joints that hardly move, over those of the one with the longest way."""

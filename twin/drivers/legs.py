@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.transforms import Array
-from twin.live.driver import ClearedNode
+from twin.drivers.driver import ClearedNode
 
 STRAIGHT = 2e-3
 """Farthest that a joint of a path may be from the leg that is passed in its place [rad or m]."""

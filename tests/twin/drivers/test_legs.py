@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from planning.transforms import Array
-from twin.live.driver import ClearedNode
-from twin.live.legs import STRAIGHT, ClearedPath
+from twin.drivers.driver import ClearedNode
+from twin.drivers.legs import STRAIGHT, ClearedPath
 
 
 def node(
