@@ -247,7 +247,7 @@ def _go_through(bricks: int, clock: Clock, *, shortcuts: bool) -> Measurement:
         else:
             loaded = LoadedScenario(scenario, file.parent)
             done = _executed(loaded, tpg, clock, Path(name))
-            makespan = float(done.run.makespan_s)
+            makespan = float(done.record.makespan_s)
             violations = len(done.summary["audit"]["violations"])
     seconds, load = clock.seconds, (0.0, 0.0)
     return Measurement(bricks, seconds, 0, memory, cost, makespan, violations, load)

@@ -17,7 +17,6 @@ from planning.cell.workcell import CellObject, PlacedRobot
 from planning.robots.descriptions.xml_files import find_mesh
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, from_quat_wxyz
-from twin.run.folder import OBJECTS
 from twin.trial.run_result import RunResult
 
 PLACE = "payload//"
@@ -76,7 +75,7 @@ def described_robots(folder: Path) -> tuple[DescribedRobot, ...]:
         for tool in robot.tools:
             mass = _mass(tool.model.urdf) - _mass(robot.model.urdf)
             parts[tool.item.name] = replace(tool.item, mass=mass)
-    rows = run.table(OBJECTS).to_pylist()
+    rows = run.objects.to_pylist()
     return tuple(described_robot(robot, parts, rows) for robot in run.tpg.cell.robots)
 
 
