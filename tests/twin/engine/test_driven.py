@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from scheduling.graph.dispatcher import Dispatcher
@@ -75,7 +75,19 @@ STOPPED = st.builds(
 )
 
 
+AT_A_BORDER = Disturbances(
+    emergency_stops=(EmergencyStop(at_s=0.61046857139397, duration_s=1.0),)
+)
+"""Stops a robot so that it comes to rest at the end of a stretch, but for rounding."""
+
+
 @settings(max_examples=60, deadline=None)
+@example(
+    driven_tpg(11434, dofs=(2, 3), tasks=9, nodes_per_transit=3, edges=0),
+    AT_A_BORDER,
+    NOMINAL,
+    0,
+)
 @given(DRIVEN_TPGS, STOPPED, st.sampled_from([VARIED, NOMINAL]), st.integers(0, 99))
 def test_robots_that_the_clock_stops_keep_to_limits_in_skills_too(
     tpg: TemporalPlanGraph,
