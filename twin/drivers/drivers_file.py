@@ -22,14 +22,9 @@ _Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
 
 class SimulatedDriver(Section):
-    """An arm of the twin, which follows its nodes by the clock.
-
-    Attributes:
-        pace: how many times as fast as planned.
-    """
+    """An arm of the twin, which follows its nodes by the clock."""
 
     kind: Literal["simulated"]
-    pace: Annotated[float, Field(gt=0, le=1e6)] = 1.0
 
 
 class ServiceDriver(Section):
@@ -79,7 +74,7 @@ class DriversSection(Section):
             is listened to.
         lease_s: without a sign of life for so long, nothing more is cleared to a driver [s].
         out_s: a driver that is silent for so long is given up [s].
-        pace: of arms that are simulated.
+        pace: how many times as fast as the clock the run's time goes, where all arms are simulated.
     """
 
     robots: dict[Name, AnyDriver] = Field(default_factory=dict)

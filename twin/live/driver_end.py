@@ -51,7 +51,9 @@ class DriverEnd:
             self._receive(command)
 
     def _receive(self, command: Command) -> None:
-        if command.robot != self._robot or self.left:
+        # What was sent before this driver was heard of may be older than what it is to know.
+        meant = (command.robot, command.instance) == (self._robot, self._instance)
+        if not meant or self.left:
             return
         if self._session not in ("", command.session) or command.number <= self._seen:
             return

@@ -22,6 +22,7 @@ class History:
             as they were, one entry a chain [ns].
         finished: chains that have come to their end.
         holders: who holds each object that is held.
+        held: robots that a person lets stand.
         starts: how often the dispatcher was started.
         since_ns: how late it is in the run [ns].
     """
@@ -31,6 +32,7 @@ class History:
     end_ns: list[list[int]] = field(default_factory=list)
     finished: set[int] = field(default_factory=set)
     holders: dict[str, str] = field(default_factory=dict)
+    held: set[str] = field(default_factory=set)
     starts: int = 1
     since_ns: int = 0
 
@@ -65,6 +67,11 @@ def history_of(tpg: TemporalPlanGraph, events: Sequence[Event]) -> History:
         found.since_ns = max(found.since_ns, event.t_ns)
         if event.detail == ANEW:
             found.starts += 1
+        elif event.kind == "ordered":
+            names = {event.robot} if event.robot else set(chains)
+            found.held = found.held - names | (
+                names if event.detail == "hold" else set()
+            )
         elif event.robot in chains:
             k = chains[event.robot]
             if event.kind in rows:

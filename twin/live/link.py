@@ -184,6 +184,7 @@ class Link:
         return Command(
             self.session,
             self.robot,
+            max(self._instance, 0),
             self.number,
             stands,
             self.done,

@@ -100,6 +100,7 @@ class LiveExecution(RollingExecution):
             if (link := self._links.get(chain.robot)) is not None:
                 link.clear([self._cleared(k, node) for node in range(len(cleared))])
                 link.go_on(history.starts, len(done))
+                link.hold(chain.robot in history.held)
                 self._rows[chain.robot].cleared_ns = list(cleared)
         begin_s = self._log.begin_s()
         if begin_s is not None and abs(begin_s - self._begin_s) < _SAME_CLOCK_S:

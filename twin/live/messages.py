@@ -20,6 +20,7 @@ class Command:
     Attributes:
         session: name of the run; a driver serves one at a time.
         robot: who is meant.
+        instance: of the driver that is meant, the last one that was heard of; 0 where none was.
         number: greater than of all before, also after the dispatcher was started anew.
         start: where the plan has the robot stand after ``done`` nodes, shape (n,).
         done: nodes that a driver that was started anew need not do.
@@ -32,6 +33,7 @@ class Command:
 
     session: str
     robot: str
+    instance: int
     number: int
     start: Array
     done: int

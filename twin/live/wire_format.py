@@ -77,6 +77,7 @@ def read_command(content: bytes) -> Command:
     return Command(
         told.session,
         told.robot,
+        told.instance,
         told.number,
         start,
         told.done,

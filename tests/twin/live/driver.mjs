@@ -15,6 +15,7 @@ await new Promise((ready, failed) =>
 const stream = cell.Drive();
 
 const seconds = () => Number(process.hrtime.bigint()) / 1e9;
+const instance = Date.now();
 let session = "", number = 0, seen = 0, version = 0, have = 0, done = 0, left = false;
 let again = 0, kept = 0, told = 0, q = [], nodes = [], gone = 0, at = seconds(), samples = [];
 
@@ -65,7 +66,8 @@ function advance() {
 }
 
 stream.on("data", (command) => {
-  if (command.robot !== robot || left || command.number <= seen) return;
+  if (command.robot !== robot || command.instance !== instance) return;
+  if (left || command.number <= seen) return;
   if (session && session !== command.session) return;
   if (!session) {
     session = command.session;
@@ -101,7 +103,7 @@ const timer = setInterval(() => {
   const fresh = samples.slice(first - kept);
   told = kept + samples.length;
   stream.write({
-    session, robot, instance: process.pid, number, at_s: at, seen, version, have, begun, done,
+    session, robot, instance, number, at_s: at, seen, version, have, begun, done,
     mode: nodes.length ? "moving" : "standing", q, dq: q.map(() => 0), samples: fresh, first, kept,
   });
   if (left) {

@@ -221,7 +221,7 @@ def test_what_is_no_message_is_left_aside_and_changes_nothing(
     link.clear(some_nodes(rng, 3))
     command = link.command(0.0)
     assert command is not None
-    end.receive(command)
+    end.receive(replace(command, instance=1))
     whole = report_bytes(end.report())
     broken = []
     while len(broken) < 2000:
@@ -254,7 +254,7 @@ def test_messages_are_the_same_after_they_were_bytes(seed: int, count: int) -> N
     assert command is not None
     again = read_command(command_bytes(command))
     assert same(again, command)
-    end = DriverEnd(SimulatedArm(lambda: 0.0), "left", rng.randrange(2**60))
+    end = DriverEnd(SimulatedArm(lambda: 0.0), "left", 0)
     end.receive(again)
     report = end.report()
     if rng.random() < 0.5:
