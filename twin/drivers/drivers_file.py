@@ -116,6 +116,12 @@ def read_drivers(path: Path, robots: tuple[str, ...]) -> DriversSection:
             if name not in robots
         ),
     ]
+    real = [k for k, own in section.robots.items() if isinstance(own, FrankaArm)]
+    if section.pace != 1.0 and real:
+        words = (
+            f"pace: {real[0]} is a real robot, whose time goes as it goes: leave it out"
+        )
+        problems.append(document.problem(("pace",), words))
     if problems:
         raise InvalidScenarioError(path, problems, document.lines)
     return section

@@ -326,7 +326,7 @@ class LiveExecution(RollingExecution):
             task.label,
             own.waypoints[rows],
             own.fraction[rows] * own.duration[node],
-            "" if act is None else act.act,
+            act.act if act is not None and act.robot == own.robot else "",
             task.object or "",
         )
 

@@ -1,0 +1,91 @@
+"""A dispatcher that is killed while drivers of their own processes move the robots, and goes on."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import twin
+from planning.errors import TwinError
+from scheduling.graph.plan_files import load_plan
+from tests.twin.live.test_execution import STACK
+from twin.live.history import ANEW, history_of
+from twin.run.events import Event
+from twin.trial.trial import resume_run
+
+pytest.importorskip("grpc")
+
+PACE = 20.0
+
+
+def started(*words: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "twin.cli", *map(str, words), "--quiet"]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+
+
+def lines(log: Path) -> list[dict[str, object]]:
+    text = log.read_text() if log.exists() else ""
+    return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
+
+
+def test_a_dispatcher_that_was_killed_goes_on_and_clears_nothing_twice(
+    tmp_path: Path,
+) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    scenario, out = tmp_path / "stack.yaml", tmp_path / "run"
+    scenario.write_text(STACK)
+    (tmp_path / "drivers.yaml").write_text(
+        f"pace: {PACE}\nlisten: {address}\n"
+        "robots: {left: {kind: grpc}, right: {kind: grpc}}\n"
+    )
+    arms = [started("drive", address, n, "--pace", PACE) for n in ("left", "right")]
+    files = ("--drivers", tmp_path / "drivers.yaml", "--out", out, "--no-recording")
+    first = started("operate", scenario, *files)
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        if sum(e["kind"] == "completed" for e in lines(out / "events.jsonl")) > 100:
+            break
+        time.sleep(0.02)
+    first.kill()
+    first.communicate()
+    before = lines(out / "events.jsonl")
+    assert before
+    # Meanwhile drivers go on to the end of what they are cleared for.
+    done = resume_run(out)
+    for arm in arms:
+        assert arm.wait(20) == 0
+        arm.communicate()
+    assert done.outcome == "completed"
+    assert done.summary["audit"]["violations"] == []
+    events = lines(out / "events.jsonl")
+    assert events[: len(before)] == before
+    assert sum(e["detail"] == ANEW for e in events) == 1
+    released = [(e["robot"], e["node"]) for e in events if e["kind"] == "released"]
+    assert len(released) == len(set(released))
+    chains = load_plan(out).chains
+    assert len(released) == sum(map(len, chains))
+
+
+def test_what_was_planned_anew_is_not_gone_on_with() -> None:
+    tpg = twin.plan("tray").tpg
+    robot = tpg.chains[0].robot
+    told = [
+        Event(0, robot, "released", 0, 0),
+        Event(5, robot, "started", 0, 0),
+        Event(7, "", "ordered", detail="hold"),
+        Event(9, robot, "ordered", detail="go_on"),
+    ]
+    found = history_of(tpg, told)
+    assert (found.cleared_ns[0], found.start_ns[0], found.end_ns[0]) == ([0], [5], [])
+    assert found.held == {chain.robot for chain in tpg.chains[1:]}
+    assert found.since_ns == 9
+    with pytest.raises(TwinError, match=r"at 12\.000 s something failed"):
+        history_of(tpg, [*told, Event(12 * 10**9, robot, "failed", 0, 0)])
