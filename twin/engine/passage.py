@@ -129,11 +129,9 @@ class Passage:
                 if self.speed > 0.0:
                     return stood
                 stood += self._stand(node, gone, stops)
-                if length - gone <= _ROUNDING_NS:
-                    return stood  # it has come to rest at the border
-            took, leave, peak = pass_through(
-                length - gone, top, self.speed, bound, ramp
-            )
+            # Where it came to rest at the border, rounding may say that it went beyond.
+            left = max(length - gone, 0.0)
+            took, leave, peak = pass_through(left, top, self.speed, bound, ramp)
             if stops is not None:
                 stop = stops.next_edge(self.now_ns)
                 if self.base_ns + self.passed + took > stop:
