@@ -14,7 +14,7 @@ from planning.transforms import Transform
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.drivers.driver import ClearedNode, Driver, Sample
+from twin.drivers.driver import Driver, Sample, cleared_node
 
 _PERIOD_S = 0.01
 """How often drivers are asked [s]."""
@@ -39,29 +39,6 @@ class Driven:
     simulated_s: float
     wall_s: float
     failed: str
-
-
-def cleared_nodes(tpg: TemporalPlanGraph, k: int) -> list[ClearedNode]:
-    """Return all nodes of a chain as its driver knows them."""
-    chain, acts = tpg.chains[k], actuation_nodes(tpg)[k]
-    found = []
-    for node in range(len(chain)):
-        own = slice(int(chain.first[node]), int(chain.first[node + 1]))
-        task = tpg.tasks[chain.task[node]]
-        act = acts.get(node)
-        found.append(
-            ClearedNode(
-                node,
-                int(chain.task[node]),
-                task.kind,
-                task.label,
-                chain.waypoints[own],
-                chain.fraction[own] * chain.duration[node],
-                act.act if act is not None and act.robot == chain.robot else "",
-                task.object or "",
-            )
-        )
-    return found
 
 
 def tool_off(tpg: TemporalPlanGraph, k: int, samples: list[Sample]) -> float:
@@ -107,7 +84,11 @@ def drive(
         patience_s: how long nothing may be done [s].
     """
     dispatcher = Dispatcher(tpg)
-    nodes = [cleared_nodes(tpg, k) for k in range(len(tpg.chains))]
+    acts = actuation_nodes(tpg)
+    nodes = [
+        [cleared_node(tpg, k, node, acts[k]) for node in range(len(chain))]
+        for k, chain in enumerate(tpg.chains)
+    ]
     own = [drivers[chain.robot] for chain in tpg.chains]
     given, off = [0] * len(own), {chain.robot: 0.0 for chain in tpg.chains}
     samples: list[list[Sample]] = [[] for _ in own]

@@ -81,14 +81,15 @@ def operate(
     require_rolling(case.sections)
     checked = check(case, progress=progress)
     checked.require_ok()
-    section = None if drivers is None else _session(case, Path(drivers))
+    session = None if drivers is None else _session(case, Path(drivers))
     with run_folder(None if out is None else Path(out), case.name) as folder:
         if begun is not None:
             begun(checked, folder)
         made = plan_to_operate(case, progress)
         if failures is not None:
             made = replace(made, scenario=with_failures(case, made.tpg, failures))
-        session = None if section is None else section(folder.name)
+        if session is not None:
+            session = replace(session, name=folder.name)
         with ExitStack() as stack:
             if session is not None and page is not None:
                 panel = stack.enter_context(_page(made.scenario, page, opened))
@@ -127,11 +128,12 @@ def _page(
         yield panel
 
 
-def _session(case: LoadedScenario, path: Path) -> Callable[[str], Session]:
-    """Return what makes the session of a run of a name, with the drivers that a file names."""
+def _session(case: LoadedScenario, path: Path) -> Session:
+    """Return the session with the drivers that a file names, which can be held as far as is known before."""
     robots = tuple(robot.name for robot in case.sections.cell.robots)
-    section = read_drivers(path, robots)
-    return lambda name: Session(name, section, path.parent)
+    session = Session(case.name, read_drivers(path, robots), path.parent)
+    session.require_servable()
+    return session
 
 
 def require_operable(

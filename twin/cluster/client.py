@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from planning.errors import RequestError, TwinError, listed
 from twin.cluster.certificates import Certificates, Cluster
+from twin.host.extras import extra_module
 from twin.host.guard import versions
 
 ANSWER_WITHIN_S = 10.0
@@ -34,13 +35,13 @@ def distributed() -> Any:
     Raises:
         ClusterError: it is not installed.
     """
-    try:
-        return importlib.import_module("distributed")
-    except ImportError as error:
-        raise ClusterError(
-            "a cluster needs the package 'distributed': pip install"
-            " 'assembly-twin[cluster]'"
-        ) from error
+    return extra_module(
+        "distributed",
+        package="distributed",
+        extra="cluster",
+        needs="a cluster",
+        error=ClusterError,
+    )
 
 
 def security(certificates: Certificates, role: str) -> Any:

@@ -6,10 +6,13 @@ been cleared for, whatever happens to whoever clears it. What it is cleared for 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from planning.tasks.task import Actuation
 from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Mode = Literal["standing", "moving", "held", "fault"]
 """What a robot does: it stands as it is cleared for no more, it moves, it is held, or it can do no more."""
@@ -38,6 +41,31 @@ class ClearedNode:
     seconds: Array
     act: str = ""
     object: str = ""
+
+
+def cleared_node(
+    tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]
+) -> ClearedNode:
+    """Return a node of a plan as its driver knows it.
+
+    Args:
+        tpg: the plan.
+        chain, node: which one.
+        acts: what tools do in which nodes of the chain, see ``actuation_nodes``.
+    """
+    own = tpg.chains[chain]
+    rows = slice(int(own.first[node]), int(own.first[node + 1]))
+    task, act = tpg.tasks[int(own.task[node])], acts.get(node)
+    return ClearedNode(
+        node,
+        task.index,
+        task.kind,
+        task.label,
+        own.waypoints[rows],
+        own.fraction[rows] * own.duration[node],
+        act.act if act is not None and act.robot == own.robot else "",
+        task.object or "",
+    )
 
 
 @dataclass(frozen=True, eq=False)

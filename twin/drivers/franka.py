@@ -11,7 +11,6 @@ who cleared it; when this process dies, the robot's controller stops it.
 from __future__ import annotations
 
 import atexit
-import importlib
 import threading
 import time
 from collections import deque
@@ -27,6 +26,7 @@ from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
 from twin.drivers.drivers_file import FrankaArm
 from twin.drivers.legs import ClearedPath
+from twin.host.extras import extra_module
 
 _LEAST_SHARE = 0.01
 """Limits of joints that hardly move, over those of the one with the longest way."""
@@ -85,13 +85,13 @@ def franky() -> Any:
     Raises:
         FrankaError: it is not installed.
     """
-    try:
-        return importlib.import_module("franky")
-    except ImportError as error:
-        raise FrankaError(
-            "a Franka robot needs the package 'franky-control': pip install"
-            " 'assembly-twin[franka]'"
-        ) from error
+    return extra_module(
+        "franky",
+        package="franky-control",
+        extra="franka",
+        needs="a Franka robot",
+        error=FrankaError,
+    )
 
 
 class FrankaDriver:

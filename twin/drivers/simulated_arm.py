@@ -34,10 +34,9 @@ class SimulatedArm:
     ) -> None:
         self._clock, self._pace, self._fails = clock, pace, fails
         self._stands, self._reach = stands, reach
-        self._q = np.zeros(0) if stands is None else stands
-        self._start = self._q
+        self._start = np.zeros(0) if stands is None else stands
         self._nodes: list[ClearedNode] = []
-        self._first = self._done = self._failed = 0
+        self._first = self._done = 0
         self._failed, self._gone, self._at = -1, 0.0, clock()
         self._held, self._words = False, ""
         self._samples: list[Sample] = []
@@ -46,20 +45,14 @@ class SimulatedArm:
         """Be told where the plan has it stand; see Driver."""
         self._first = self._done = done
         self._start = start
-        if self._stands is None:
-            self._q = start
 
     def take(self, nodes: list[ClearedNode]) -> None:
         """Take further nodes; see Driver."""
         self._advance()
         if self._failed >= 0:
             del self._nodes[self._failed + 1 - self._first :]
-            self._done, self._gone, self._failed, self._words = (
-                self._failed + 1,
-                0.0,
-                -1,
-                "",
-            )
+            self._done, self._gone = self._failed + 1, 0.0
+            self._failed, self._words = -1, ""
         self._nodes += nodes
         if self._stands is not None:
             self._find_itself()
@@ -93,18 +86,15 @@ class SimulatedArm:
         if self._words and self._failed < 0:
             mode = "fault"
         begun = self._done + (going and self._gone > 0.0)
-        before, self._q = self._q, self._position()
-        speed = np.zeros_like(self._q)
-        if mode == "moving" and before.shape == self._q.shape:
-            speed = self._q - before
+        q, dq = self._motion()
         self._sample(self._at)
         samples, self._samples = tuple(self._samples), []
         return DriverState(
             begun,
             self._done,
             mode,
-            self._q,
-            speed,
+            q,
+            dq if mode == "moving" else np.zeros_like(q),
             0.0,
             self._failed,
             self._words,
@@ -121,7 +111,7 @@ class SimulatedArm:
 
     def _sample(self, at_s: float, *, begins: bool = False) -> None:
         begun = self._done + (begins or self._gone > 0.0)
-        self._samples.append(Sample(at_s, self._position(), begun, self._done))
+        self._samples.append(Sample(at_s, self._motion()[0], begun, self._done))
 
     @property
     def _current(self) -> ClearedNode | None:
@@ -162,13 +152,15 @@ class SimulatedArm:
         first = k == 0 or self._nodes[k - 1].task != node.task
         return first and node.kind != "transit"
 
-    def _position(self) -> Array:
-        if self._stands is not None:
-            return self._stands
+    def _motion(self) -> tuple[Array, Array]:
+        """Return where it is, and how fast its joints move there."""
         k, node = self._done - self._first, self._current
-        before = self._before(k)
-        if node is None or self._gone <= 0.0:
-            return before
+        before = self._before(k) if self._stands is None else self._stands
+        if node is None or self._gone <= 0.0 or self._stands is not None:
+            return before, np.zeros_like(before)
         times = np.array([0.0, *node.seconds])
         corners = np.vstack([before, node.waypoints])
-        return np.array([np.interp(self._gone, times, own) for own in corners.T])
+        leg = int(np.clip(np.searchsorted(times, self._gone), 1, len(node.seconds)))
+        pace = (corners[leg] - corners[leg - 1]) / (times[leg] - times[leg - 1])
+        q = corners[leg - 1] + pace * (self._gone - times[leg - 1])
+        return q, pace * self._pace

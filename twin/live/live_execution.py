@@ -20,7 +20,7 @@ import simpy
 
 from planning.errors import RequestError
 from scheduling.graph.task_edges import actuation_nodes
-from twin.drivers.driver import ClearedNode, DriverState
+from twin.drivers.driver import ClearedNode, DriverState, cleared_node
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
 from twin.live.history import ANEW, History
@@ -88,11 +88,9 @@ class LiveExecution(RollingExecution):
     def _remember(self, history: History) -> None:
         """Take up the state that a log tells of."""
         for k, chain in enumerate(self.tpg.chains):
-            cleared, begun = history.cleared_ns[k], history.start_ns[k]
-            done = history.end_ns[k]
+            cleared, done = history.cleared_ns[k], history.end_ns[k]
             self.released[k] = len(cleared)
             self.outstanding[k] = len(cleared) - len(done)
-            self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
             if done:
                 self.dispatcher.observe(k, len(done) - 1)
             if k in history.finished:
@@ -108,14 +106,13 @@ class LiveExecution(RollingExecution):
         for robot, t_ns, sample in self._log.before():
             self._rows[robot].add(t_ns, sample)
         for k, chain in enumerate(self.tpg.chains):
-            if chain.robot in self._rows:
+            begun, done = history.start_ns[k], history.end_ns[k]
+            if (rows := self._rows.get(chain.robot)) is not None:
                 # The log tells when the dispatcher heard of it.
-                rows = self._rows[chain.robot]
-                begun, done = history.start_ns[k], history.end_ns[k]
                 rows.begin_ns += begun[len(rows.begin_ns) :]
                 rows.end_ns += done[len(rows.end_ns) :]
-                self.start[k][: len(begun)] = rows.begin_ns[: len(begun)]
-                self.end[k][: len(done)] = rows.end_ns[: len(done)]
+                begun, done = rows.begin_ns[: len(begun)], rows.end_ns[: len(done)]
+            self.start[k][: len(begun)], self.end[k][: len(done)] = begun, done
         if self.narrator is not None:
             self.narrator.held_by(history.holders)
 
@@ -315,20 +312,7 @@ class LiveExecution(RollingExecution):
             link.clear([self._cleared(chain, node)])
 
     def _cleared(self, chain: int, node: int) -> ClearedNode:
-        own = self.tpg.chains[chain]
-        rows = slice(int(own.first[node]), int(own.first[node + 1]))
-        task = self.tpg.tasks[int(own.task[node])]
-        act = self._acts[chain].get(node)
-        return ClearedNode(
-            node,
-            task.index,
-            task.kind,
-            task.label,
-            own.waypoints[rows],
-            own.fraction[rows] * own.duration[node],
-            act.act if act is not None and act.robot == own.robot else "",
-            task.object or "",
-        )
+        return cleared_node(self.tpg, chain, node, self._acts[chain])
 
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)

@@ -12,6 +12,7 @@ from typing import Any
 
 from planning.errors import RequestError
 from twin.cluster.certificates import Certificates, on_this_machine
+from twin.host.extras import extra_module
 from twin.live.messages import Command, Report
 from twin.live.wire import Deliver
 from twin.live.wire_format import (
@@ -40,13 +41,25 @@ def grpc_module() -> Any:
         RequestError: it is not installed.
     """
     message_class("Report")
-    try:
-        import grpc
-    except ImportError:
+    return extra_module(
+        "grpc",
+        package="grpcio",
+        extra="service",
+        needs="a driver in another process",
+    )
+
+
+def require_private(address: str, certificates: Certificates | None) -> None:
+    """Refuse to listen where others can reach it and need no certificate.
+
+    Raises:
+        RequestError: they could.
+    """
+    if certificates is None and not on_this_machine(address):
         raise RequestError(
-            "drivers beyond this program talk by gRPC: pip install 'assembly-twin[service]'"
-        ) from None
-    return grpc
+            f"listen: {address} is not on this machine: whoever reaches it moves robots; give"
+            " certificates (twin cluster certificates DIR makes a folder)"
+        )
 
 
 class ServiceWire:
@@ -108,11 +121,7 @@ class Service:
 
     def __init__(self, address: str, certificates: Certificates | None = None) -> None:
         self._grpc = grpc_module()
-        if certificates is None and not on_this_machine(address):
-            raise RequestError(
-                f"listen: {address} is not on this machine: whoever reaches it moves robots; give"
-                " certificates (twin cluster certificates DIR makes a folder)"
-            )
+        require_private(address, certificates)
         self._wires: dict[str, ServiceWire] = {}
         self._running = 0
         self._server = self._grpc.server(

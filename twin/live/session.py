@@ -84,20 +84,16 @@ class Session:
             history: what has happened by the log, where the dispatcher is started anew.
         """
         links, wires = {}, dict[str, Wire]()
-        service = self._service(cell)
+        service = self._service()
         for robot in cell.robots:
-            links[robot.name] = Link(
-                self.name,
-                robot.name,
-                robot.home,
-                self.drivers.lease_s,
-            )
+            link = Link(self.name, robot.name, robot.home, self.drivers.lease_s)
+            links[robot.name] = link
             if isinstance(self.drivers.driver_of(robot.name), ServiceDriver):
                 assert service is not None
                 wires[robot.name] = service.wire(robot.name, robot.model.dof)
-                links[robot.name].near = on_this_machine(self.drivers.listen)
+                link.near = on_this_machine(self.drivers.listen)
             else:
-                links[robot.name].ahead_s = None
+                link.ahead_s = None
                 wires[robot.name] = self._local(robot)
         return partial(
             LiveExecution,
@@ -110,10 +106,27 @@ class Session:
             history=history,
         )
 
-    def _service(self, cell: Workcell) -> Service | None:
+    def require_servable(self) -> None:
+        """Refuse to serve drivers beyond this process as the drivers file says, before anything takes long.
+
+        Raises:
+            RequestError: says why.
+        """
+        if self._serves:
+            from twin.live.service import certificates_of, grpc_module, require_private
+
+            grpc_module()
+            held = certificates_of(self.drivers.certificates, self.folder)
+            require_private(self.drivers.listen, held)
+
+    @property
+    def _serves(self) -> bool:
+        """Whether there are drivers beyond this process."""
+        return any(isinstance(d, ServiceDriver) for d in self.drivers.robots.values())
+
+    def _service(self) -> Service | None:
         """Return where drivers beyond this process ask, None where there are none."""
-        every = [self.drivers.driver_of(robot.name) for robot in cell.robots]
-        if not any(isinstance(own, ServiceDriver) for own in every):
+        if not self._serves:
             return None
         from twin.live.service import Service, certificates_of
 

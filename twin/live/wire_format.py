@@ -9,9 +9,10 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from planning.errors import RequestError, TwinError
+from planning.errors import TwinError
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
+from twin.host.extras import extra_module
 from twin.live.messages import Command, Report
 
 DESCRIPTION = Path(__file__).with_name("cell.binpb")
@@ -32,12 +33,14 @@ def message_class(name: str) -> Any:
     Raises:
         RequestError: protobuf is not installed.
     """
-    try:
-        from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-    except ImportError:
-        raise RequestError(
-            "drivers beyond this program talk by gRPC: pip install 'assembly-twin[service]'"
-        ) from None
+    extra_module(
+        "google.protobuf",
+        package="protobuf",
+        extra="service",
+        needs="a driver in another process",
+    )
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
     pool = descriptor_pool.DescriptorPool()
     files = descriptor_pb2.FileDescriptorSet.FromString(DESCRIPTION.read_bytes())
     for file in files.file:

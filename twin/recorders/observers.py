@@ -120,21 +120,23 @@ class JsonlRecorder:
         Raises:
             OutputError: one could not be written.
         """
-        try:
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        except (OSError, ValueError) as error:
-            self._error = self._error or OSError(str(error))
+        if self._error is None:
+            with suppress(OSError):
+                self._to_disk()
         self.require_whole()
 
-    def close(self) -> None:
-        """Close the file once all of it is on the disk."""
+    def _to_disk(self) -> None:
         try:
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
             self._error = self._error or error
             raise
+
+    def close(self) -> None:
+        """Close the file once all of it is on the disk."""
+        try:
+            self._to_disk()
         finally:
             with suppress(OSError):
                 self._file.close()

@@ -256,3 +256,28 @@ def test_a_driver_hears_only_what_is_meant_for_it() -> None:
     assert end.report().have == 2
     end.receive(replace(command, session="another", number=99, leave=True))
     assert not end.left
+
+
+def test_an_arm_tells_where_it_is_and_how_fast_it_moves() -> None:
+    now = [0.0]
+    nodes = some_nodes(random.Random(6), 4)
+    times = np.cumsum([float(n.seconds[-1]) for n in nodes])
+    points = [START, *(row for node in nodes for row in node.waypoints)]
+    since = np.concatenate(
+        [[0.0], *(t + n.seconds for t, n in zip([0.0, *times], nodes, strict=False))]
+    )
+    arm = SimulatedArm(lambda: now[0], pace=2.0)
+    arm.begin(START, 0)
+    arm.take(nodes)
+    for gone in np.linspace(0.013, times[-1] - 0.011, 23):
+        now[0] = gone / 2.0
+        state = arm.state()
+        for joint, column in enumerate(np.transpose(points)):
+            assert state.q[joint] == pytest.approx(np.interp(gone, since, column))
+            ahead = np.interp([gone - 1e-7, gone + 1e-7], since, column)
+            assert state.dq[joint] == pytest.approx(
+                2.0 * np.diff(ahead)[0] / 2e-7, rel=1e-3
+            )
+    now[0] = 100.0
+    assert arm.state().mode == "standing"
+    assert not arm.state().dq.any()

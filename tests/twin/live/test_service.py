@@ -20,6 +20,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import twin
 from planning.errors import RequestError, TwinError
 from tests.twin.live.test_execution import PACE, placed, plan, require_order
 from tests.twin.live.test_messages import START, some_nodes
@@ -337,3 +338,20 @@ def test_what_is_served_is_what_the_proto_file_says(tmp_path: Path) -> None:
     words = ["protoc", f"-I{folder}", f"--descriptor_set_out={made}", "cell.proto"]
     assert protoc.main(words) == 0
     assert made.read_bytes() == DESCRIPTION.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("listen: 0.0.0.0:50551", "is not on this machine"),
+        ("certificates: nowhere", "is missing"),
+    ],
+)
+def test_what_cannot_be_served_is_refused_before_anything_is_planned(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    file, out = tmp_path / "drivers.yaml", tmp_path / "run"
+    file.write_text(f"{text}\nrobots: {{left: {{kind: grpc}}}}\n")
+    with pytest.raises(RequestError, match=words):
+        twin.operate("cliff", drivers=file, out=out)
+    assert not out.exists()

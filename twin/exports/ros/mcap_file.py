@@ -8,7 +8,6 @@ MCAP files with messages of ROS 2.
 
 from __future__ import annotations
 
-import importlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -45,6 +44,7 @@ from twin.exports.ros.robot_frames import (
     objects_there,
 )
 from twin.exports.segments import require_rate, segments
+from twin.host.extras import extra_module
 from twin.run.gantt import rgb, team_colours
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
@@ -140,12 +140,13 @@ def _qos(topic: Topic) -> str:
 
 
 def _writers() -> Any:
-    try:
-        return importlib.import_module("mcap.writer")
-    except ImportError as error:
-        raise OutputError(
-            "the format mcap needs the package 'mcap': pip install 'assembly-twin[mcap]'"
-        ) from error
+    return extra_module(
+        "mcap.writer",
+        package="mcap",
+        extra="mcap",
+        needs="the format mcap",
+        error=OutputError,
+    )
 
 
 RATES_HZ = (1.0, 1000.0)
