@@ -10,6 +10,7 @@ import typer
 
 from twin.commands.doctor import doctor
 from twin.commands.drive import drive
+from twin.commands.explore import explore
 from twin.commands.fit import fit
 from twin.commands.operate import operate
 from twin.commands.robots import robots
@@ -64,6 +65,7 @@ for _name, _function in {
     "sequence": sequence,
     "compare": compare,
     "study": study,
+    "explore": explore,
     "replay": replay,
     "fit": fit,
     "resume": resume,

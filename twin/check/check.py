@@ -163,20 +163,8 @@ def check_scenario(
         RobotModelError: a robot description cannot be used.
     """
     subject = Subject(scenario, folder)
-    # What a wrong unit makes of a cell would be found by all others in their own words.
-    found = _few(check_units(subject))
-    for check in _CHECKS if not found else ():
-        found += _few(check(subject))
-    at_fault = any(item.error for item in found)
-    if subject.kind.at_once:
-        # Its planner names one thing; what stands or lies in something is said already.
-        found += [
-            item
-            for item in check_reach(subject)
-            if not (at_fault and "at the start" in item.message)
-        ]
-    elif not at_fault:
-        found += _few(check_reach(subject))
+    found = quick_findings(subject)
+    found += reach_findings(subject, found)
     report = CheckReport(subject, document, ())
 
     def place(item: Finding) -> tuple[int, int]:
@@ -186,6 +174,28 @@ def check_scenario(
     ordered = tuple(sorted(dict.fromkeys(found), key=place))
     fits = () if any(item.error for item in found) else known_fits(subject)
     return CheckReport(subject, document, ordered, fits)
+
+
+def quick_findings(subject: Subject) -> list[Finding]:
+    """Return what is found without a look at what robots reach."""
+    # What a wrong unit makes of a cell would be found by all others in their own words.
+    found = _few(check_units(subject))
+    for check in _CHECKS if not found else ():
+        found += _few(check(subject))
+    return found
+
+
+def reach_findings(subject: Subject, quick: list[Finding]) -> list[Finding]:
+    """Return what no robot reaches; nothing where what was found before stands in the way of a look."""
+    at_fault = any(item.error for item in quick)
+    if subject.kind.at_once:
+        # Its planner names one thing; what stands or lies in something is said already.
+        return [
+            item
+            for item in check_reach(subject)
+            if not (at_fault and "at the start" in item.message)
+        ]
+    return [] if at_fault else _few(check_reach(subject))
 
 
 def _few(findings: Findings) -> list[Finding]:

@@ -243,8 +243,16 @@ def reach_radius(robot: PlacedRobot, frame: str) -> float | None:
     )
 
 
-def _things_drawn(subject: Subject) -> Iterator[DrawnShape]:
+def cell_shapes(subject: Subject) -> Iterator[DrawnShape]:
+    """Yield what stands in a cell before the first motion: fixtures of the file, objects, robots at HOME."""
+    yield from _things_drawn(subject, own=True)
+    yield from _robots_drawn(subject)
+
+
+def _things_drawn(subject: Subject, *, own: bool = False) -> Iterator[DrawnShape]:
     for item in subject.cell.fixtures:
+        if own and item.name not in subject.own_fixtures:
+            continue
         face = _FIXTURE if item.colour is None else _unit(item.colour)
         for piece in item.shape.pieces:
             corners = placed_points(piece.vertices, item.pose)

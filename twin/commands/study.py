@@ -133,7 +133,7 @@ def _show_study(found: Study, view: View) -> int:
     return COMPLETED
 
 
-def _columns() -> Sequence[Any]:
+def columns() -> Sequence[Any]:
     """Return what stands behind the bar of a stage: how many, how long, and how long yet."""
     from rich.progress import (
         MofNCompleteColumn,
@@ -166,7 +166,7 @@ def _show_comparison(found: Comparison, view: View) -> int:
 study = command(
     f"{__name__}:study_scenario",
     _show_study,
-    columns=_columns,
+    columns=columns,
     passes_to="twin.api.studies:study",
     replications={"names": ("--replications", "-n"), "min": 1},
     precision={"min": 1e-6},

@@ -35,7 +35,7 @@ _KINDS = {
 _KINDS |= {"reference"}
 """Kinds of distributions; a section that gets another one has nothing of the former."""
 
-_SECTIONS = frozenset(Scenario.model_fields) - {"execution"}
+_SECTIONS = frozenset(Scenario.model_fields) - {"execution", "explore"}
 
 Variant = Mapping[str, Any]
 """A value for each key that is varied."""
@@ -165,6 +165,30 @@ def assign_variant(content: dict[str, Any], variant: Variant) -> None:
         if not isinstance(count, int) or count < 1:
             raise ScenarioError(f"cannot vary robots: no number of robots: {count!r}")
         choose_robots(content["cell"], count)
+
+
+def value_of(content: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a key in a resolved scenario; None where the scenario leaves it out.
+
+    Raises:
+        ScenarioError: there is no such key; the message names those there are.
+    """
+    if key == ROBOTS:
+        team = content["cell"]["team"]
+        return len(content["cell"]["robots"]) if team is None else team["count"]
+    inside = is_of_execution(key)
+    place: Any = content["execution"] if inside else content
+    words, walked = key.split("."), "execution" if inside else ""
+    while words:
+        if place is None or (inside and isinstance(place, dict) and not place):
+            return None
+        free = walked in ("execution.skills", "execution.failures")
+        if free and words[0] not in place:
+            return None
+        entry, used = _entry(place, words, key, walked)
+        walked = ".".join(filter(None, (walked, *words[:used])))
+        place, words = place[entry], words[used:]
+    return place
 
 
 class _FreeSection(dict[str, Any]):

@@ -14,6 +14,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
 from twin.check.check import check_scenario
 from twin.engine.bulk.holding import held_back
+from twin.engine.execution_model import ExecutionModel
 from twin.host.guard import versions
 from twin.host.progress import Report, StageWatch
 from twin.planning.kind import PlannedMotions
@@ -234,14 +235,33 @@ def workloads(
         }
         text = json.dumps(origin, sort_keys=True)
         made_from = hashlib.sha256(text.encode()).hexdigest()
-        graph = graphs[name]
-        if is_driven(graph) and model.disturbances.at_absolute_times:
-            graph = plans[name]  # whom the clock stops in a skill brakes along its path
-        held = held_back(graph, model)
-        free = None if held is graph else graph
-        about = held, model, scenario.seed, reasons, made_from, free
-        loads.append(Workload(*about, operated))
+        load = workload(plans[name], model, scenario.seed, graph=graphs[name])
+        loads.append(
+            replace(load, reasons=reasons, made_from=made_from, operated=operated)
+        )
     return loads
+
+
+def workload(
+    plan: TemporalPlanGraph,
+    model: ExecutionModel,
+    seed: int,
+    *,
+    graph: TemporalPlanGraph | None = None,
+) -> Workload:
+    """Return the work of replicating a plan.
+
+    Args:
+        plan: with its paths.
+        model: how it is executed, and what varies.
+        seed: names the draws.
+        graph: its timing graph, where that is there already.
+    """
+    graph = timing_graph(plan) if graph is None else graph
+    if is_driven(graph) and model.disturbances.at_absolute_times:
+        graph = plan  # whom the clock stops in a skill brakes along its path
+    held = held_back(graph, model)
+    return Workload(held, model, seed, free=None if held is graph else graph)
 
 
 LAYOUTS = "layouts planned"

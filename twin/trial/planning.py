@@ -56,7 +56,11 @@ _NEAR = 0.05
 
 
 def plan_scenario(
-    scenario: Scenario, folder: Path = Path(), progress: Report = report_nothing
+    scenario: Scenario,
+    folder: Path = Path(),
+    progress: Report = report_nothing,
+    *,
+    motions: PlannedMotions | None = None,
 ) -> PlanResult:
     """Plan a scenario from the cell to the temporal plan graph.
 
@@ -68,6 +72,7 @@ def plan_scenario(
         scenario: a checked scenario.
         folder: where relative paths in it start, that of its file.
         progress: told how far each stage has come.
+        motions: what ``plan_motions`` has made of the scenario, where that is there already.
 
     Raises:
         RobotModelError: a robot description cannot be used.
@@ -76,7 +81,7 @@ def plan_scenario(
         TransitError: no collision-free path was found.
         PlanInvariantError: the plan breaks a guarantee, which is a fault of this program.
     """
-    plan = plan_best(scenario, folder, watch := StageWatch(progress))
+    plan = plan_best(scenario, folder, watch := StageWatch(progress), motions)
     first = plan.motions
     # What other plans can be made from is no longer needed, and cannot be saved.
     plan = replace(plan, made_of=replace(first, work=None))
@@ -133,16 +138,21 @@ def with_failures(
     )
 
 
-def plan_best(scenario: Scenario, folder: Path, watch: StageWatch) -> PlanResult:
+def plan_best(
+    scenario: Scenario,
+    folder: Path,
+    watch: StageWatch,
+    motions: PlannedMotions | None = None,
+) -> PlanResult:
     """Return the plan of the products that are planned, improved where the scenario says so.
 
-    See plan_scenario for the errors.
+    See plan_scenario for the errors, and for motions that are there already.
     """
     _refuse_improvement(scenario)
     loaded = LoadedScenario(scenario, folder)
-    first, *others = _motions_of_crews(
-        scenario, plan_motions(scenario, folder, watch), watch
-    )
+    if motions is None:
+        motions = plan_motions(scenario, folder, watch)
+    first, *others = _motions_of_crews(scenario, motions, watch)
     plan = _coordinated(loaded, first, watch)
     for other in others:
         plan = _shorter(plan, other, watch)

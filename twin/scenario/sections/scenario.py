@@ -30,6 +30,7 @@ from twin.scenario.sections.cell import actuation_model
 from twin.scenario.sections.construction import ConstructionSection
 from twin.scenario.sections.execution import ExecutionSection as ExecutionSection
 from twin.scenario.sections.execution import ReferenceDuration
+from twin.scenario.sections.exploration import ExploreSection
 from twin.scenario.sections.lego import LegoSection
 from twin.scenario.sections.parts import PartsSection, ProcessSection
 from twin.scenario.sections.shapes import Configuration, PoseSection
@@ -168,6 +169,8 @@ class Scenario(Section):
         assembly: what is built.
         planning: how the planner works.
         execution: how the plan is executed.
+        explore: what may be different, and what is looked for, where designs of the cell are explored;
+            nothing else depends on it.
     """
 
     version: Literal[1]
@@ -178,6 +181,7 @@ class Scenario(Section):
     assembly: AssemblySection
     planning: PlanningSection = PlanningSection()
     execution: ExecutionSection = ExecutionSection()
+    explore: ExploreSection | None = None
 
     @model_validator(mode="after")
     def _with_processes(self) -> Scenario:
@@ -286,8 +290,8 @@ def follow_references(scenario: Scenario) -> Scenario:
 
 
 def resolved(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario with every default filled in, ready for JSON."""
-    content = scenario.model_dump(mode="json", by_alias=True)
+    """Return the scenario with every default filled in, ready for JSON; of explore nothing depends."""
+    content = scenario.model_dump(mode="json", by_alias=True, exclude={"explore"})
     skills = scenario.execution.skills
     for name, process in scenario.processes.items():
         if skills.get(name) == process.duration:  # said by the process itself

@@ -1,0 +1,166 @@
+"""Designs are searched for: what is found is what is known, and the same after any interruption."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.twin.explore.bench import Bench, exploration_of, setting_of
+from tests.twin.explore.sliders import EXPLORE, slider_file
+from twin.explore.journal import JOURNAL, Journal
+from twin.explore.rungs import Climb, Evaluation, refused
+from twin.scenario.sections.exploration import SamplerName
+
+LEFT, RIGHT = "cell.robots.left.base.xyz_m.0", "cell.robots.right.base.xyz_m.0"
+
+
+def oracle_s(left: float, right: float) -> float:
+    """Each slider goes from its base to its place at 0.5 m/s, both at once."""
+    return max(abs(0.1 - left), abs(-0.1 - right)) / 0.5
+
+
+def lines(folder: Path) -> list[dict[str, Any]]:
+    """Return the journal without what the clock of the machine says."""
+    text = (folder / JOURNAL).read_text().splitlines()
+    return [{**json.loads(line), "cpu_s": None} for line in text]
+
+
+def test_designs_take_as_long_as_is_known(tmp_path: Path) -> None:
+    setting = setting_of(slider_file(tmp_path))
+    for left, right in ((-0.3, 0.3), (0.1, 0.1), (0.5, -0.2), (-0.35, 0.55)):
+        found = Climb(setting, {LEFT: left, RIGHT: right}).evaluate()
+        assert found.outcome == "done", found.reason
+        assert found.goals[0] == pytest.approx(oracle_s(left, right), abs=1e-6)
+
+
+def cheap(task: Any) -> Evaluation:
+    """The oracle in place of the planner; bases behind the table are refused."""
+    left, right = task.variant.get(LEFT, -0.3), task.variant.get(RIGHT, 0.3)
+    if left > 0.5:
+        return refused("check", f"left stands in the wall at {left:.3f}", left - 0.5)
+    value = oracle_s(left, right)
+    return Evaluation("done", "replications", goals=(value,), results={"m": value})
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "cma-es", "random"])
+def test_samplers_come_close_to_the_known_best(
+    tmp_path: Path, sampler: SamplerName
+) -> None:
+    section = setting_of(slider_file(tmp_path)).section
+    setting = setting_of(
+        slider_file(tmp_path), section.changed(sampler=sampler, designs=60)
+    )
+    exploration = exploration_of(setting, tmp_path / "out")
+    exploration.search(Bench(setting, evaluate=cheap), 60, None)
+    best = exploration.best(1)[0].evaluation.goals[0]
+    assert best < {"tpe": 0.15, "cma-es": 0.15, "random": 0.35}[sampler]
+    reasons = [r for r in exploration.journal.rows if r.evaluation.outcome == "refused"]
+    assert all("in the wall" in row.evaluation.reason for row in reasons)
+
+
+def test_planned_designs_come_close_to_the_known_best(tmp_path: Path) -> None:
+    setting = setting_of(slider_file(tmp_path))
+    exploration = exploration_of(setting, tmp_path / "out")
+    exploration.search(Bench(setting), 25, None)
+    rows = exploration.journal.rows
+    assert rows[0].design == 0
+    assert rows[0].values == {LEFT: -0.3, RIGHT: 0.3}
+    for row in rows:
+        known = oracle_s(row.values[LEFT], row.values[RIGHT])
+        if row.done:
+            assert row.evaluation.goals[0] == pytest.approx(known, abs=1e-6)
+        else:  # what is left behind could not have been the best
+            assert known > exploration.best(1)[0].evaluation.goals[0]
+    assert exploration.best(1)[0].evaluation.goals[0] < 0.35
+
+
+class StoppedError(Exception):
+    """The program is killed here."""
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "cma-es", "nsga-ii", "random"])
+@pytest.mark.parametrize("width", [1, 3])
+def test_an_interrupted_search_goes_on_as_if_nothing_had_been(
+    tmp_path: Path, sampler: SamplerName, width: int
+) -> None:
+    file = slider_file(tmp_path)
+    section = setting_of(file).section.changed(sampler=sampler, designs=40)
+    setting = setting_of(file, section)
+    whole = exploration_of(setting, tmp_path / "whole")
+    whole.search(Bench(setting, width, cheap), 40, None)
+    done: Counter[int] = Counter()
+    stops = iter([0, 1, 9, 10, 23, 38])
+
+    def mortal(task: Any) -> Evaluation:
+        if len(journal()) == stop:
+            raise StoppedError
+        done[task.number] += 1
+        return cheap(task)
+
+    def journal() -> list[dict[str, Any]]:
+        there = (tmp_path / "parts" / JOURNAL).exists()
+        return lines(tmp_path / "parts") if there else []
+
+    for stop in stops:  # noqa: B007 - mortal looks at it
+        part = exploration_of(setting, tmp_path / "parts")
+        with pytest.raises(StoppedError):
+            part.search(Bench(setting, width, mortal), 40, None)
+        with (tmp_path / "parts" / JOURNAL).open("a") as torn:
+            torn.write('{"design": 7, "purp')  # what a kill in a write leaves
+    stop = -1
+    part = exploration_of(setting, tmp_path / "parts")
+    part.search(Bench(setting, width, mortal), 40, None)
+    assert set(done.values()) == {1}, "no design is evaluated twice"
+    found = lines(tmp_path / "parts")
+    assert sorted(row["design"] for row in found) == list(range(40))
+    if width == 1:
+        assert found == lines(tmp_path / "whole")
+
+
+def test_a_design_that_was_tried_is_not_evaluated_again(tmp_path: Path) -> None:
+    more = """\
+explore:
+  vary: [{key: cell.robots.left.base.xyz_m.0, values: [-0.3, 0.1]}]
+  goals: [{minimise: makespan_s}]
+  sampler: random
+"""
+    setting = setting_of(slider_file(tmp_path, more))
+    exploration = exploration_of(setting, tmp_path / "out")
+    bench = Bench(setting, 2, cheap)
+    exploration.search(bench, 12, None)
+    assert len(exploration.journal.rows) == 12
+    assert len(bench.evaluated) == 2
+    own = [row for row in exploration.journal.rows if row.same_as is None]
+    assert len(own) == 2
+    assert exploration.best(5) == sorted(own, key=lambda r: r.design)
+
+
+def test_a_damaged_journal_names_its_line(tmp_path: Path) -> None:
+    setting = setting_of(slider_file(tmp_path))
+    exploration = exploration_of(setting, tmp_path / "out")
+    exploration.search(Bench(setting, 1, cheap), 3, None)
+    path = tmp_path / "out" / JOURNAL
+    text = path.read_text().splitlines()
+    path.write_text("\n".join([text[0], text[1][:40], text[2]]) + "\n")
+    with pytest.raises(Exception, match=r"journal.jsonl, line 2: damaged"):
+        Journal(tmp_path / "out")
+
+
+def test_orders_of_steps_are_designs(tmp_path: Path) -> None:
+    more = EXPLORE.replace(
+        "- {key: cell.robots.left.base.xyz_m.0, low: -0.6, high: 0.6}",
+        "- {key: assembly.moves, order: true}",
+    )
+    setting = setting_of(slider_file(tmp_path, more))
+    exploration = exploration_of(setting, tmp_path / "out")
+    exploration.search(Bench(setting), 8, None)
+    orders = {
+        tuple(move["robot"] for move in row.values["assembly.moves"])
+        for row in exploration.journal.rows
+    }
+    assert orders == {("left", "right"), ("right", "left")}
+    assert all(row.done for row in exploration.journal.rows)

@@ -1,0 +1,193 @@
+"""``twin.explore``: which cell should it be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from planning.errors import RequestError
+from planning.parallel import usable_cores
+from twin.explore.crew import Crew
+from twin.explore.dimensions import dimensions_of, vary_section
+from twin.explore.exploration import Exploration
+from twin.explore.folder import (
+    SUMMARY,
+    ExploreRequest,
+    read_request,
+    require_free,
+    write_request,
+)
+from twin.explore.rungs import Setting
+from twin.explore.summary import ExploreSummary, summary_of
+from twin.host.guard import write_json
+from twin.host.progress import Report, report_nothing
+from twin.run.folder import locked, run_folder
+from twin.scenario.sections.exploration import ExploreSection
+from twin.trial.loaded_scenario import (
+    AnyScenario,
+    LoadedScenario,
+    PathOrName,
+    load,
+)
+
+
+@dataclass(frozen=True)
+class Explored:
+    """An exploration that was run into its folder.
+
+    Attributes:
+        folder: of its files.
+        request: what was asked.
+        found: what was found.
+    """
+
+    folder: Path
+    request: ExploreRequest
+    found: ExploreSummary
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """All figures, the content of ``summary.json``."""
+        return self.found.content()
+
+
+def explore(
+    scenario: AnyScenario | None = None,
+    *,
+    vary: Sequence[str] = (),
+    sampler: str | None = None,
+    designs: int | None = None,
+    seconds: float | None = None,
+    replications: int | None = None,
+    seed: int | None = None,
+    workers: int | None = None,
+    resume: PathOrName | None = None,
+    out: PathOrName | None = None,
+    progress: Report = report_nothing,
+) -> Explored:
+    """Search among designs of a cell for the best, and say what it is worth.
+
+    What may be different, and what is looked for, is in the section explore of the scenario. Each design
+    is checked, then reached for, planned, planned in full and replicated; what is refused says why.
+
+    Args:
+        scenario: a scenario, or the path of its file.
+        vary: key=low..high, key=a,b,c or key=order, for any key of the scenario; in place of what its
+            section explore varies.
+        sampler: tpe, cma-es, nsga-ii or random, in place of the section's.
+        designs: how many are tried, in place of the section's.
+        seconds: for how long more are tried, in place of the section's [s].
+        replications: of each design, in place of the section's.
+        seed: of all choices and draws, in place of the scenario's.
+        workers: processes; by default one a core. With 1 the same seed finds the same.
+        resume: go on with the exploration in this folder; nothing is evaluated twice.
+        out: folder for the results; by default ``logs/explore-<scenario>-<UTC time>``.
+        progress: told how far each stage has come.
+
+    Raises:
+        ScenarioError: the file is not valid, or a key does not fit.
+        RequestError: nothing varies, the folder holds results, or optuna is not installed.
+    """
+    count = usable_cores() if workers is None else max(1, workers)
+    if resume is not None:
+        if vary or sampler or replications or seed is not None or out is not None:
+            raise RequestError(
+                "what is resumed goes on as it began: with --resume give --designs and --seconds only"
+            )
+        place = Path(resume)
+        request = read_request(place)
+        if scenario is not None and load(scenario).sections != _whole(
+            request, load(scenario)
+        ):
+            raise RequestError(
+                f"{place} holds an exploration of scenario {request.scenario.name!r} as it was"
+                " then, not of this one"
+            )
+        with locked(place):
+            return _run(place, request, count, designs, seconds, progress)
+    if scenario is None:
+        raise RequestError("give a scenario file, or --resume DIR")
+    case = load(scenario)
+    case = case.varied({} if seed is None else {"seed": seed})
+    given: dict[str, Any] = {
+        "sampler": sampler,
+        "designs": designs,
+        "seconds": seconds,
+        "replications": replications,
+    }
+    section = asked(case, vary, {k: v for k, v in given.items() if v is not None})
+    folder = None if out is None else Path(out)
+    require_free(folder)
+    request = ExploreRequest(_bare(case), case.folder, section)
+    dimensions_of(case.sections, section, case.document)  # before anything is written
+    with run_folder(folder, f"explore-{case.name}") as place:
+        write_request(place, request)
+        return _run(place, request, count, None, None, progress)
+
+
+def asked(
+    case: LoadedScenario, vary: Iterable[str], given: Mapping[str, Any]
+) -> ExploreSection:
+    """Return what is explored: the scenario's section, with what options say in its place.
+
+    Raises:
+        ScenarioError: an option does not fit.
+        RequestError: nothing varies.
+    """
+    own = case.sections.explore or ExploreSection()
+    varied = tuple(map(vary_section, vary)) or own.vary
+    if not varied:
+        raise RequestError(
+            f"{case.name} does not say what may be different: give --vary key=low..high, or a"
+            " section explore with vary"
+        )
+    if not given and varied == own.vary:
+        return own
+    content = {**own.model_dump(mode="json"), **given}
+    content["vary"] = [item.model_dump(mode="json") for item in varied]
+    return _validated(content)
+
+
+def _validated(content: Mapping[str, Any]) -> ExploreSection:
+    import json
+
+    from pydantic import ValidationError
+
+    from planning.errors import ScenarioError
+
+    try:
+        return ExploreSection.model_validate_json(json.dumps(content))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ScenarioError(f"explore.{place}: {first['msg']}") from None
+
+
+def _bare(case: LoadedScenario) -> Any:
+    return case.sections.changed(explore=None)
+
+
+def _whole(request: ExploreRequest, case: LoadedScenario) -> Any:
+    return request.scenario.changed(explore=case.sections.explore)
+
+
+def _run(
+    folder: Path,
+    request: ExploreRequest,
+    workers: int,
+    designs: int | None,
+    seconds: float | None,
+    progress: Report,
+) -> Explored:
+    section, scenario = request.section, request.scenario
+    case = LoadedScenario(scenario, request.base)
+    dimensions = dimensions_of(scenario, section, case.document)
+    exploration = Exploration(folder, section, dimensions, scenario.seed, progress)
+    setting = Setting(scenario, request.base, section)
+    with Crew(setting, workers, section.design_limit_s) as crew:
+        exploration.search(crew, designs or section.designs, seconds or section.seconds)
+    found = summary_of(scenario.name, section, dimensions, exploration.journal.rows)
+    write_json(folder / SUMMARY, found.content())
+    return Explored(folder, request, found)

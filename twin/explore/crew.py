@@ -1,0 +1,196 @@
+"""Processes that evaluate designs: one that dies, or takes too long, costs the design and nothing else."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+import numpy as np
+
+from planning.errors import TwinError
+from twin.explore.rungs import CHECK, Climb, Evaluation, Setting, refused
+from twin.scenario.variations import Variant
+
+_CRASHES = 3
+"""Workers that may die before they have begun anything: then the machine is at fault, not a design."""
+
+_START_S = 600.0
+"""How long a process may take to begin [s]."""
+
+
+@dataclass(frozen=True)
+class DesignTask:
+    """A design that is to be evaluated.
+
+    Attributes:
+        number: by which it is known again.
+        variant: what it changes about the scenario.
+        longest_turns_s: a plan without shortcuts that is longer is behind [s].
+    """
+
+    number: int
+    variant: Variant
+    longest_turns_s: float = np.inf
+
+
+class Crew:
+    """Worker processes, each with one design at a time.
+
+    Args:
+        setting: of the exploration.
+        workers: how many processes.
+        limit_s: a design that takes longer is given up, and its worker ended [s].
+    """
+
+    def __init__(self, setting: Setting, workers: int, limit_s: float) -> None:
+        self._setting, self._limit_s = setting, limit_s
+        # Spawned, not forked: threads of compiled libraries do not survive a fork.
+        self._context = multiprocessing.get_context("spawn")
+        self._workers: list[_DesignWorker | None] = [None] * workers
+        self._stillborn = 0
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for worker in self._workers:
+            if worker is not None:
+                worker.end()
+
+    @property
+    def idle(self) -> int:
+        """How many have nothing to do."""
+        return sum(w is None or w.task is None for w in self._workers)
+
+    @property
+    def busy(self) -> int:
+        """How many designs are under way."""
+        return len(self._workers) - self.idle
+
+    def submit(self, task: DesignTask) -> None:
+        """Give a design to a worker that has nothing to do; there must be one."""
+        place = next(
+            k for k, w in enumerate(self._workers) if w is None or w.task is None
+        )
+        worker = self._workers[place]
+        if worker is None or not worker.process.is_alive():
+            worker = _DesignWorker(self._context, self._setting)
+            self._workers[place] = worker
+        worker.begin(task)
+
+    def finished(self) -> Iterator[tuple[DesignTask, Evaluation]]:
+        """Wait for at least one design, and yield those that are finished, by number.
+
+        Raises:
+            TwinError: processes end again and again before they begin.
+        """
+        found: list[tuple[DesignTask, Evaluation]] = []
+        while not found and self.busy:
+            busy = [w for w in self._workers if w is not None and w.task is not None]
+            left = min(w.left_s(self._limit_s) for w in busy)
+            wait([w.pipe for w in busy], timeout=max(0.0, left))
+            for worker in busy:
+                task = worker.task
+                assert task is not None
+                if (done := self._look(worker)) is not None:
+                    found.append((task, done))
+        yield from sorted(found, key=lambda item: item[0].number)
+
+    def _look(self, worker: _DesignWorker) -> Evaluation | None:
+        """Return what a worker has found, or why it never will; None where it is at work."""
+        try:
+            while worker.pipe.poll():
+                said = worker.pipe.recv()
+                if isinstance(said, Evaluation):
+                    worker.task = None
+                    return said
+                worker.hears(said)
+        except (EOFError, OSError):
+            return self._dead(worker)
+        if worker.left_s(self._limit_s) <= 0.0:
+            rung = worker.rung or CHECK
+            self._drop(worker)
+            return refused(rung, f"not done within {self._limit_s:g} s", 0.9)
+        return None
+
+    def _dead(self, worker: _DesignWorker) -> Evaluation:
+        worker.process.join(5.0)
+        code, rung = worker.process.exitcode, worker.rung
+        self._drop(worker)
+        if not rung:
+            self._stillborn += 1
+            if self._stillborn >= _CRASHES:
+                raise TwinError(
+                    f"{_CRASHES} processes ended before they began (exit code {code}); what was done is"
+                    " kept, go on with --resume"
+                )
+        how = f"exit code {code}"
+        if code is not None and code < 0:
+            with suppress(ValueError):
+                how = signal.Signals(-code).name
+        return refused(rung or CHECK, f"its process died ({how})", 0.9)
+
+    def _drop(self, worker: _DesignWorker) -> None:
+        worker.end()
+        self._workers[self._workers.index(worker)] = None
+
+
+class _DesignWorker:
+    """A process, and what it is at."""
+
+    def __init__(self, context: Any, setting: Setting) -> None:
+        self.pipe, own = context.Pipe()
+        self.process: SpawnProcess = context.Process(
+            target=_work, args=(own, setting), daemon=True
+        )
+        self.process.start()
+        own.close()
+        self.task: DesignTask | None = None
+        self.rung, self._ready, self._since = "", False, time.monotonic()
+
+    def begin(self, task: DesignTask) -> None:
+        self.task, self.rung, self._since = task, "", time.monotonic()
+        with suppress(OSError):  # it is dead: that is seen when it is looked at
+            self.pipe.send(task)
+
+    def hears(self, rung: str) -> None:
+        if not self._ready:  # importing is no part of a design
+            self._ready, self._since = True, time.monotonic()
+        self.rung = rung
+
+    def left_s(self, limit_s: float) -> float:
+        limit = limit_s if self._ready else _START_S
+        return limit - (time.monotonic() - self._since)
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.join(5.0)
+        self.pipe.close()
+
+
+def _work(pipe: Connection, setting: Setting) -> None:
+    """Evaluate designs until nobody is there who wants them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(EOFError, OSError):
+        while True:
+            task: DesignTask = pipe.recv()
+            climb = Climb(setting, task.variant, task.longest_turns_s, pipe.send)
+            pipe.send(climb.evaluate())
+
+
+def parallel(
+    tasks: Sequence[DesignTask], crew: Crew
+) -> Iterator[tuple[DesignTask, Evaluation]]:
+    """Yield what becomes of some designs, as they are finished."""
+    waiting = list(reversed(tasks))
+    while waiting or crew.busy:
+        while waiting and crew.idle:
+            crew.submit(waiting.pop())
+        yield from crew.finished()

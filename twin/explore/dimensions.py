@@ -1,0 +1,242 @@
+"""What is varied when designs are explored, and what a design changes about the scenario."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from planning.errors import ScenarioError
+from twin.scenario.document.validation import FileProblem, InvalidScenarioError
+from twin.scenario.document.yaml_text import YamlDocument
+from twin.scenario.sections.exploration import ExploreSection, VarySection
+from twin.scenario.sections.scenario import Scenario, resolved
+from twin.scenario.variations import Variant, parse_variation, value_of
+
+Values = Mapping[str, Any]
+"""What a design has at each key that is varied."""
+
+_NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})$")
+_ORDER = "order"
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A key that is varied.
+
+    Attributes:
+        key: of the scenario.
+        base: its value there, None where the scenario leaves it out.
+        low, high: bounds of numbers; None where there are values or orders.
+        choices: the values to choose from; empty for numbers and orders.
+        whole: whether numbers are whole ones.
+        moves: values of other keys that change by as much as this one.
+        mirrors: values of keys that change by as much the other way.
+    """
+
+    key: str
+    base: Any
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[Any, ...] = ()
+    whole: bool = False
+    moves: tuple[tuple[str, float], ...] = ()
+    mirrors: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def ordered(self) -> bool:
+        """True if the entries of a list are put into an order."""
+        return self.low is None and not self.choices
+
+    def holds(self, value: Any) -> bool:
+        """Tell whether a value is one that the dimension has."""
+        if self.low is not None and self.high is not None:
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            return number and self.low <= value <= self.high
+        return value in self.choices if self.choices else isinstance(value, list)
+
+    def change(self, value: Any) -> Variant:
+        """Return what a value changes about the scenario; nothing where it is the scenario's."""
+        if value == self.base:
+            return {}
+        found = {self.key: value}
+        for linked, sign in ((self.moves, 1.0), (self.mirrors, -1.0)):
+            for key, base in linked:
+                found[key] = base + sign * (value - self.base)
+        return found
+
+    def words(self, value: Any) -> str:
+        """Return in words what a value changes."""
+        if self.low is not None and isinstance(self.base, int | float):
+            return f"{self.key} {self.base:.6g} -> {value:.6g}"
+        if self.ordered:
+            return f"{self.key} in the order {', '.join(map(entry_name, value))}"
+        return f"{self.key} {self.base} -> {value}"
+
+
+def entry_name(entry: Any) -> str:
+    """Return what an entry of a list is called."""
+    if not isinstance(entry, Mapping):
+        return str(entry)
+    for key in ("name", "part", "process", "brick", "object"):
+        if entry.get(key):
+            return str(entry[key])
+    return str(entry)
+
+
+def variant_of(dimensions: Sequence[Dimension], values: Values) -> Variant:
+    """Return what a design changes about the scenario; nothing for the scenario as it is."""
+    found: dict[str, Any] = {}
+    for one in dimensions:
+        if one.key in values:
+            found |= one.change(values[one.key])
+    return found
+
+
+def base_values(dimensions: Sequence[Dimension]) -> Values:
+    """Return the values that the scenario has."""
+    return {one.key: one.base for one in dimensions}
+
+
+def vary_section(text: str) -> VarySection:
+    """Return what ``key=low..high``, ``key=a,b,c`` or ``key=order`` varies.
+
+    Raises:
+        ScenarioError: it cannot be read.
+    """
+    key, _, rest = text.partition("=")
+    bounds = _RANGE.match(rest.strip())
+    own = key.strip().removeprefix("execution.")
+    try:
+        if bounds:
+            low, high = map(_number, bounds.groups())
+            return VarySection(key=own, low=low, high=high)
+        if rest.strip() == _ORDER:
+            return VarySection(key=own, order=True)
+        found = parse_variation(text)
+        return VarySection(key=found.key, values=found.values)
+    except ValueError as error:
+        said = str(error).splitlines()
+        words = next((line for line in said if "Value error" in line), said[0])
+        words = words.strip().removeprefix("Value error, ").partition(" [type=")[0]
+        raise ScenarioError(
+            f"cannot vary {text!r}: {words}; write key=low..high, key=a,b,c or key=order"
+        ) from None
+
+
+def _number(text: str) -> int | float:
+    return int(text) if re.fullmatch(r"-?\d+", text) else float(text)
+
+
+def dimensions_of(
+    scenario: Scenario, section: ExploreSection, document: YamlDocument
+) -> tuple[Dimension, ...]:
+    """Return what a section varies, with the values that the scenario has.
+
+    Args:
+        scenario: what is explored.
+        section: of the file, or made of options.
+        document: the file, for places of keys that are wrong.
+
+    Raises:
+        InvalidScenarioError: a key is not there, or does not fit; with all places in the file.
+        ScenarioError: the same, where the file does not have the key.
+    """
+    content = resolved(scenario)
+    found: list[Dimension] = []
+    problems: list[tuple[tuple[str | int, ...], str]] = []
+    for number, vary in enumerate(section.vary):
+        at = ("explore", "vary", number)
+        try:
+            one = _dimension(content, vary)
+            _refuse(one, found)
+            found.append(one)
+        except ScenarioError as error:
+            problems.append(((*at, "key"), str(error)))
+    for number, expression in enumerate(section.expressions):
+        for key in expression.keys:
+            try:
+                value_of(content, key)
+            except ScenarioError as error:
+                goals = len(section.goals)
+                place = ("goals", number) if number < goals else ("constraints",)
+                problems.append((("explore", *place), str(error)))
+    if not problems:
+        return tuple(found)
+    if scenario.explore == section and document.nearest(problems[0][0]):
+        told: list[FileProblem] = [document.problem(*item) for item in problems]
+        raise InvalidScenarioError(document.path, told, document.lines)
+    raise ScenarioError("; ".join(text for _, text in problems))
+
+
+def _refuse(one: Dimension, others: Sequence[Dimension]) -> None:
+    """Refuse a key that another dimension changes, too."""
+    own = {one.key, *(key for key, _ in (*one.moves, *one.mirrors))}
+    for other in others:
+        there = {other.key, *(key for key, _ in (*other.moves, *other.mirrors))}
+        if both := own & there:
+            raise ScenarioError(f"{min(both)} is varied twice")
+
+
+def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
+    key = vary.key
+    base = _value(content, key)
+    if key == "seed":
+        raise ScenarioError(
+            "cannot vary seed: it is no design; all designs see the same draws"
+        )
+    if vary.order:
+        if not isinstance(base, list) or len(base) < 2:
+            raise ScenarioError(f"{key} is no list of two or more entries to order")
+        return Dimension(key, base)
+    if vary.values is not None:
+        return Dimension(key, base, choices=tuple(map(_as_json, vary.values)))
+    low, high = vary.low, vary.high
+    assert low is not None
+    assert high is not None
+    _require_number(key, base)
+    whole = all(isinstance(v, int) for v in (low, high)) and isinstance(
+        base, int | None
+    )
+    linked = [
+        tuple(
+            (name, float(_require_number(name, _value(content, name))))
+            for name in names
+        )
+        for names in (vary.moves, vary.mirrors)
+    ]
+    if base is None and any(linked):
+        raise ScenarioError(
+            f"{key} has no value in the scenario that others could follow"
+        )
+    if whole:
+        return Dimension(key, base, low, high, (), True, *linked)
+    plain = None if base is None else float(base)
+    return Dimension(key, plain, float(low), float(high), (), False, *linked)
+
+
+def _value(content: Mapping[str, Any], key: str) -> Any:
+    return value_of(content, key)
+
+
+def _as_json(value: Any) -> Any:
+    """Return a value as JSON has it: lists for tuples."""
+    if isinstance(value, tuple | list):
+        return [_as_json(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _as_json(item) for key, item in value.items()}
+    return value
+
+
+def _require_number(key: str, value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float | None):
+        raise ScenarioError(f"{key} is no number, but {value!r}: give its values")
+    return 0.0 if value is None else value
+
+
+def folder_of(document: YamlDocument) -> Path:
+    """Return where relative paths of a scenario start."""
+    return document.path.parent

@@ -1,0 +1,209 @@
+"""The search among designs: choose, evaluate, write down, learn, until the budget is spent."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from planning.errors import OutputError
+from twin.explore.crew import Crew, DesignTask
+from twin.explore.dimensions import (
+    Dimension,
+    Values,
+    base_values,
+    variant_of,
+)
+from twin.explore.folder import PARCELS
+from twin.explore.journal import SEARCH, Journal, Tried
+from twin.explore.rungs import Evaluation
+from twin.explore.search import Search
+from twin.host.guard import replacing
+from twin.host.progress import Report
+from twin.scenario.sections.exploration import ExploreSection
+
+SEARCHING = "designs"
+"""Name of the stage for progress displays."""
+
+_TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
+"""Goals that a long plan without shortcuts tells something about."""
+
+_ENOUGH = 8
+"""Designs that are planned in full before any is left behind."""
+
+
+def key_of(values: Values) -> str:
+    """Return values as a text, the same for the same design."""
+    return json.dumps(values, sort_keys=True)
+
+
+class Exploration:
+    """An exploration under way in its folder.
+
+    Args:
+        folder: of its files.
+        section: what varies, and what is looked for.
+        dimensions: what varies, with the values of the scenario.
+        seed: of all choices.
+        progress: told of designs done and wanted.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        section: ExploreSection,
+        dimensions: Sequence[Dimension],
+        seed: int,
+        progress: Report,
+    ) -> None:
+        self.folder, self.section, self.dimensions = folder, section, dimensions
+        self.journal = Journal(folder)
+        self._progress = progress
+        self._search = Search(
+            dimensions,
+            section.chosen_sampler,
+            len(section.goals),
+            seed,
+            section.designs,
+        )
+        self._lost = self._search.replay(self.journal.searched)
+        self._known: dict[str, Tried] = {}
+        for row in self.journal.rows:
+            self._known.setdefault(key_of(row.values), row)
+
+    def search(self, crew: Crew, designs: int, seconds: float | None) -> None:
+        """Try designs until there are so many, or the time is up.
+
+        Args:
+            crew: evaluates them.
+            designs: in all, those that were tried before among them.
+            seconds: after which no other is begun [s].
+        """
+        end = np.inf if seconds is None else time.monotonic() + seconds
+        under_way: dict[int, tuple[Values, int]] = {}
+        twins: dict[int, tuple[Values, int]] = {}
+        taken = {row.design for row in self.journal.searched}
+        begun = max((*taken, *self._lost, -1)) + 1
+        again = [n for n in range(begun) if n not in taken]
+        following = begun
+        self._tell_progress(designs)
+        while True:
+            while crew.idle and time.monotonic() < end:
+                if again:
+                    number = again.pop(0)
+                elif following < designs:
+                    number, following = following, following + 1
+                else:
+                    break
+                values = self._choose(number)
+                asked = values, self._search.told
+                if any(key_of(v) == key_of(values) for v, _ in under_way.values()):
+                    twins[number] = asked
+                elif (known := self._known.get(key_of(values))) is not None:
+                    self._tell(number, *asked, known.evaluation, known)
+                else:
+                    under_way[number] = asked
+                    variant = variant_of(self.dimensions, values)
+                    crew.submit(DesignTask(number, variant, self.longest_turns_s()))
+                self._tell_progress(designs)
+            if not under_way:
+                break
+            for task, found in crew.finished():
+                self._tell(task.number, *under_way.pop(task.number), found)
+                for number in sorted(twins):
+                    values, asked_after = twins[number]
+                    known = self._known.get(key_of(values))
+                    if known is not None:
+                        del twins[number]
+                        self._tell(number, values, asked_after, known.evaluation, known)
+                self._tell_progress(designs)
+
+    def _choose(self, number: int) -> Values:
+        if number == 0:
+            return base_values(self.dimensions)
+        if number in self._lost:
+            return self._lost[number]
+        return self._search.ask(number)
+
+    def _tell(
+        self,
+        number: int,
+        values: Values,
+        asked_after: int,
+        found: Evaluation,
+        known: Tried | None = None,
+    ) -> None:
+        """Write down what became of a design, then learn from it."""
+        if found.outcome == "behind" and known is None:
+            found = replace(found, goals=(self._estimated(found.turns_s),))
+        same_as = None if known is None else known.design
+        row = Tried(number, SEARCH, values, asked_after, found, same_as)
+        self.keep(row)
+        self._search.tell(row)
+
+    def keep(self, row: Tried) -> None:
+        """Write down what became of a design; its work is kept while it is one of the best."""
+        parcel = row.evaluation.parcel
+        if row.done and parcel:
+            place = self.parcel_of(row)
+            try:
+                place.parent.mkdir(exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"{place.parent}: cannot be made: {error}") from error
+            with replacing(place) as temporary:
+                temporary.write_bytes(parcel)
+        self.journal.append(row)
+        self._known.setdefault(key_of(row.values), row)
+        if row.purpose == SEARCH:
+            wanted = {0, *(r.design for r in self.best(self.section.finalists))}
+            for other in self.journal.searched:
+                if other.design not in wanted:
+                    with suppress(OSError):
+                        self.parcel_of(other).unlink(missing_ok=True)
+
+    def known(self, values: Values) -> Tried | None:
+        """Return the design that has some values and was evaluated."""
+        return self._known.get(key_of(values))
+
+    def parcel_of(self, row: Tried) -> Path:
+        """Return the file with the work of a design."""
+        return self.folder / PARCELS / f"{row.purpose}-{row.design}.bin"
+
+    def best(self, most: int) -> list[Tried]:
+        """Return the best designs by the first goal, each once, the best first."""
+        done = [r for r in self.journal.searched if r.done and r.same_as is None]
+        return sorted(done, key=lambda r: (r.evaluation.goals[0], r.design))[:most]
+
+    def _by_time(self) -> Iterable[Tried]:
+        """Return designs of which plans with and without shortcuts are known, where time is the only goal."""
+        goals = self.section.goals
+        if len(goals) > 1 or goals[0].minimise not in _TIMES:
+            return []
+        rows = self.journal.searched
+        return [r for r in rows if r.done and np.isfinite(r.evaluation.turns_s)]
+
+    def longest_turns_s(self) -> float:
+        """Return how long a plan without shortcuts may be that can still become the best [s].
+
+        Shortcuts are taken to gain no more than they gained in any design so far. Infinite where time is
+        not the only goal, and where little is known.
+        """
+        rows = list(self._by_time())
+        if len(rows) < _ENOUGH:
+            return float(np.inf)
+        times = [(r.evaluation.goals[0], r.evaluation.turns_s) for r in rows]
+        least = min(full / turns for full, turns in times)
+        return float(min(full for full, _ in times) / least)
+
+    def _estimated(self, turns_s: float) -> float:
+        """Return what a goal may be where only a plan without shortcuts is known."""
+        gained = [r.evaluation.goals[0] / r.evaluation.turns_s for r in self._by_time()]
+        return float(turns_s * np.median(gained))
+
+    def _tell_progress(self, designs: int) -> None:
+        self._progress(SEARCHING, len(self.journal.searched), designs)

@@ -1,0 +1,105 @@
+"""Folder of an exploration: names of its files, and its request as a manifest."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from planning.errors import OutputError, RequestError
+from twin.explore.journal import JOURNAL
+from twin.planning.build_workcell import build_workcell
+from twin.scenario.manifest import (
+    MANIFEST,
+    manifest_base,
+    read_manifest,
+    require_same_files,
+    require_same_versions,
+    write_manifest,
+)
+from twin.scenario.sections.exploration import ExploreSection, as_said
+from twin.scenario.sections.scenario import Scenario
+
+SUMMARY, REPORT, PARCELS = "summary.json", "report.html", "parcels"
+
+_ENTRY = "exploration"
+
+
+@dataclass(frozen=True)
+class ExploreRequest:
+    """What is explored.
+
+    Attributes:
+        scenario: as it is.
+        base: where relative paths in it start.
+        section: what varies, and what is looked for.
+    """
+
+    scenario: Scenario
+    base: Path
+    section: ExploreSection
+
+
+def write_request(folder: Path, request: ExploreRequest) -> None:
+    """Write ``manifest.json``: what is needed to understand, go on with and repeat the exploration."""
+    cell = build_workcell(request.scenario, request.base)
+    entry = {"section": as_said(request.section), "packages": _packages()}
+    write_manifest(folder, request.scenario, cell, request.base, **{_ENTRY: entry})
+
+
+def read_request(folder: Path) -> ExploreRequest:
+    """Return the request of an exploration.
+
+    Raises:
+        OutputError: the folder is not one of an exploration, or its manifest is damaged.
+        RequestError: a file that the scenario names, or a version, has changed since.
+    """
+    scenario, manifest = read_manifest(folder, "folder of an exploration")
+    try:
+        entry = manifest[_ENTRY]
+        base = manifest_base(folder, manifest)
+        require_same_files(folder, manifest, scenario, base)
+        require_same_versions(folder, manifest)
+        if entry["packages"] != _packages():
+            raise RequestError(
+                f"{folder} was begun with other versions: {entry['packages']}, now {_packages()}"
+            )
+        section = ExploreSection.model_validate_json(json.dumps(entry["section"]))
+        return ExploreRequest(scenario, base, section)
+    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        path = folder / MANIFEST
+        raise OutputError(
+            f"{path}: is no manifest of an exploration: {error!r}"
+        ) from error
+
+
+def _packages() -> Mapping[str, str]:
+    """Return the versions of what chooses designs."""
+    found = {}
+    for package in ("optuna", "cmaes"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def require_free(folder: Path | None) -> None:
+    """Refuse a folder that holds an exploration or other results already.
+
+    Raises:
+        RequestError: it does; says how to go on with it.
+    """
+    if folder is None:
+        return
+    if (folder / JOURNAL).exists():
+        raise RequestError(
+            f"{folder} holds an exploration already: go on with it by --resume {folder}, or give"
+            " another folder"
+        )
+    if (folder / MANIFEST).exists():
+        raise RequestError(f"{folder} holds other results: give another folder")

@@ -1,0 +1,163 @@
+"""``journal.jsonl``: what became of each design, a line each, written whole before anything is learned from it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from planning.errors import OutputError
+from planning.files import read_file
+from twin.explore.dimensions import Values
+from twin.explore.rungs import Evaluation
+
+JOURNAL = "journal.jsonl"
+
+SEARCH, UNDONE, SINGLE = "search", "undone", "single"
+"""What designs are tried for: to find better ones, to see what one change of the best is worth, and each
+change of the scenario alone."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A design that was tried.
+
+    Attributes:
+        design: its number; 0 is the scenario as it is.
+        purpose: what it was tried for.
+        values: what it has at each key that is varied.
+        asked_after: how many designs of the search had been told when this one was chosen.
+        evaluation: what became of it; parcels are in files of their own.
+        same_as: the design that has the same values and was evaluated, None where this one was.
+        about: what it is of, for those that are not of the search.
+    """
+
+    design: int
+    purpose: str
+    values: Values
+    asked_after: int
+    evaluation: Evaluation
+    same_as: int | None = None
+    about: str = ""
+
+    @property
+    def done(self) -> bool:
+        """True if it is possible, and all is known of it."""
+        return self.evaluation.outcome == "done"
+
+    def content(self) -> dict[str, Any]:
+        """Return it for JSON; what is not known is None."""
+        found = self.evaluation
+        return {
+            "design": self.design,
+            "purpose": self.purpose,
+            "about": self.about,
+            "values": dict(self.values),
+            "asked_after": self.asked_after,
+            "same_as": self.same_as,
+            "outcome": found.outcome,
+            "rung": found.rung,
+            "reason": found.reason,
+            "violation": found.violation,
+            "results": dict(found.results),
+            "goals": list(found.goals),
+            "turns_s": None if math.isnan(found.turns_s) else found.turns_s,
+            "makespans_s": [None if math.isnan(v) else v for v in found.makespans_s],
+            "cpu_s": {k: round(v, 4) for k, v in found.cpu_s.items()},
+        }
+
+
+def tried_of(row: Mapping[str, Any]) -> Tried:
+    """Return what a line says; KeyError, TypeError or ValueError where it is no such line."""
+    turns_s = row["turns_s"]
+    return Tried(
+        int(row["design"]),
+        str(row["purpose"]),
+        dict(row["values"]),
+        int(row["asked_after"]),
+        Evaluation(
+            row["outcome"],
+            str(row["rung"]),
+            str(row["reason"]),
+            float(row["violation"]),
+            dict(row["results"]),
+            tuple(map(float, row["goals"])),
+            math.nan if turns_s is None else float(turns_s),
+            tuple(math.nan if v is None else float(v) for v in row["makespans_s"]),
+            dict(row["cpu_s"]),
+        ),
+        row["same_as"],
+        str(row["about"]),
+    )
+
+
+class Journal:
+    """The journal of an exploration, read and gone on with.
+
+    Args:
+        folder: of the exploration.
+
+    Raises:
+        OutputError: it cannot be read, or a line that is not the last is damaged.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / JOURNAL
+        self.rows: list[Tried] = []
+        self._read()
+
+    @property
+    def searched(self) -> Sequence[Tried]:
+        """The designs of the search, in the order in which they were told."""
+        return [row for row in self.rows if row.purpose == SEARCH]
+
+    def append(self, row: Tried) -> None:
+        """Write a design, whole and onto the disk.
+
+        Raises:
+            OutputError: the file system refuses.
+        """
+        line = json.dumps(row.content(), allow_nan=False, ensure_ascii=False) + "\n"
+        try:
+            handle = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+            try:
+                data = line.encode()
+                while data:
+                    data = data[os.write(handle, data) :]
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        except OSError as error:
+            raise OutputError(f"{self._path}: cannot be written: {error}") from error
+        self.rows.append(row)
+
+    def _read(self) -> None:
+        try:
+            data = read_file(self._path)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise OutputError(f"{self._path}: cannot be read: {error}") from error
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            _log.warning(
+                "%s: the last line was not finished and is dropped", self._path
+            )
+            try:
+                os.truncate(self._path, whole)
+            except OSError as error:
+                raise OutputError(f"{self._path}: cannot be mended: {error}") from error
+        for number, line in enumerate(data[:whole].splitlines(), start=1):
+            try:
+                self.rows.append(tried_of(json.loads(line)))
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
+                raise OutputError(
+                    f"{self._path}, line {number}: damaged: {error!r}"
+                ) from None
