@@ -97,9 +97,9 @@ def _busy_nodes(log: Path, tpg: TemporalPlanGraph) -> Iterator[tuple[int, int]]:
             raise RequestError(f"{log}:{number}: the plan beside it has no such node")
         now, chain = robots[robot], chains[robot]
         done = event.kind == "completed" and now.under_way == node
-        if done and chain.skill[node]:
-            yield int(chain.task[node]), now.worked_ns(event.t_ns)
         now.take(event)
+        if done and chain.skill[node]:
+            yield int(chain.task[node]), int(now.took_ns[node])
 
 
 def _event(log: Path, number: int, line: str) -> Event:

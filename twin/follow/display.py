@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from twin.durations.model import NANOSECONDS
+from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
@@ -56,6 +57,18 @@ def as_json(news: News) -> str:
                 "nodes_done": news.nodes_done,
                 "nodes": news.nodes,
             }
+        case Drift():
+            content = {
+                "kind": "drift",
+                "what": news.what,
+                "robot": news.robot,
+                "since_s": news.since_ns / NANOSECONDS,
+                "count": news.count,
+                "ratio": news.ratio,
+                "low": news.low,
+                "high": news.high,
+                "text": news.words,
+            }
         case FollowedRun():
             content = {
                 "kind": "end",
@@ -82,6 +95,8 @@ def as_sentence(news: News) -> str:
             left = max(news.quantile(0.5) - news.t_s, 0.0)
             ends = f"  {_ends(news)}: {left:.1f} s to go" if _ends(news) else ""
             return done + ends + _failing(news)
+        case Drift():
+            return f"DRIFT {news.words}"
         case FollowedRun():
             total = sum(len(robot.start_ns) for robot in news.robots)
             what = news.outcome or "no end in the log yet"
@@ -125,6 +140,7 @@ class TerminalDisplay:
         self._title = title
         self._console = console
         self._forecast: Forecast | None = None
+        self._drifts: dict[tuple[str, str], Drift] = {}
         self._unreadable: list[str] = []
         self._silent_s = 0.0
         self._drawn = 0.0
@@ -138,6 +154,8 @@ class TerminalDisplay:
                 self._unreadable.append(as_sentence(news))
             case Forecast():
                 self._forecast = news
+            case Drift():
+                self._drifts[news.what, news.robot] = news
             case Event():
                 self._silent_s = 0.0
             case Silence():
@@ -173,6 +191,8 @@ class TerminalDisplay:
         parts: list[Table | Text] = [table, _forecast_line(run, self._forecast, now)]
         if self._silent_s >= _SILENT_S:
             parts.append(Text(f"no event for {self._silent_s:.0f} s", style="yellow"))
+        for drift in self._drifts.values():
+            parts.append(Text(f"drift: {drift.words}", style="yellow"))
         hidden = len(run.violations) - _MOST_VIOLATIONS
         if hidden > 0:
             parts.append(Text(f"{hidden} more forbidden events before", style="red"))

@@ -12,6 +12,7 @@ from typing import BinaryIO, NamedTuple
 
 from planning.errors import OutputError
 from twin.durations.model import NANOSECONDS
+from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
 from twin.follow.state import FollowedRun, ForbiddenEvent
 from twin.run.events import Event, EventLogError, parse_event
@@ -113,7 +114,9 @@ class Silence(NamedTuple):
     seconds: float
 
 
-News = Event | ForbiddenEvent | UnreadableLine | Forecast | Silence | FollowedRun
+News = (
+    Event | ForbiddenEvent | UnreadableLine | Forecast | Drift | Silence | FollowedRun
+)
 """What is new about a followed run, whose state holds it already; the run itself is its end."""
 
 
@@ -129,7 +132,7 @@ def follow(
     """Follow a run until it ends or there are no more lines.
 
     There is a forecast before the first event at or after every multiple of ``every_s`` of the
-    run's time. While there is nothing to read, the run's time goes on with the clock.
+    run's time; what drifts is told with it, once, and again where it has left its interval. While there is nothing to read, the run's time goes on with the clock.
 
     Args:
         lines: of the event log; None stands for nothing to read yet.
@@ -142,6 +145,7 @@ def follow(
     every = max(int(every_s * NANOSECONDS), 1)
     due = 0
     heard = clock()
+    told: dict[tuple[str, str], Drift] = {}
 
     def tell(news: News) -> None:
         for listener in listeners:
@@ -151,6 +155,11 @@ def follow(
         nonlocal due
         due = (now_ns // every + 1) * every
         tell(forecaster.forecast(run, now_ns))
+        for drift in forecaster.drifts(run):
+            before = told.get((drift.what, drift.robot))
+            if before is None or not before.low <= drift.ratio <= before.high:
+                told[drift.what, drift.robot] = drift
+                tell(drift)
 
     try:
         number = 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nan
 from twin.engine.bulk.holding import held_back
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
+from twin.follow.drift import Drift, DriftWatch
 from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
@@ -101,6 +103,15 @@ class Forecaster:
         self._motion = np.stack([_joined(f.motion) for f in self._futures], axis=1)
         self._stall = np.stack([_joined(f.stood) for f in self._futures], axis=1)
         self._drawn = drawn_nodes(model.durations.bind(tpg))
+        self._model = model
+
+    def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
+        """Return what drifts in a run by now, what is furthest off its plan first."""
+        return self._watch.look(run)
+
+    @cached_property
+    def _watch(self) -> DriftWatch:
+        return DriftWatch(self._tpg, self._model, SEED)
 
     def forecast(self, run: FollowedRun, now_ns: int | None = None) -> Forecast:
         """Forecast the end of a run from a time.

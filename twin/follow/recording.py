@@ -14,6 +14,7 @@ from planning.transforms import Array
 from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import NodeHandling
 from twin.durations.model import Nanoseconds
+from twin.follow.drift import Drift
 from twin.follow.follow import News, Silence, UnreadableLine
 from twin.follow.forecast import Forecast
 from twin.follow.state import FollowedRun, ForbiddenEvent
@@ -117,6 +118,8 @@ class LiveRecording:
                         entity = entity_path(layout.FORECAST, name)
                         self._rec.log(entity, rr.Scalars(value))
                 self._flush()
+            case Drift():
+                self._say("drift", f"drift: {news.words}", "WARN")
             case Silence():
                 self._flush()
             case FollowedRun():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -79,6 +79,7 @@ class AttendedExecution(LiveExecution):
         self._notices: deque[Notice] = deque(maxlen=_MOST_NOTICES)
         self._question = ""
         self._asked, self._held = 0, set[str]()
+        self._disturbed: set[tuple[int, int]] = set()
         self._show_s = self._progress_s = 0.0
         both = Observers((*([] if observers is None else [observers]), self))
         super().__init__(*rest, observers=both, **options)
@@ -103,6 +104,9 @@ class AttendedExecution(LiveExecution):
             new = "" if event.detail.startswith(label) else label
             words = ": ".join(filter(None, (new, event.detail)))
             at_s = event.t_ns / NANOSECONDS
+            if event.robot in self.tpg.chain_index:
+                k = self.tpg.chain_index[event.robot]
+                self._disturbed.add((k, _done(self.end[k])))
             self._notices.appendleft(Notice(at_s, event.robot, event.kind, words))
 
     def close(self) -> None:
@@ -185,8 +189,10 @@ class AttendedExecution(LiveExecution):
         if now_s >= self._progress_s:
             self._progress_s = now_s + _PROGRESS_S
             start, end = map(tuple, self.start), map(tuple, self.end)
-            so_far = NodesSoFar(self.tpg, self._passed_ns(), tuple(start), tuple(end))
-            self._panel.so_far = so_far
+            marked = [(k, n) for k, n in self._disturbed if n < len(self.end[k])]
+            self._panel.so_far = NodesSoFar(
+                self.tpg, self._passed_ns(), tuple(start), tuple(end), frozenset(marked)
+            )
 
     def _shown(self) -> Shown:
         return Shown(
@@ -202,10 +208,7 @@ class AttendedExecution(LiveExecution):
         )
 
     def _steps_done(self) -> int:
-        counts = [
-            next((n for n, t in enumerate(own) if t < 0), len(own)) for own in self.end
-        ]
-        complete = complete_tasks(self.tpg, counts)
+        complete = complete_tasks(self.tpg, [_done(own) for own in self.end])
         steps: dict[int, bool] = {}
         for task in self.tpg.tasks:
             if task.kind not in (LEFT_OUT, PRESENT):
@@ -242,3 +245,8 @@ class AttendedExecution(LiveExecution):
         if self._question:
             return "waits for an answer"
         return "waits for what is planned anew" if self._planning else ""
+
+
+def _done(end_ns: Sequence[int]) -> int:
+    """Return how many nodes of a chain are complete, by when each of them was."""
+    return next((n for n, t in enumerate(end_ns) if t < 0), len(end_ns))

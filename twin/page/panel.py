@@ -114,12 +114,15 @@ class NodesSoFar:
         tpg: the plan.
         now_ns: time of the run [ns].
         start_ns, end_ns: of the nodes of each chain, -1 for what has not happened [ns].
+        disturbed: chains and nodes in which a robot stood, or did something again: how long they took in
+            themselves is not known.
     """
 
     tpg: TemporalPlanGraph
     now_ns: int
     start_ns: tuple[tuple[int, ...], ...]
     end_ns: tuple[tuple[int, ...], ...]
+    disturbed: frozenset[tuple[int, int]] = frozenset()
 
     def followed(self) -> FollowedRun:
         """Return the run as who follows it knows it."""
@@ -128,6 +131,10 @@ class NodesSoFar:
         for own, start, end in zip(run.robots, self.start_ns, self.end_ns, strict=True):
             own.start_ns[:], own.end_ns[:] = start, end
             own.completed = next((k for k, t in enumerate(end) if t < 0), len(end))
+            done = own.end_ns >= 0
+            own.took_ns[done] = own.end_ns[done] - own.start_ns[done]
+        for k, node in self.disturbed:
+            run.robots[k].took_ns[node] = -1
         return run
 
 

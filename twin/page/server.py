@@ -18,6 +18,7 @@ from typing import Any, cast, get_args
 
 from planning.errors import RequestError
 from twin.engine.execution_model import ExecutionModel
+from twin.follow.drift import Drift
 from twin.follow.forecast import Forecast, Forecaster
 from twin.host.guard import finite
 from twin.page.panel import Action, NodesSoFar, Order, Panel
@@ -79,6 +80,7 @@ class PageServer:
         self.hosts = {f"{name}:{self.port}" for name in (HOST, "localhost")}
         self.hosts |= {HOST, "localhost"} if self.port == 80 else set()
         self._forecast: Forecast | None = None
+        self._drifts: tuple[Drift, ...] = ()
         self._over = threading.Event()
         serve = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
         self._threads = [serve]
@@ -122,7 +124,9 @@ class PageServer:
             try:
                 if before is None or before.tpg is not so_far.tpg:
                     forecaster = Forecaster(so_far.tpg, model, samples=_SAMPLES)
-                self._forecast = forecaster.forecast(so_far.followed())
+                run = so_far.followed()
+                self._forecast = forecaster.forecast(run)
+                self._drifts = forecaster.drifts(run)
             except Exception as error:
                 _log.warning("there is no forecast on the page: %s", error)
                 return
@@ -132,6 +136,7 @@ class PageServer:
         """Return what the page shows, as JSON has it."""
         shown, forecast = self._panel.shown, self._forecast
         content: dict[str, Any] = {"shown": None, "forecast": None}
+        content["drifts"] = [drift.words for drift in self._drifts]
         if shown is not None:
             content["shown"] = asdict(shown)
             content["age_s"] = round(time.monotonic() - self._panel.shown_s, 2)

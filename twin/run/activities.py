@@ -161,6 +161,8 @@ class RobotProgress:
         name: of the robot.
         start_ns, end_ns: of its nodes, -1 for what has not happened, shape (nodes,) [ns].
         stood_ns: standstills within each node so far, failed attempts left out, shape (nodes,) [ns].
+        took_ns: of nodes that are complete, without standstills and attempts that failed, -1 for what
+            has not happened or is not known, shape (nodes,) [ns].
         completed: nodes that it has completed.
         attempt_ns: when the node under way started, or its last attempt [ns].
         attempts: attempts at the node under way that have failed.
@@ -173,6 +175,7 @@ class RobotProgress:
         self.start_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
         self.end_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
         self.stood_ns: Nanoseconds = np.zeros(nodes, dtype=np.int64)
+        self.took_ns: Nanoseconds = np.full(nodes, -1, dtype=np.int64)
         self.completed = self.attempt_ns = self.attempts = 0
         self.failed = False
         self._stands: list[tuple[str, int, int]] = []
@@ -226,6 +229,8 @@ class RobotProgress:
             self.start_ns[node] = self.attempt_ns = t_ns
             self.attempts = 0
         elif event.kind == "completed":
+            if self.under_way == node:
+                self.took_ns[node] = self.worked_ns(t_ns)
             # What was left out counts as done at once, so that this is equal to the run again.
             left = slice(self.completed, node + 1)
             self.start_ns[left] = np.where(

@@ -1,0 +1,214 @@
+"""Drift: what a robot has lately taken longer for, or less long, than it was planned to take.
+
+Every skill of every robot, and its motions, are held against futures of the same plan: a time is worth the
+normal score of its rank among them, so that no distribution has tails that look like a change. The sum over
+the last so many of them has a spread among the futures, whatever is common to them; one too far off is no accident. How many of the last ones are looked at is chosen by what stands out most, so that a change in the
+middle of a run is found, and dated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from planning.transforms import Array, Indices
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.motion_times import is_driven
+from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
+from twin.follow.state import FollowedRun
+from twin.uncertainty.node_times import NodeTimeSampler
+
+MOTIONS = "motions"
+"""What all is called that takes the time of its path."""
+
+_FEWEST = 8
+"""Of the last times that something was done: fewer say nothing."""
+
+_STRANGE = 4.5
+"""Spreads by which their sum is off its mean; sums are tried of many lengths, again and again."""
+
+_SAME, _SAME_NS = 0.005, 30_000_000
+"""Times that differ by less, as a share and by itself [ns], are the same: messages of real cells take time."""
+
+_LEAST = 0.01
+"""A change below this share of what was planned is not told."""
+
+_MOST_FUTURES, _MOST_NODES = 200, 400_000
+"""Futures, and their nodes together where robots keep to limits: these take a run each."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Something takes longer than it was planned to, or less long.
+
+    Attributes:
+        what: the skill, what a tool does (``close``, ``open``), or ``motions``.
+        robot: whose.
+        since_ns: when the first of those began that it is seen in [ns].
+        count: how many there were since.
+        ratio: what they took together, of what they were planned to take in the mean.
+        low, high: interval that covers the true ratio with 95 %, by how much they differ among each other.
+    """
+
+    what: str
+    robot: str
+    since_ns: int
+    count: int
+    ratio: float
+    low: float
+    high: float
+
+    @property
+    def words(self) -> str:
+        """Say it in words."""
+        more = "longer" if self.ratio > 1.0 else "less long"
+        per_cent = sorted(abs(100.0 * (r - 1.0)) for r in (self.low, self.high))
+        verb = "take" if self.what == MOTIONS else "takes"
+        return (
+            f"{self.what} of {self.robot} {verb} {abs(100.0 * (self.ratio - 1.0)):.0f} % {more} than planned"
+            f" since {self.since_ns / NANOSECONDS:.0f} s ({per_cent[0]:.0f} to {per_cent[1]:.0f} %,"
+            f" {self.count} times)"
+        )
+
+
+class _Series(NamedTuple):
+    """One thing that a robot does again and again.
+
+    Attributes:
+        what: it is.
+        chain: of the robot.
+        nodes: of each time, in order.
+        futures: what each of them took in each future, shape (n, samples) [ns].
+        scores: what each of these is worth, same shape.
+    """
+
+    what: str
+    chain: int
+    nodes: tuple[Indices, ...]
+    futures: Array
+    scores: Array
+
+
+class DriftWatch:
+    """Finds what drifts in a run in progress.
+
+    Args:
+        tpg: what is executed.
+        model: how it is executed.
+        seed: names the futures.
+    """
+
+    def __init__(
+        self, tpg: TemporalPlanGraph, model: ExecutionModel, seed: int = 0
+    ) -> None:
+        futures = list(_futures(tpg, model, seed))
+        self._robots = [chain.robot for chain in tpg.chains]
+        times: dict[tuple[str, int], list[Indices]] = {}
+        draws = model.durations.bind(tpg)
+        drawn = [np.zeros(len(chain), dtype=bool) for chain in tpg.chains]
+        for what, (k, nodes, _) in zip(draws.skills, draws.nodes, strict=True):
+            times.setdefault((what, k), []).append(nodes)
+            drawn[k][nodes] = True
+        for k, chain in enumerate(tpg.chains):
+            rest = np.flatnonzero(~drawn[k] & (chain.duration > 0.0))
+            changes = np.flatnonzero(np.diff(chain.task[rest])) + 1
+            parts = np.split(rest, changes) if len(rest) else []
+            times[MOTIONS, k] = list(parts)
+        self._series = []
+        for (what, k), own in times.items():
+            took = [[f[k][nodes].sum() for f in futures] for nodes in own]
+            if len(own) >= _FEWEST:
+                each = np.array(took, float)
+                scores = _scores(each, each)
+                self._series.append(_Series(what, k, tuple(own), each, scores))
+
+    def look(self, run: FollowedRun) -> tuple[Drift, ...]:
+        """Return what drifts by now, what is furthest off its plan first.
+
+        Args:
+            run: its state.
+        """
+        found = [
+            drift for series in self._series if (drift := self._drift(series, run))
+        ]
+        return tuple(sorted(found, key=lambda d: -abs(np.log(d.ratio))))
+
+    def _drift(self, series: _Series, run: FollowedRun) -> Drift | None:
+        robot = run.robots[series.chain]
+        known = []
+        for n, nodes in enumerate(series.nodes):
+            if nodes[-1] >= robot.completed:
+                break
+            if np.all(robot.took_ns[nodes] >= 0):
+                known.append(n)
+        if len(known) < _FEWEST:
+            return None
+        futures = series.futures[known]
+        took = np.array([robot.took_ns[series.nodes[n]].sum() for n in known], float)
+        # Sums over the last 1, 2, ... of them.
+        sums = np.cumsum(_scores(took[:, None], futures)[::-1, 0])
+        others = np.cumsum(series.scores[known][::-1], axis=0)
+        counts = np.arange(1, len(known) + 1)
+        spread = np.maximum(others.std(axis=1, ddof=1), np.sqrt(counts))
+        off = np.abs(sums) / spread
+        off[: _FEWEST - 1] = 0.0
+        last = int(np.argmax(off)) + 1
+        mean = futures.mean(axis=1)
+        ratio = float(took[-last:].sum() / mean[-last:].sum())
+        if off[last - 1] < _STRANGE or abs(ratio - 1.0) < _LEAST:
+            return None
+        rest = took[-last:] - ratio * mean[-last:]
+        error = np.sqrt(last / (last - 1) * (rest**2).sum()) / mean[-last:].sum()
+        far = float(stdtrit(last - 1, 0.975) * error)
+        begin = int(series.nodes[known[-last]][0])
+        return Drift(
+            series.what,
+            self._robots[series.chain],
+            int(robot.start_ns[begin]),
+            last,
+            ratio,
+            ratio - far,
+            ratio + far,
+        )
+
+
+def _futures(
+    tpg: TemporalPlanGraph, model: ExecutionModel, seed: int
+) -> Iterator[tuple[Nanoseconds, ...]]:
+    """Yield how long nodes take in one future after another, without standstills, one array a chain [ns].
+
+    Where robots keep to limits, they brake for each other, which a run shows.
+    """
+    if not is_driven(tpg):
+        sampler = NodeTimeSampler(tpg, model.durations, model.disturbances)
+        for r in range(_MOST_FUTURES):
+            yield sampler.sample(seed=seed, replication=r).motion
+        return
+    simulator = Simulator(tpg, model)
+    nodes = sum(len(chain) for chain in tpg.chains)
+    for r in range(max(10, min(_MOST_FUTURES, _MOST_NODES // max(nodes, 1)))):
+        yield simulator.run(seed=seed, replication=r).duration_ns
+
+
+def _scores(times: Array, futures: Array) -> Array:
+    """Return the normal scores of times by their ranks among futures.
+
+    Args:
+        times: shape (n, m).
+        futures: shape (n, samples).
+    """
+    ranked = np.sort(futures, axis=1)
+    count = ranked.shape[1]
+    share = np.empty(times.shape)
+    for row, (own, among) in enumerate(zip(times, ranked, strict=True)):
+        near = np.maximum(_SAME * own, _SAME_NS)
+        less = np.searchsorted(among, own - near, side="left")
+        not_more = np.searchsorted(among, own + near, side="right")
+        share[row] = (0.5 * (less + not_more) + 0.5) / (count + 1)
+    return np.asarray(ndtri(share))
