@@ -76,8 +76,9 @@ STORIES = {
     for page in dict.fromkeys(c.page for c in TWIN if c.mark == "story")
 }
 
-LONG = ("tutorial-wall", "tutorial-gearbox")
-"""Pages whose stories are for the night: the wall for three teams, a cell of vendors' files studied."""
+LONG = ("tutorial-wall", "tutorial-gearbox", "failures", "studies")
+"""Pages whose stories are for the night: the wall for three teams, a cell of vendors' files studied, studies
+of what fails and of the cliff."""
 
 
 @pytest.fixture(autouse=True)

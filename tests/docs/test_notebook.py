@@ -40,7 +40,7 @@ def test_the_notebook_is_kept_without_outputs() -> None:
     assert all(cell["execution_count"] is None for cell in code)
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_the_notebook_runs(tmp_path: Path) -> None:
     done = tmp_path / "done.ipynb"
     subprocess.run(

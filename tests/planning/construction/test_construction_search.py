@@ -215,6 +215,7 @@ def test_a_way_that_loses_too_much_is_of_no_use(fixed: bool) -> None:
         building = found.building
 
 
+@pytest.mark.nightly
 def test_parts_without_joints_come_one_after_another_where_they_touch() -> None:
     boxes = tuple(
         toy_part(f"p{k}", (0.3, 0.2, 0.08), (0.3 * k - 0.45, 0.0, 0.04))
@@ -234,6 +235,7 @@ def test_parts_without_joints_come_one_after_another_where_they_touch() -> None:
     assert ready == [100.0, 100.0, 100.0, 0.0]
 
 
+@pytest.mark.nightly
 def test_stacks_are_taken_from_the_top() -> None:
     boxes = tuple(
         toy_part(f"p{k}", (0.3, 0.2, 0.1), (0.5 * k - 0.75, 0.0, 0.05))

@@ -90,6 +90,7 @@ def test_at_rest(items, pose, first, second):
     )
 
 
+@pytest.mark.nightly
 @settings(max_examples=30, deadline=None)
 @given(elements, poses, spots, elements, steps, steps)
 @pytest.mark.parametrize("holder", ["arm", "other"])

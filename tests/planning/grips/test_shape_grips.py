@@ -132,6 +132,7 @@ def interval(mesh, at, closing):
     return min(-way[inside & (way < 0)]), min(way[inside & (way > 0)])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "mesh",
     [

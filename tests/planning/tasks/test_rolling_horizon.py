@@ -51,6 +51,7 @@ def stacks_problem(seed: int, steps: int, stock: int, stack: int) -> AssignmentP
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("stack", [1, 3])
 @pytest.mark.parametrize("surplus", [0, 10])
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio
+import pytest
 
 from planning.cell.robot_model import MotionLimits, limits_of
 from planning.cell.shape import box_shape
@@ -13,7 +14,12 @@ from planning.timing.torque import ArmDynamics, Payload
 from planning.transforms import from_rpy
 from tests.planning.timing.pinocchio_arm import PinocchioArm
 
-MODELS = ("ur5e", "panda", "iiwa14")
+ARMS = ("ur5e", "panda", "iiwa14")
+MODELS = [
+    ARMS[0],
+    *(pytest.param(name, marks=pytest.mark.nightly) for name in ARMS[1:]),
+]
+"""Arms that are drawn; all but the first one at night."""
 
 
 class Drawn:

@@ -16,7 +16,7 @@ from planning.robots.registry import robot_model
 from planning.timing.smooth_path import smooth_path
 from planning.timing.stretch import Stretch, straight_stretch
 from planning.timing.torque import ArmDynamics, Payload, borne_stretch, why_unchecked
-from tests.planning.timing.drawn_arm import MODELS, Drawn
+from tests.planning.timing.drawn_arm import ARMS, MODELS, Drawn
 from twin.run.driven_motion import cubic_at
 
 
@@ -127,7 +127,7 @@ def test_descriptions_that_tell_too_little_are_not_checked() -> None:
     model = robot_model("ur5e")
     assert model.drives is not None
     assert model.inertias is not None
-    assert all(why(name) is None for name in MODELS)
+    assert all(why(name) is None for name in ARMS)
     assert why("gp4") == "no limits of effort are told"
     assert why("ur5e", inertias=None) == "no masses are told"
     nothing = replace(model.inertias, mass=np.zeros(6))

@@ -74,7 +74,10 @@ def _makespan(
         return None
 
 
-@pytest.mark.parametrize(("robots", "seed"), [(2, 17), (2, 43), (3, 13)])
+@pytest.mark.parametrize(
+    ("robots", "seed"),
+    [(3, 13), *(pytest.param(2, s, marks=pytest.mark.nightly) for s in (17, 43))],
+)
 def test_no_safe_order_is_better(robots: int, seed: int) -> None:
     tpg = build_tpg(random_plan(robots, seed, rounds=4, step=0.5))
     relations, blocks, search = _parts(tpg)

@@ -51,6 +51,7 @@ def _shorten(
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("robots", "seed"), CASES[:3])
 def test_after_any_time_the_graph_is_whole_and_no_longer(
     robots: int, seed: int

@@ -155,6 +155,7 @@ def test_an_audit_tells_what_it_finds(plan: twin.PlanResult) -> None:
     assert found.violations.column("kind")[0].as_py() in found._repr_html_()
 
 
+@pytest.mark.nightly
 def test_a_study_has_a_row_a_policy_and_variant(
     plan: twin.PlanResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

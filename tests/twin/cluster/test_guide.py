@@ -186,6 +186,7 @@ def test_results_are_those_of_one_process(started: Started, tmp_path: Path) -> N
     assert tables[0] == tables[1]
 
 
+@pytest.mark.nightly
 def test_workers_whose_scheduler_dies_end(tmp_path: Path) -> None:
     make_certificates(tmp_path / "certs", 1)
     port = free_port(PLACES["10.0.0.1"])

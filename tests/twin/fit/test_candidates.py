@@ -62,6 +62,7 @@ def test_p_values_of_the_right_family_are_uniform() -> None:
     assert np.mean(np.array(p) < LEVEL) < 0.09
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("right", "sample"),
     [

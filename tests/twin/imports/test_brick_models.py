@@ -63,7 +63,7 @@ def test_designs_come_back_from_ldraw(design: Path, tmp_path: Path) -> None:
     assert sorted(found) == expected
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_a_run_is_exported_step_by_step(tmp_path: Path) -> None:
     """Of a run: a step an assembly step in the order of the plan, scaffolding before the first."""
     run, model = tmp_path / "run", tmp_path / "faucet.ldr"
@@ -216,6 +216,7 @@ def test_what_is_too_large_is_told_by_its_size(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+@pytest.mark.nightly
 def test_what_no_arm_reaches_is_told(tmp_path: Path) -> None:
     tower = "".join(f"2x4 (0,0,{z})\n" for z in range(60))
     result, out = imported(tmp_path, tower)

@@ -37,6 +37,7 @@ def asking(
     }
 
 
+@pytest.mark.nightly
 @settings(max_examples=5, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
@@ -212,6 +213,7 @@ def test_somebody_answers_at_the_keyboard(plan: PlanResult, tmp_path: Path) -> N
     assert summary["audit"]["violations"] == []
 
 
+@pytest.mark.nightly
 def test_who_breaks_off_at_a_question_breaks_off_the_run(
     plan: PlanResult, tmp_path: Path
 ) -> None:

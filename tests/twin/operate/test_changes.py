@@ -43,6 +43,7 @@ def first_skill_ns(done: Operation) -> Mapping[int, int]:
     return found
 
 
+@pytest.mark.nightly
 @settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_what_is_wanted_is_done_and_the_rest_is_said(

@@ -26,6 +26,7 @@ def lost(done: Operation) -> set[str]:
     return {h.object for h in done.tpg.handlings if h.holder == GONE}
 
 
+@pytest.mark.nightly
 def test_it_does_without_what_is_lost_and_never_fails_for_good(
     plan: PlanResult,
 ) -> None:

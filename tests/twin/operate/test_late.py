@@ -60,6 +60,7 @@ def came_at(events: list[Event]) -> dict[str, int]:
     return {e.object: e.t_ns for e in events if e.detail.startswith("comes up")}
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, deadline=None)
 @given(data=st.data())
 def test_whatever_is_late_is_waited_for_or_replaced(
@@ -111,6 +112,7 @@ def test_another_brick_is_taken_and_the_late_one_is_let_be(plan: PlanResult) -> 
     require_kept(done)
 
 
+@pytest.mark.nightly
 def test_where_there_is_no_other_one_it_is_waited_for(plan: PlanResult) -> None:
     done, events = operated(plan, 0, **late(**dict.fromkeys(NAMES, 200.0)))
     assert done.record.outcome == "completed"

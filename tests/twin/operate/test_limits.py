@@ -16,6 +16,7 @@ def plan() -> PlanResult:
     return plan_to_operate(load("taskboard"))
 
 
+@pytest.mark.nightly
 def test_what_follows_a_rest_begins_when_the_motion_before_has_ended(
     plan: PlanResult,
 ) -> None:

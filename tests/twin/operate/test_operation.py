@@ -72,6 +72,7 @@ def test_whatever_fails_the_union_keeps_the_invariant(
         assert done.record.outcome == "completed", done.given_up
 
 
+@pytest.mark.nightly
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_what_is_planned_and_does_not_take_over_leaves_nothing_behind(
@@ -113,6 +114,7 @@ def tries(done: Operation) -> dict[tuple[int, str], list[int]]:
     return found
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_luck_is_that_of_the_step_however_it_is_planned_anew(

@@ -51,6 +51,7 @@ def planned(stack_file: Path) -> Planned:
     return plan
 
 
+@pytest.mark.nightly
 @settings(max_examples=8, deadline=None)
 @given(
     window=st.sampled_from([(1, 0), (1, 1), (2, 0), (2, 2), (3, 1)]),
@@ -86,6 +87,7 @@ def test_nothing_is_put_where_it_would_rest_on_a_step_that_is_given_up(
     assert not [t for t in done.tpg.tasks if t.kind == "place-down"]
 
 
+@pytest.mark.nightly
 def test_steps_after_one_that_nobody_can_do_are_given_up(planned: Planned) -> None:
     """All that is picked is lost, so that there is no brick for the next step of the window."""
     loses = {"probability": 1.0, "retries": 0, "loses": 1.0}

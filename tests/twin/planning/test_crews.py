@@ -51,6 +51,7 @@ def _planned(folder: Path, arms: int) -> PlanResult:
     return plan_scenario(loaded(folder, cell("pile", robots, PILE, table)))
 
 
+@pytest.mark.nightly
 def test_one_more_arm_never_makes_a_plan_longer(tmp_path: Path) -> None:
     two, three, four = (_planned(tmp_path, arms) for arms in (2, 3, 4))
     assert three.makespan_s <= two.makespan_s + 1e-6

@@ -162,6 +162,7 @@ def test_the_audit_finds_what_was_not_done_as_wanted(
     assert says in report.violations[0].detail
 
 
+@pytest.mark.nightly
 def test_an_order_is_found_for_steps_in_any_order(tmp_path: Path) -> None:
     content = yaml.safe_load(SCENARIO)
     content["assembly"]["order"] = "find"

@@ -26,7 +26,10 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize(("task", "most"), [("cliff", 0.75), ("faucet", 0.8)])
+@pytest.mark.parametrize(
+    ("task", "most"),
+    [("cliff", 0.75), pytest.param("faucet", 0.8, marks=pytest.mark.nightly)],
+)
 def test_a_published_task_runs_clean(task: str, most: float, tmp_path: Path) -> None:
     target = tmp_path / f"{task}.yaml"
     result = CliRunner().invoke(

@@ -75,6 +75,7 @@ def test_json_has_a_row_a_step(tmp_path):
     assert rows[0]["press"] == rows[0]["presses"][0]
 
 
+@pytest.mark.nightly
 def test_the_written_scenario_builds_the_same_with_steps(tmp_path):
     """Steps with all alternatives come back as they were found."""
     source = Path(__file__).parents[3] / "scenarios/lego/faucet.yaml"

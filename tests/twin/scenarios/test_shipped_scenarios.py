@@ -32,8 +32,8 @@ BOARD, GEARBOX, SHAPES = "assembly/taskboard", "assembly/gearbox", "assembly/sha
         (CLIFF, 100_000, 2_000, 0.75),
         pytest.param(BOAT, 10_000, 4_000, 0.5, marks=pytest.mark.nightly),
         pytest.param(BOARD, 0, 0, 1.0, marks=pytest.mark.nightly),
-        pytest.param(GEARBOX, 0, 0, 1.0, marks=pytest.mark.expensive),
-        (SHAPES, 0, 500, 1.0),
+        pytest.param(GEARBOX, 0, 0, 1.0, marks=pytest.mark.nightly),
+        pytest.param(SHAPES, 0, 500, 1.0, marks=pytest.mark.nightly),
     ],
 )
 def test_a_plan_is_proved_safe_and_its_run_clean(
@@ -127,6 +127,7 @@ def test_three_arms_of_the_boat_share_seventeen_steps(shipped: ShippedRuns) -> N
     }
 
 
+@pytest.mark.nightly
 def test_who_does_what_on_the_board_is_by_the_tools(shipped: ShippedRuns) -> None:
     tasks = shipped(BOARD).planned.tpg.tasks
     by_driver = {task.kind for task in tasks if task.robot == "back"}

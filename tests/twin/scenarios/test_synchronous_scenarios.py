@@ -48,6 +48,7 @@ def test_robots_do_move_at_once(planned: tuple[Scenario, PlanResult]) -> None:
     assert together < 0.5 * alone
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("policy", ["asynchronous", "synchronous"])
 def test_stalled_runs_are_clean(
     planned: tuple[Scenario, PlanResult], policy: str, tmp_path: Path
@@ -151,6 +152,7 @@ def test_slots_of_a_shipped_plan_are_planned_jointly(
     assert seen > 10
 
 
+@pytest.mark.nightly
 def test_one_task_after_another_ends_as_soon_as_slots_with_sidesteps() -> None:
     """With this seed, the last arm waits for the busiest one on a way that is straight already."""
     scenario = load_scenario(FOLDER / "multi_goal.yaml")
@@ -169,7 +171,7 @@ def test_one_task_after_another_ends_as_soon_as_slots_with_sidesteps() -> None:
     assert sooner == pytest.approx(alone, rel=1e-3)
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_a_structure_with_sidesteps_is_built_sooner_and_proved_apart(
     shipped: ShippedRuns, tmp_path: Path
 ) -> None:

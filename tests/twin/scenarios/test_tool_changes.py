@@ -269,6 +269,7 @@ def two_armed() -> str:
     )
 
 
+@pytest.mark.nightly
 def test_both_arms_change_for_one_step(tmp_path: Path) -> None:
     """One takes a driver, and the other the gripper with which it holds what is worked at."""
     found = plan_scenario(loaded(tmp_path, two_armed()), tmp_path)

@@ -95,7 +95,7 @@ def require_between_fingers(tpg: TemporalPlanGraph) -> None:
 HOME = "home_deg: [0, -100, 110, -100, -90, 0]"
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_two_ur5e_with_grippers_of_robotiq(tmp_path: Path) -> None:
     """No file is edited; fingers of six joints that follow each other, tool0 taken for the flange."""
     tpg = done(tmp_path, TWO_FINGER.format(file=robotiq()), arms(ur5e(), 0.45, HOME))

@@ -207,6 +207,7 @@ def test_the_report_fits_a_narrow_window(study: Path) -> None:
         assert int(width) <= 100
 
 
+@pytest.mark.nightly
 def test_the_same_study_gives_the_same_bytes(study: Path, tmp_path: Path) -> None:
     drawn = (*(path.name for path in study.glob("*.png")), "report.html")
     folder = _copy(study, tmp_path / "again", *drawn)

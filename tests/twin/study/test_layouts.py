@@ -61,6 +61,7 @@ def makespans(study: twin.Study, **wanted: object) -> Array:
     )
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("no_report")
 def test_each_layout_is_what_a_study_of_it_alone_finds(
     study: twin.Study, tmp_path: Path
@@ -122,6 +123,7 @@ def test_the_cell_on_the_first_page_is_the_best_layout(study: twin.Study) -> Non
     assert best.variant == cell.variant
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("no_report")
 def test_an_interrupted_study_of_layouts_goes_on_and_prints_the_ranking(
     study: twin.Study,

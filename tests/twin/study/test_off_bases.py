@@ -34,6 +34,7 @@ def studied(folder: Path, error: str) -> tuple[str, list[dict[str, float]]]:
     return found.output, [json.loads(file.read_text()) for file in files]
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("no_report")
 def test_replications_are_audited_where_their_bases_are(tmp_path: Path) -> None:
     said, small = studied(tmp_path / "small", '{"m": 0.0002, "rad": 0.0001}')

@@ -25,6 +25,7 @@ SCENARIO = ROOT / "scenarios/multi_arm/rearrangement.yaml"
 ERROR = PoseError(0.002, 0.01)
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("no_report")
 def test_replications_are_audited_on_the_paths_that_are_drawn(tmp_path: Path) -> None:
     own = "{pick: {m: 0.0002, rad: 0.0002}, place-down: {m: 0.0002}}"
@@ -42,7 +43,7 @@ def test_replications_are_audited_on_the_paths_that_are_drawn(tmp_path: Path) ->
     assert len({json.loads(f.read_text())["min_distance_m"] for f in files}) == 3
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 @pytest.mark.parametrize("limits", [False, True])
 def test_flanges_go_where_they_are_drawn_in_skills_and_nowhere_else(
     tmp_path: Path, limits: bool

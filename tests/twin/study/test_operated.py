@@ -27,7 +27,7 @@ from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import scenario_execution
 
-COUNT = 40
+COUNT = 24
 OFTEN = {
     "failures.pick": {"probability": 0.05, "retries": 1, "loses": 0.3},
     "failures.place-down": {"probability": 0.3, "retries": 1, "loses": 0.3},
@@ -95,6 +95,7 @@ def test_it_is_one_operation_after_the_other(
         assert spent == pytest.approx(sum(ends) / 1e9)
 
 
+@pytest.mark.nightly
 def test_what_is_gone_on_with_makes_the_same_files(
     study: Study, tmp_path: Path
 ) -> None:
@@ -102,7 +103,7 @@ def test_what_is_gone_on_with_makes_the_same_files(
     shutil.copytree(study.folder, killed)
     for name in (REPLICATIONS, SUMMARY, f"{BLOCKS}/0-8-8.npz"):
         (killed / name).unlink()
-    assert len(list((killed / BLOCKS).glob("*.npz"))) == 4
+    assert len(list((killed / BLOCKS).glob("*.npz"))) == COUNT // 8 - 1
     (killed / PREVENTED / "1-16-8.npz").unlink()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.api.studies.write_report", lambda result, progress: None)
@@ -191,6 +192,7 @@ def test_the_summary_counts_what_is_in_the_rows(study: Study) -> None:
     )
 
 
+@pytest.mark.nightly
 def test_without_failures_it_is_the_study(case: LoadedScenario, tmp_path: Path) -> None:
     sound = {"failures.pick.probability": 0.0, "failures.place-down.probability": 0.0}
     sure = case.varied(sound)
@@ -205,6 +207,7 @@ def test_without_failures_it_is_the_study(case: LoadedScenario, tmp_path: Path) 
         assert pq.read_table(ours.folder / name) == pq.read_table(plain.folder / name)
 
 
+@pytest.mark.nightly
 def test_robots_that_are_out_are_operated(plan: PlanResult, tmp_path: Path) -> None:
     case = plan.scenario.varied({"outages": [{"robot": "right", "at_s": 30.0}]})
     out = replace(plan, scenario=case)

@@ -85,6 +85,7 @@ def test_a_plan_in_turns_that_was_changed_is_refused(file: Path, run: Path) -> N
         (run / "in-turns" / "plan.json").write_text(document)
 
 
+@pytest.mark.nightly
 def test_a_study_of_the_plan_is_the_study_of_the_scenario(
     file: Path, run: Path, tmp_path: Path
 ) -> None:

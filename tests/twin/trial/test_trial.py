@@ -220,6 +220,7 @@ def test_verify_proves_a_saved_plan(plan: Path) -> None:
     )
 
 
+@pytest.mark.nightly
 def test_verify_tells_what_is_survived_of_base_errors(plan: Path) -> None:
     large = invoke("verify", plan, "--no-adversary", "--base-error", "40cm,1deg")
     assert large.exit_code == 1, large.output

@@ -38,6 +38,7 @@ def test_engines_agree(path: Path, policy: Policy) -> None:
     assert_same_ends(load_timing_graph(path), model, 4, [0, 1, 77])
 
 
+@pytest.mark.nightly
 def test_the_graph_of_the_cliff_is_current(shipped: ShippedRuns) -> None:
     plan = shipped("lego/cliff").planned.motions.motion_plan
     assert_current("cliff", timing_graph(contract(build_tpg(plan)).tpg))

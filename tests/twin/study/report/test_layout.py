@@ -84,6 +84,7 @@ def summary_of(
     return toy_summary(cells, deadline_s=deadline_s)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("variants", "policies"), [(1, 7), (3, 2), (6, 7)])
 def test_comparisons_are_legible(variants: int, policies: int) -> None:
     summary = summary_of(variants, policies, 95.0)
