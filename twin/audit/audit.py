@@ -229,7 +229,9 @@ class Auditor(AbstractContextManager["Auditor"]):
                 if ordered and spans:
                     rules.append(rest_violations)
         found = [violation for look in rules for violation in look(case)]
-        found += joint_violations(recording.robots, self._world.limits)
+        found += joint_violations(
+            recording.robots, self._world.limits, recording.measured
+        )
         if ordered:
             found += edge_violations(self._tpg, case.moved, "trajectory.parquet")
         return self._report(contacts, found)

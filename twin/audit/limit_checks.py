@@ -10,7 +10,7 @@ Joint limits and joint speeds of what was executed, against those of the URDF.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,15 +25,20 @@ from twin.audit.worlds.world import JointLimits
 
 
 def joint_violations(
-    robots: Mapping[str, RobotRows], limits: Mapping[str, JointLimits]
+    robots: Mapping[str, RobotRows],
+    limits: Mapping[str, JointLimits],
+    measured: Collection[str] = (),
 ) -> Iterator[Violation]:
     """Yield where a joint leaves its range or moves faster than it may.
 
-    Between two rows a robot moves along a straight line in joint space, so rows settle both.
+    Between two rows a robot moves along a straight line in joint space, so rows settle both. When a robot
+    was where it was measured is known to some milliseconds only, which makes its speed over a few of them
+    anything: there it counts how far it came in a step, and in longer and longer times.
 
     Args:
         robots: what was executed.
         limits: of each robot.
+        measured: robots whose rows were measured.
     """
     for robot, rows in robots.items():
         own = limits[robot]
@@ -41,11 +46,23 @@ def joint_violations(
         nearest = np.where(rows.q > own.upper, own.upper, own.lower)
         told = _Told(robot, own.names, rows.t, rows.t, rows.node)
         yield from told.excesses("joint-limit", own.units, beyond, rows.q, nearest)
-        seconds, way = np.diff(rows.t)[:, None], np.abs(np.diff(rows.q, axis=0))
-        share = way / (own.velocity * (seconds * (1.0 + _BEYOND) + _TICKS))
-        speed, units = way / np.maximum(seconds, _TICKS), [f"{u}/s" for u in own.units]
-        steps = _steps_of(robot, own.names, rows)
-        yield from steps.excesses("joint-speed", units, share, speed, own.velocity)
+        units = [f"{u}/s" for u in own.units]
+        first, ticks = np.arange(len(rows.t) - 1), _TICKS
+        spans = [(first, first + 1)]
+        if robot in measured:
+            ticks = 2.0 * _HEARD_S
+            for window_s in _WINDOWS_S:
+                last = np.searchsorted(rows.t, rows.t[first] + window_s)
+                there = last < len(rows.t)
+                spans.append((first[there], last[there]))
+        for begin, end in spans:
+            seconds = (rows.t[end] - rows.t[begin])[:, None]
+            way = np.abs(rows.q[end] - rows.q[begin])
+            share = way / (own.velocity * (seconds * (1.0 + _BEYOND) + ticks))
+            speed = way / np.maximum(seconds, _TICKS)
+            steps = _Told(robot, own.names, rows.t[begin], rows.t[end], rows.node[end])
+            found = steps.excesses("joint-speed", units, share, speed, own.velocity)
+            yield from found
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +133,9 @@ def runs(bad: npt.NDArray[np.bool_]) -> Iterator[tuple[int, npt.NDArray[np.intp]
 
 _BEYOND = 1e-6
 """Joint values and shares of limits may be this far beyond: rounding [rad, m or 1]."""
+
+_HEARD_S, _WINDOWS_S = 0.01, (0.1, 0.2, 0.4, 0.8)
+"""By how much the time of a measurement may be wrong, and times over which speeds of such are looked at [s]."""
 
 _TICKS = 2e-9
 """Times are whole nanoseconds, so a step may seem this much shorter than it is [s]."""

@@ -161,6 +161,7 @@ def test_both_engines_find_the_same_violations(tmp_path: Path) -> None:
     assert coal.engine == engine_and_version("coal")
 
 
+@pytest.mark.nightly
 @needs_pybullet
 @pytest.mark.parametrize(
     ("name", "robots"),

@@ -23,9 +23,10 @@ from tests.twin.driven_toys import driven_tpg
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import toy_cell
 from twin.audit.audit import audit_run
-from twin.audit.limit_checks import limit_violations
+from twin.audit.limit_checks import joint_violations, limit_violations
 from twin.audit.motion.executed import Recording, ReplayedRun, RobotRows
 from twin.audit.violation import Violation
+from twin.audit.worlds.world import JointLimits
 from twin.durations.measured import packaged_timings
 from twin.durations.model import NANOSECONDS
 from twin.run.trajectory import robot_trajectories
@@ -358,3 +359,40 @@ def test_the_log_is_held_to_the_edges_too(tmp_path: Path) -> None:
     log.write_text(kept[0].replace("left", "nobody"))
     with pytest.raises(OutputError, match=r"events\.jsonl:1"):
         audit_run(tmp_path)
+
+
+# What was measured
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([1.0, 1.3]),
+    st.sampled_from([0.002, 0.01, 0.03]),
+)
+def test_of_what_was_measured_times_are_not_exact(
+    seed: int, speed: float, period_s: float
+) -> None:
+    """Positions at times that are wrong by up to 10 ms: at the limit nothing is found, 30 % beyond it is."""
+    rng = np.random.default_rng(seed)
+    at = np.arange(0.0, 3.0, period_s)
+    q = np.clip(at - 1.0, 0.0, 0.8)[:, None] * speed
+    told = np.maximum.accumulate(at + rng.uniform(-0.01, 0.01, len(at)))
+    rows = {"arm": RobotRows(told, q, np.zeros(len(at), np.int64))}
+    one = np.ones(1)
+    limits = {"arm": JointLimits(("joint",), -10 * one, 10 * one, one, ("rad",))}
+    found = list(joint_violations(rows, limits, {"arm"}))
+    assert bool(found) == (speed > 1.0)
+    assert all(
+        v.kind == "joint-speed" and v.t_start < 1.8 < v.t_end + 0.8 for v in found
+    )
+
+
+def test_a_jump_of_what_was_measured_is_found() -> None:
+    t, one = np.linspace(0.0, 1.0, 101), np.ones(1)
+    limits = {"arm": JointLimits(("joint",), -10 * one, 10 * one, one, ("rad",))}
+    for far, jumps in ((0.025, False), (0.04, True)):
+        q = np.where(t > 0.5, far, 0.0)[:, None]
+        rows = {"arm": RobotRows(t, q, np.zeros(len(t), np.int64))}
+        assert bool(list(joint_violations(rows, limits, {"arm"}))) == jumps
+        assert list(joint_violations(rows, limits))

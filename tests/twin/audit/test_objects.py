@@ -294,6 +294,7 @@ def supported(leaves: float, comes: float = 0.0) -> HandWrittenRun:
 HELD = replace(STUDS, places=(Place("step 1", START, "2x4", "b1", held=True),))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("leaves", "comes", "kinds"),
     [
