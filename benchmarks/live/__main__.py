@@ -1,10 +1,13 @@
-"""Two Franka arms in franky-sim stack cubes by a plan: where cubes end, tracking, and how long it takes.
+"""Two Franka arms in franky-sim stack cubes by a plan: where cubes end, tracking, forecast and latency.
 
-    python -m benchmarks.live [SCENARIO] [--plan FOLDER] [--out FILE]
+    python -m benchmarks.live [--runs 10] [--fit 3] [--stop-and-go 3] [--out FOLDER]
 
-The scenario is planned, or a plan of it is read; MuJoCo's world is made of its cell; the plan is driven by
-``FrankaDriver``, one a robot, node by node as it is cleared. Needs the packages franky-control and
-franky-sim. The simulator takes a core for itself: times are given by its own clock, too.
+The scenario is planned once, and driven again and again by ``twin operate``'s session in MuJoCo's world. The
+first runs are what durations are taken from; the runs after them are held against the forecast that the twin
+makes with these. The last ones are driven as by a client that sends one trajectory after another. The
+simulator needs a core for itself: times are given by its own clock, latencies by that on the wall.
+Needs the packages franky-control and franky-sim. Figures are kept as they come; runs that are there are not
+driven again.
 """
 
 from __future__ import annotations
@@ -12,34 +15,128 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
+from collections import defaultdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-import twin
-from benchmarks.live.driven import Driven, drive
-from benchmarks.live.scene import OPENING, Scene
+from benchmarks.live.driven import Driven, drive, latencies_s
+from benchmarks.machine import machine_line
+from planning.tasks.task import STRAIGHT, TRANSIT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.drivers.franka import FrankaDriver, HandGrip
+from twin.engine.engine import Simulator
+from twin.trial.loaded_scenario import load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate
+from twin.trial.simulation import scenario_execution
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "assembly" / "fr3_cubes.yaml"
+_FUTURES = 1000
 
 
-def drivers_of(
-    tpg: TemporalPlanGraph, addresses: dict[str, str]
-) -> dict[str, FrankaDriver]:
-    """Return a driver for each robot of a plan, with the limits that the plan keeps to."""
-    found = {}
-    width = float(np.median([item.size[1] for item in tpg.cell.objects]))
-    # Simulated fingers are springs of 1 N/mm each.
-    grip = HandGrip(width=width, opening=OPENING, goal=0.0, force=30.0)
-    for robot in tpg.cell.robots:
-        assert robot.limits is not None
-        found[robot.name] = FrankaDriver(
-            addresses[robot.name], robot.limits, grip=grip, realtime=False
-        )
-    return found
+@dataclass(frozen=True)
+class Figures:
+    """What came of one run.
+
+    Attributes:
+        outcome: how it ended.
+        passed: whether it was completed and the audit found nothing in what was measured.
+        off_mm, tilt_deg: farthest and most tilted that a cube stands from its goal.
+        joint_rad, tool_mm: farthest that a joint, and a tool, was from its path.
+        makespan_s: by the simulator's clock.
+        wall_s: by that on the wall.
+        latencies_s: from complete to the next motion, by the clock on the wall.
+        skills: what each skill of each robot took, by the simulator's clock [s].
+        motions: what motions of each robot took, of what was planned.
+    """
+
+    outcome: str
+    passed: bool
+    off_mm: float
+    tilt_deg: float
+    joint_rad: float
+    tool_mm: float
+    makespan_s: float
+    wall_s: float
+    latencies_s: list[float]
+    skills: dict[str, list[float]]
+    motions: dict[str, float]
+
+
+def figures_of(done: Driven) -> Figures:
+    """Return the figures of a run."""
+    tpg, record = done.run.tpg, done.run.record
+    assert record is not None
+    goals = {h.object: h.pose for h in tpg.handlings if h.holder is None}
+    off, tilt = [], []
+    for name, goal in goals.items():
+        pose = done.poses[name]
+        off.append(1000.0 * float(np.linalg.norm(pose[:3, 3] - goal[:3, 3])))
+        tilt.append(float(np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0)))))
+    skills, motions = _durations(tpg, done)
+    return Figures(
+        record.outcome,
+        done.run.passed,
+        max(off),
+        max(tilt),
+        max(done.off.values()),
+        1000.0 * max(done.tool_off.values()),
+        done.makespan_s,
+        done.wall_s,
+        latencies_s(tpg, record).tolist(),
+        skills,
+        motions,
+    )
+
+
+def _durations(
+    tpg: TemporalPlanGraph, done: Driven
+) -> tuple[dict[str, list[float]], dict[str, float]]:
+    skills: dict[str, list[float]] = defaultdict(list)
+    motions = {}
+    for chain, start, end in zip(tpg.chains, done.start_s, done.end_s, strict=True):
+        took = planned = 0.0
+        for task in np.unique(chain.task):
+            nodes = np.flatnonzero(chain.task == task)
+            about = tpg.tasks[int(task)]
+            own = float((end[nodes] - start[nodes]).sum())
+            if about.kind in (TRANSIT, STRAIGHT):
+                took, planned = took + own, planned + float(chain.duration[nodes].sum())
+            else:
+                skills[f"{about.kind}/{chain.robot}"].append(own)
+        motions[chain.robot] = took / planned
+    return dict(skills), motions
+
+
+def forecast_s(plan: PlanResult, seen: list[Figures]) -> np.ndarray[Any, Any]:
+    """Return makespans of futures with the durations of runs that have been seen, rising [s]."""
+    skills: dict[str, list[float]] = defaultdict(list)
+    speeds: dict[str, list[float]] = defaultdict(list)
+    for run in seen:
+        for name, own in run.skills.items():
+            skills[name] += own
+        for robot, ratio in run.motions.items():
+            speeds[robot].append(1.0 / ratio)
+    overrides = [
+        {
+            "skill": name.split("/")[0],
+            "robot": name.split("/")[1],
+            "duration": {"kind": "empirical", "values": own},
+        }
+        for name, own in skills.items()
+    ]
+    factors = {
+        robot: {"kind": "uniform", "low": min(own), "high": max(own)}
+        for robot, own in speeds.items()
+    }
+    case = plan.scenario.varied(
+        {"skill_overrides": overrides, "speed": {"robots": factors}}
+    )
+    simulator = Simulator(plan.tpg, scenario_execution(case.sections, case.folder))
+    made = [simulator.run(seed=1, replication=r).makespan_s for r in range(_FUTURES)]
+    return np.sort(made)
 
 
 def _tell(line: str) -> None:
@@ -47,61 +144,65 @@ def _tell(line: str) -> None:
     sys.stdout.flush()
 
 
-def report(tpg: TemporalPlanGraph, done: Driven, planned_s: float) -> dict[str, object]:
-    """Print and return what came of it."""
-    goals = {h.object: h.pose for h in tpg.handlings if h.holder is None}
-    rows = {}
-    for name, goal in goals.items():
-        pose = done.poses[name]
-        off = pose[:3, 3] - goal[:3, 3]
-        turn = np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0)))
-        rows[name] = {"off_mm": (1000 * off).round(2).tolist(), "tilt_deg": turn}
-        far = 1000 * np.linalg.norm(off)
-        _tell(f"{name}: {far:.1f} mm off its goal, tilted by {turn:.1f} deg")
-    for robot, off_rad in done.off.items():
-        far = 1000 * done.tool_off[robot]
+def _runs(plan: PlanResult, out: Path, kind: str, count: int) -> list[Figures]:
+    """Drive a plan so many times, or take the figures of what was driven before."""
+    found = []
+    for k in range(count):
+        file = out / f"{kind}-{k}.json"
+        if not file.exists():
+            folder = out / f"{kind}-{k}"
+            own = figures_of(drive(plan, folder, stop_and_go=kind == "stop-and-go"))
+            file.write_text(json.dumps(asdict(own), indent=1) + "\n", encoding="utf-8")
+        run = Figures(**json.loads(file.read_text(encoding="utf-8")))
         _tell(
-            f"{robot}: joints at most {off_rad:.4f} rad, tool {far:.1f} mm from its path"
+            f"{kind} {k}: {run.outcome}, audit {'clean' if run.passed else 'NOT CLEAN'}, cubes {run.off_mm:.1f} mm"
+            f" and {run.tilt_deg:.1f} deg off, joints {1000 * run.joint_rad:.1f} mrad, tools {run.tool_mm:.1f} mm,"
+            f" {run.makespan_s:.2f} s, {run.wall_s:.1f} s on the wall"
         )
-    _tell(
-        f"makespan {done.simulated_s:.1f} s by the simulator's clock, {done.wall_s:.1f} s"
-        f" by that on the wall; planned {planned_s:.1f} s"
-    )
-    if done.failed:
-        _tell(f"not finished: {done.failed}")
-    return {
-        "cubes": rows,
-        "off_rad": done.off,
-        "tool_off_m": done.tool_off,
-        "makespan_s": done.simulated_s,
-        "wall_s": done.wall_s,
-        "planned_s": planned_s,
-        "failed": done.failed,
-    }
+        found.append(run)
+    return found
+
+
+def _spread(values: list[float], unit: str = "s") -> str:
+    low, middle, high = min(values), float(np.median(values)), max(values)
+    return f"{middle:.2f} ({low:.2f} to {high:.2f}) {unit}"
 
 
 def main() -> int:
-    """Run the benchmark; 1 where the plan was not executed to its end."""
+    """Run the benchmark; 1 where a run was not executed to its end."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.live")
     parser.add_argument("scenario", nargs="?", type=Path, default=SCENARIO)
-    parser.add_argument("--plan", type=Path, help="folder of a run whose plan is taken")
-    parser.add_argument("--out", type=Path, help="file for the figures")
+    parser.add_argument("--fit", type=int, default=3, help="runs that durations are of")
+    parser.add_argument("--runs", type=int, default=10, help="runs that are foreseen")
+    parser.add_argument("--stop-and-go", type=int, default=3, help="runs driven so")
+    parser.add_argument("--out", type=Path, default=Path("logs/live"))
     given = parser.parse_args()
-    begin = time.process_time()
-    plan = twin.read_plan(given.plan) if given.plan else twin.plan(given.scenario)
-    planned_s = twin.simulate(plan).makespan_s
-    _tell(f"planned in {time.process_time() - begin:.1f} CPU s")
-    tpg = plan.tpg
-    starts = {chain.robot: chain.start for chain in tpg.chains}
-    starts = {
-        robot.name: starts.get(robot.name, robot.home) for robot in tpg.cell.robots
-    }
-    with Scene(tpg.cell, starts) as scene:
-        done = drive(tpg, drivers_of(tpg, scene.addresses), scene)
-    figures = report(tpg, done, planned_s)
-    if given.out:
-        given.out.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    return 1 if done.failed else 0
+    given.out.mkdir(parents=True, exist_ok=True)
+    plan = plan_to_operate(load(given.scenario))
+    planned = Simulator(
+        plan.tpg,
+        scenario_execution(plan.scenario.sections, plan.scenario.folder),
+    ).run(seed=plan.scenario.sections.seed)
+    _tell(f"planned: {planned.makespan_s:.2f} s; {machine_line()}")
+    seen = _runs(plan, given.out, "fit", given.fit)
+    runs = _runs(plan, given.out, "run", given.runs)
+    stopping = _runs(plan, given.out, "stop-and-go", given.stop_and_go)
+    if seen and runs:
+        futures = forecast_s(plan, seen)
+        low, middle, high = np.quantile(futures, (0.025, 0.5, 0.975))
+        inside = sum(low <= run.makespan_s <= high for run in runs)
+        _tell(
+            f"forecast {middle:.2f} s, 95 % between {low:.2f} and {high:.2f}; measured"
+            f" {_spread([run.makespan_s for run in runs])}: {inside} of {len(runs)} inside"
+        )
+    for name, own in (("session", seen + runs), ("stop and go", stopping)):
+        waits = [1000.0 * s for run in own for s in run.latencies_s]
+        if waits:
+            _tell(
+                f"{name}: {_spread([run.makespan_s for run in own])}; from complete to the next motion"
+                f" {np.median(waits):.0f} ms, P95 {np.quantile(waits, 0.95):.0f} ms, {len(waits)} times"
+            )
+    return 0 if all(r.outcome == "completed" for r in seen + runs + stopping) else 1
 
 
 if __name__ == "__main__":

@@ -1,23 +1,114 @@
-"""The simplest loop that executes a plan on drivers: what is safe is cleared, what is done is reported."""
+"""A plan executed by arms in franky-sim through a session, as ``twin operate --drivers`` does it."""
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.live.scene import Scene
+from benchmarks.live.scene import OPENING, Scene
+from planning.cell.workcell import PlacedRobot
 from planning.kinematics.kinematics import frame_pose
-from planning.transforms import Transform
-from scheduling.graph.dispatcher import Dispatcher
-from scheduling.graph.task_edges import actuation_nodes
+from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.drivers.driver import Driver, Sample, cleared_node
+from twin.drivers.driver import ClearedNode, Driver, DriverState
+from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
+from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.live.measured_log import MeasuredLog
+from twin.live.session import Session
+from twin.run.events import ExecutionRecord, Measured
+from twin.run.folder import MEASURED
+from twin.trial.plan_result import PlanResult
+from twin.trial.run_result import RunResult
+from twin.trial.trial import try_plan
 
-_PERIOD_S = 0.01
-"""How often drivers are asked [s]."""
+_LOOK_S = 0.1
+"""Time between looks at the simulator's clock [s]."""
+
+
+class OneAfterAnother:
+    """A driver that is sent one trajectory after another: of a task, once the robot stands at its start.
+
+    Args:
+        driver: that executes them.
+    """
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver, self._waiting = driver, list[ClearedNode]()
+        self._sent = 0
+
+    def begin(self, start: Array, done: int) -> None:
+        """Be told where the plan has it stand; see Driver."""
+        self._sent = done
+        self._driver.begin(start, done)
+
+    def take(self, nodes: list[ClearedNode]) -> None:
+        """Keep nodes until it is their turn; see Driver."""
+        self._waiting += nodes
+
+    def state(self) -> DriverState:
+        """Return how far it is, and send what comes next where it stands; see Driver."""
+        state = self._driver.state()
+        if self._waiting and state.done == self._sent and state.mode == "standing":
+            task = self._waiting[0].task
+            own = [node for node in self._waiting if node.task == task]
+            del self._waiting[: len(own)]
+            self._sent += len(own)
+            self._driver.take(own)
+        return state
+
+    def hold(self, held: bool) -> None:
+        """Stand as soon as it can, or go on; see Driver."""
+        self._driver.hold(held)
+
+    def leave(self) -> None:
+        """Stand, and let go of the robot; see Driver."""
+        self._driver.leave()
+
+
+@dataclass(frozen=True)
+class StopAndGo(Session):
+    """A session whose drivers are sent one trajectory after another."""
+
+    def driver(self, robot: PlacedRobot) -> Driver:
+        """Return who moves a robot; see Session."""
+        return OneAfterAnother(super().driver(robot))
+
+
+@dataclass
+class SimulatedTime:
+    """Keeps looking at the clock of a simulator, which may be slower than that on the wall.
+
+    Attributes:
+        scene: that is simulated.
+    """
+
+    scene: Scene
+    _seen: list[tuple[float, float]] = field(default_factory=list)
+    _over: threading.Event = field(default_factory=threading.Event)
+
+    def __enter__(self) -> SimulatedTime:
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _look(self) -> None:
+        while not self._over.wait(_LOOK_S):
+            before = time.monotonic()
+            seconds = self.scene.look().seconds
+            self._seen.append((0.5 * (before + time.monotonic()), seconds))
+
+    def at(self, wall_s: Array) -> Array:
+        """Return what it showed at times of the clock on the wall, same shape [s]."""
+        wall, simulated = np.array(self._seen).T
+        return np.asarray(np.interp(wall_s, wall, simulated))
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,102 +116,129 @@ class Driven:
     """What came of a plan that was driven.
 
     Attributes:
+        run: as it was written.
         poses: of the objects at the end.
+        start_s, end_s: of the nodes of each chain by the simulator's clock, since the run began [s].
+        wall_s: makespan by the clock on the wall [s].
         off: farthest that a joint of each robot was from its path [rad].
-        tool_off: farthest that its tool was from where it would be on its path [m].
-        simulated_s: makespan by the simulator's clock [s].
-        wall_s: by the clock on the wall [s].
-        failed: why it is not finished; empty where it is.
+        tool_off: farthest that its tool was from where it would be there [m].
     """
 
+    run: RunResult
     poses: dict[str, Transform]
+    start_s: tuple[Array, ...]
+    end_s: tuple[Array, ...]
+    wall_s: float
     off: dict[str, float]
     tool_off: dict[str, float]
-    simulated_s: float
-    wall_s: float
-    failed: str
+
+    @property
+    def makespan_s(self) -> float:
+        """By the simulator's clock [s]."""
+        return float(max(own.max(initial=0.0) for own in self.end_s))
 
 
-def tool_off(tpg: TemporalPlanGraph, k: int, samples: list[Sample]) -> float:
-    """Return how far the tool of a robot was from its path at most [m].
+def off_path(tpg: TemporalPlanGraph, k: int, measured: Measured) -> tuple[float, float]:
+    """Return how far a robot was from its path at most: a joint [rad], and its tool [m].
 
     Args:
         tpg: the plan.
         k: index of the robot's chain.
-        samples: where it was measured.
+        measured: where it was.
     """
     chain = tpg.chains[k]
     robot = tpg.cell.robot(chain.robot)
-    farthest = 0.0
-    for sample in samples:
+    joint = tool = 0.0
+    for q, node in zip(measured.q, measured.node.tolist(), strict=True):
         # The node that it is in, with what it is passed from and to.
-        low = max(sample.done - 1, 0)
-        high = min(sample.done + 2, len(chain))
+        low, high = max(node - 1, 0), min(max(node, 0) + 2, len(chain))
         own = chain.waypoints[chain.first[low] : chain.first[high]]
         before = chain.waypoints[chain.first[low] - 1] if low else chain.start
         points = np.vstack([before, own])
         ways = np.diff(points, axis=0)
         squares = np.maximum((ways**2).sum(axis=1), 1e-18)
-        share = ((sample.q - points[:-1]) * ways).sum(axis=1) / squares
+        share = ((q - points[:-1]) * ways).sum(axis=1) / squares
         near = points[:-1] + np.clip(share, 0.0, 1.0)[:, None] * ways
-        best = near[np.argmin(np.abs(near - sample.q).max(axis=1))]
-        at, wanted = (frame_pose(robot, q, "tool") for q in (sample.q, best))
-        farthest = max(farthest, float(np.linalg.norm(at[:3, 3] - wanted[:3, 3])))
-    return farthest
+        off = np.abs(near - q).max(axis=1)
+        joint = max(joint, float(off.min()))
+        at, wanted = (frame_pose(robot, p, "tool") for p in (q, near[off.argmin()]))
+        tool = max(tool, float(np.linalg.norm(at[:3, 3] - wanted[:3, 3])))
+    return joint, tool
 
 
-def drive(
-    tpg: TemporalPlanGraph,
-    drivers: Mapping[str, Driver],
-    scene: Scene,
-    patience_s: float = 15.0,
-) -> Driven:
-    """Execute a plan to its end, or to a fault, a skill that failed, or a standstill of all.
+def drive(plan: PlanResult, folder: Path, *, stop_and_go: bool = False) -> Driven:
+    """Execute a plan in a simulator of its own, into a folder.
 
     Args:
-        tpg: the plan.
-        drivers: by robot.
-        scene: that the robots are in.
-        patience_s: how long nothing may be done [s].
+        plan: made to be operated.
+        folder: of the run.
+        stop_and_go: send one trajectory after another.
     """
-    dispatcher = Dispatcher(tpg)
-    acts = actuation_nodes(tpg)
-    nodes = [
-        [cleared_node(tpg, k, node, acts[k]) for node in range(len(chain))]
-        for k, chain in enumerate(tpg.chains)
-    ]
-    own = [drivers[chain.robot] for chain in tpg.chains]
-    given, off = [0] * len(own), {chain.robot: 0.0 for chain in tpg.chains}
-    samples: list[list[Sample]] = [[] for _ in own]
-    for chain, driver in zip(tpg.chains, own, strict=True):
-        driver.begin(chain.start, 0)
-    begin, clock = scene.look().seconds, time.monotonic()
-    last, failed = clock, ""
-    while not dispatcher.finished and not failed:
-        for k, driver in enumerate(own):
-            chain = tpg.chains[k]
-            state = driver.state()
-            off[chain.robot] = max(off[chain.robot], state.off)
-            samples[k] += state.samples
-            while dispatcher.completed(k) < state.done:
-                dispatcher.complete(k, dispatcher.completed(k))
-                last = time.monotonic()
-            stop = given[k]
-            while stop < len(chain) and not dispatcher.waits_for(k, stop):
-                stop += 1
-            driver.take(nodes[k][given[k] : stop])
-            given[k] = stop
-            if state.mode == "fault" or state.failed >= 0:
-                failed = f"{chain.robot} at node {state.done}: {state.words}"
-        if time.monotonic() - last > patience_s:
-            failed = f"nothing done after {[d.state().done for d in own]}"
-        time.sleep(_PERIOD_S)
-    wall = time.monotonic() - clock
-    seconds = scene.look().seconds - begin
-    time.sleep(1.0)
-    for driver in own:
-        driver.leave()
-    tools = {
-        chain.robot: tool_off(tpg, k, samples[k]) for k, chain in enumerate(tpg.chains)
+    tpg = plan.tpg
+    starts = {robot.name: robot.home for robot in tpg.cell.robots}
+    starts |= {chain.robot: chain.start for chain in tpg.chains}
+    width = float(np.median([item.size[1] for item in tpg.cell.objects]))
+    with Scene(tpg.cell, starts) as scene:
+        arms: dict[str, AnyDriver] = {
+            # Simulated fingers are springs of 1 N/mm each.
+            name: FrankaArm(
+                kind="franka",
+                address=address,
+                width_m=width,
+                opening_m=OPENING,
+                goal_m=0.0,
+                realtime=False,
+            )
+            for name, address in scene.addresses.items()
+        }
+        kind = StopAndGo if stop_and_go else Session
+        session = kind(folder.name, DriversSection(robots=arms))
+        folder.mkdir(parents=True)
+        with SimulatedTime(scene) as clock:
+            run = try_plan(
+                plan, folder, recording=False, operated=True, session=session
+            )
+            time.sleep(1.0)
+        poses = scene.look().poses
+    record = run.record
+    assert record is not None
+    began = MeasuredLog(folder / MEASURED).begin_s()
+    assert began is not None
+    off = {
+        chain.robot: off_path(run.tpg, k, record.measured[chain.robot])
+        for k, chain in enumerate(run.tpg.chains)
     }
-    return Driven(scene.look().poses, off, tools, seconds, wall, failed)
+    return Driven(
+        run,
+        poses,
+        _simulated(clock, began, record.start_ns),
+        _simulated(clock, began, record.end_ns),
+        record.makespan_s,
+        {name: joint for name, (joint, _) in off.items()},
+        {name: tool for name, (_, tool) in off.items()},
+    )
+
+
+def _simulated(
+    clock: SimulatedTime, began_s: float, times: tuple[Nanoseconds, ...]
+) -> tuple[Array, ...]:
+    zero = clock.at(np.array([began_s]))
+    return tuple(clock.at(began_s + own / NANOSECONDS) - zero for own in times)
+
+
+def latencies_s(tpg: TemporalPlanGraph, record: ExecutionRecord) -> Array:
+    """Return how long robots stood after what they waited for was complete, each time that they did [s].
+
+    Args:
+        tpg: what was executed.
+        record: how.
+    """
+    ready: dict[tuple[int, int], int] = {}
+    for r, u, k, v in tpg.edges.tolist():
+        ready[k, v] = max(ready.get((k, v), 0), int(record.end_ns[r][u]))
+    found = []
+    for (k, v), told in ready.items():
+        own = int(record.end_ns[k][v - 1]) if v else 0
+        if told > own:
+            found.append((int(record.start_ns[k][v]) - told) / NANOSECONDS)
+    return np.array(found)

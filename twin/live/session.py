@@ -13,6 +13,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.errors import RequestError
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.cluster.certificates import on_this_machine
+from twin.drivers.driver import Driver
 from twin.drivers.drivers_file import DriversSection, FrankaArm, ServiceDriver
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
@@ -94,7 +95,10 @@ class Session:
                 link.near = on_this_machine(self.drivers.listen)
             else:
                 link.ahead_s = None
-                wires[robot.name] = self._local(robot)
+                wires[robot.name] = LocalWire(
+                    DriverEnd(self.driver(robot), robot.name, started_now()),
+                    max(_EVERY_S / self.drivers.pace, _LEAST_S),
+                )
         return partial(
             LiveExecution,
             links=links,
@@ -133,12 +137,11 @@ class Session:
         held = certificates_of(self.drivers.certificates, self.folder)
         return Service(self.drivers.listen, held)
 
-    def _local(self, robot: PlacedRobot) -> Wire:
-        chosen, pace = self.drivers.driver_of(robot.name), self.drivers.pace
+    def driver(self, robot: PlacedRobot) -> Driver:
+        """Return who moves a robot from within this process."""
+        chosen = self.drivers.driver_of(robot.name)
         if isinstance(chosen, FrankaArm):
             from twin.drivers.franka import franka_driver
 
-            end = DriverEnd(franka_driver(chosen, robot), robot.name, started_now())
-            return LocalWire(end)
-        end = DriverEnd(SimulatedArm(pace=pace), robot.name, started_now())
-        return LocalWire(end, max(_EVERY_S / pace, _LEAST_S))
+            return franka_driver(chosen, robot)
+        return SimulatedArm(pace=self.drivers.pace)
