@@ -12,6 +12,7 @@ from twin.commands.doctor import doctor
 from twin.commands.drive import drive
 from twin.commands.explore import explore
 from twin.commands.fit import fit
+from twin.commands.judge import judge
 from twin.commands.operate import operate
 from twin.commands.robots import robots
 from twin.commands.run import export, follow, replay, resume, run
@@ -72,6 +73,7 @@ for _name, _function in {
     "follow": follow,
     "export": export,
     "verify": verify,
+    "judge": judge,
     "robots": robots,
     "schema": schema,
     "doctor": doctor,

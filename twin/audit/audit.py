@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from scheduling.graph.plan_files import load_plan
@@ -139,6 +140,46 @@ def audit_run(
     recording = read_recording(folder, tpg.cell)
     log = folder / _EVENTS
     spans = logged_spans(tpg, log) if log.exists() else {}
+    report = audit_recording(
+        tpg,
+        recording,
+        progress,
+        ordered=ordered,
+        engine=engine,
+        wanted=wanted,
+        finished=finished,
+        spans=spans,
+    )
+    if not (ordered and spans):
+        return report
+    found = [*report.violations, *edge_violations(tpg, spans, _EVENTS)]
+    return replace(report, violations=_by_time(found))
+
+
+def audit_recording(
+    tpg: TemporalPlanGraph,
+    recording: Recording,
+    progress: Report = report_nothing,
+    *,
+    ordered: bool = True,
+    engine: Engine | None = None,
+    wanted: Wanted | None = None,
+    finished: bool = True,
+    spans: Mapping[str, NodeSpans] = MappingProxyType({}),
+) -> AuditReport:
+    """Audit a whole execution by all rules.
+
+    Args:
+        tpg: what was to be executed.
+        recording: what was executed.
+        progress: told how far the audit has come.
+        ordered, engine, wanted, finished: see ``audit_run``.
+        spans: when nodes were started and completed, by robot or machine, where a log says so.
+
+    Raises:
+        RequestError: the engine is not installed.
+        OutputError: robots move too fast to be looked at.
+    """
     with Auditor(tpg, engine, wanted) as auditor:
         report = auditor.audit(
             recording, progress, ordered=ordered, finished=finished, spans=spans
@@ -152,8 +193,6 @@ def audit_run(
         *effort_violations(replay, efforts),
         *tool_speed_violations(tool_speeds_of_run(replay)),
     ]
-    if ordered and spans:
-        found += edge_violations(tpg, spans, _EVENTS)
     return replace(
         report,
         violations=_by_time(found),

@@ -23,6 +23,8 @@ ViolationKind = Literal[
     "support",
     "process",
     "tool",
+    "hand",
+    "duration",
 ]
 
 
@@ -40,7 +42,8 @@ class Violation:
             ``"gravity"``; of a ``grip`` the object and its holder; of a ``place`` the object and its place; of a ``support`` the object
             and who is nearest to being its support, or the two robots of a handover; of a ``process`` what was to be done and the thing at
             which, or two steps of which the first began too early; of a ``tool`` the tool and the
-            robot that has it on it, or ``"rack"``.
+            robot that has it on it, or ``"rack"``. Of plans of others also of a ``hand`` the robot and the object that it
+            cannot take or give; of a ``duration`` the robot and its work; of a ``jump`` the robot and its joint.
         depth_m: greatest overlap, 0 for robots that just touch; of a jump its length; of what
             hangs, a grip or a support the distance; of a place or a tool how far off; 0 for kinds that are
             no lengths [m].

@@ -202,7 +202,7 @@ def export_files(
     Args:
         run: folder of a run; for ldraw also a scenario file, without a run.
         formats: csv, parquet, perfetto, joint-trajectory, joint-csv, mcap, graphml, dot,
-            task-graph or ldraw; may be given several times.
+            task-graph, open-plan or ldraw; may be given several times.
         out: file to write, or folder for several; default: RUN/exports.
         nodes: every node of the temporal plan graph, not one entry a task (graphml, dot,
             perfetto).

@@ -21,6 +21,7 @@ _WRITERS = {
     "graphml": "graphs.graphml_files",
     "dot": "graphs.dot_files",
     "task-graph": "graphs.task_graph_files",
+    "open-plan": "open_plan.open_plan_files",
     "ldraw": "ldraw.ldraw_files",
 }
 FORMATS = tuple(_WRITERS)

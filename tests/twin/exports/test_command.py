@@ -30,6 +30,7 @@ FILES = {
     "graphml": ["tpg.graphml"],
     "dot": ["tpg.dot"],
     "task-graph": ["task_graph.graphml"],
+    "open-plan": ["open_plan.json"],
 }
 
 

@@ -224,7 +224,7 @@ def schema_problems(
         at = document.nearest(loc)
         if kind == "missing":
             if (*at, loc[-1]) not in meant:
-                where = f" in {_label(at).removesuffix(': ')}" if at else ""
+                where = f" in {key_label(at).removesuffix(': ')}" if at else ""
                 text = f"key {loc[-1]!r} is missing{where}"
                 out.append(FileProblem(document.mark_of(at), text))
         elif kind == "too_short" and len(_value_at(document, at)) >= int(
@@ -239,7 +239,7 @@ def schema_problems(
             text = _explain(kind, error, node)
             if words:
                 text = f"{words} expected, not {_given(error)}"
-            out.append(FileProblem(mark, _label(at) + text))
+            out.append(FileProblem(mark, key_label(at) + text))
     return out
 
 
@@ -322,7 +322,8 @@ def _given(error: Mapping[str, Any]) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _label(path: KeyPath) -> str:
+def key_label(path: KeyPath) -> str:
+    """Return a place in a file as messages begin with it: ``cell.robots[0].name: ``."""
     text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path)
     return f"{text.lstrip('.')}: " if text else ""
 

@@ -1,0 +1,173 @@
+"""Runs as open plans: the neutral file in which ``twin judge`` takes anybody's plan."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from planning.tasks.task import GONE, TRANSIT
+from planning.transforms import Array, quat_wxyz
+from scheduling.graph.task_edges import with_barriers, with_turns
+from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from twin.durations.model import NANOSECONDS
+from twin.engine.engine import Simulator
+from twin.engine.execution_model import ExecutionModel
+from twin.exports.segments import Segment, segments
+from twin.judge.open_plan import FORMAT, VERSION
+from twin.recorders.observers import MemoryRecorder
+from twin.run.events import POLICIES
+from twin.trial.run_result import RunResult
+from twin.uncertainty.skill_durations import SkillDurations
+
+_EVERY_NS = float(NANOSECONDS)
+"""Rate at which no point of a plan is left out or moved [Hz]."""
+
+
+def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
+    """Return ``open_plan.json``: the plan of a run by its policy, with nominal durations.
+
+    Args:
+        run: the run.
+    """
+    nominal = _as_planned(run)
+    tpg = nominal.tpg
+    whole = list(segments(nominal, _EVERY_NS))
+    machines: dict[str, list[Any]] = {item.name: [] for item in tpg.cell.machines}
+    robots: dict[str, list[Any]] = {item.name: [] for item in tpg.cell.robots}
+    verbs = dict(_verbs(tpg))
+    held: dict[str, set[str]] = defaultdict(set)
+    for segment in whole:
+        own = {**robots, **machines}[segment.robot]
+        entry = _motion(nominal, segment, verbs, held[segment.robot])
+        if segment.robot in machines:
+            entry = {k: v for k, v in entry.items() if k not in ("q", "v", "a")}
+            entry["t_s"] = [entry["t_s"][0], entry["t_s"][-1]]
+        own.append({key: value for key, value in entry.items() if value or key == "id"})
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scenario": run.name,
+        "planner": f"assembly-twin, {run.policy}",
+        "execution": "clock" if _release(run) == "open-loop" else "waits",
+        "robots": {
+            name: {
+                "joints": list(tpg.cell.robot(name).model.joint_names),
+                "motions": motions,
+            }
+            for name, motions in robots.items()
+        },
+        "machines": {name: motions for name, motions in machines.items() if motions},
+    }
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return {"open_plan.json": text.encode() + b"\n"}
+
+
+def _release(run: RunResult) -> str:
+    """Return how nodes of a run were released: the policy without its plan."""
+    return next((way for way in POLICIES if run.policy.startswith(way)), "asynchronous")
+
+
+def _as_planned(run: RunResult) -> RunResult:
+    """Return the run of the same plan in which all takes as long as planned.
+
+    What waits for what by the policy, turns or slots, is in its graph.
+    """
+    graph = {"sequential": with_turns, "synchronous": with_barriers}
+    how = _release(run)
+    tpg = graph[how](run.tpg) if how in graph and "TPG" not in run.policy else run.tpg
+    memory = MemoryRecorder()
+    done = Simulator(tpg, ExecutionModel(SkillDurations({}))).run(
+        seed=0, recorders=(memory,)
+    )
+    plan = replace(run.plan, tpg=tpg)
+    return RunResult(plan=plan, history=memory.events, record=done)
+
+
+def _motion(
+    run: RunResult,
+    segment: Segment,
+    verbs: Mapping[int, dict[str, str]],
+    held: set[str],
+) -> dict[str, Any]:
+    tpg, task = run.tpg, segment.task
+    number = tpg.chain_index[segment.robot]
+    begin, t_ns = segment.executed[0], segment.t_ns
+    rows: tuple[Array | None, ...] = (segment.q, None, None)
+    smooth = run.smooth_motions.get(segment.robot)
+    if smooth is not None and segment.motion is not None:
+        begin, end = segment.motion
+        inside = (smooth.t_ns > begin) & (smooth.t_ns < end)
+        at = np.unique(np.r_[begin, smooth.t_ns[inside], end])
+        t_ns, rows = at - begin, smooth.states_at(at)
+    times = [(begin + t) / NANOSECONDS for t in t_ns.tolist()]
+    q, v, a = (None if part is None else part.tolist() for part in rows)
+    changes = [
+        (k, item)
+        for k, item in enumerate(tpg.handlings)
+        if item.robot == number and segment.nodes[0] <= item.node <= segment.nodes[1]
+    ]
+    handled = {item.object for _, item in changes} | held
+    tools = {tool.name for tool in tpg.cell.robot(segment.robot).tools}
+    events = []
+    for (k, item), told in zip(changes, segment.handlings, strict=True):
+        if (item.node, item.waypoint) == (0, 0) and item.object in tools:
+            continue  # the tool that it has on it at the start
+        t_s = min((begin + told.t_ns) / NANOSECONDS, times[-1])
+        event: dict[str, Any] = {"t_s": max(t_s, times[0]), **verbs[k]}
+        if item.holder != GONE:
+            event["pose"] = _pose(item)
+        events.append(event)
+        held.discard(item.object)
+        if item.holder == segment.robot:
+            held.add(item.object)
+    return {
+        "id": segment.id,
+        "t_s": times,
+        "q": q,
+        "v": v,
+        "a": a,
+        "task": f"{task.index} {task.label}",
+        "skill": None if task.kind == TRANSIT else task.kind,
+        "object": task.object,
+        "touches": sorted(set(_touched(tpg, segment)) - handled),
+        "events": events,
+        "after": [item.segment for item in segment.after if item.cause != "same robot"],
+    }
+
+
+def _pose(item: NodeHandling) -> dict[str, list[float]]:
+    turn = np.asarray(quat_wxyz(item.pose)).tolist()
+    return {"xyz_m": np.asarray(item.pose[:3, 3]).tolist(), "quat_wxyz": turn}
+
+
+def _verbs(tpg: TemporalPlanGraph) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield what happens in each change of hands, by its number, in planned order."""
+    there = {item.name for item in tpg.cell.objects if not item.later}
+    for k, item in enumerate(tpg.handlings):
+        thing, robot = item.object, tpg.chains[item.robot].robot
+        if item.holder == GONE:
+            yield k, {"leave": thing}
+            there.discard(thing)
+        elif item.holder is None:
+            yield k, {"put" if thing in there else "appear": thing}
+            there.add(thing)
+        elif item.holder == robot:
+            yield k, {"take": thing}
+        else:
+            yield k, {"give": thing, "to": item.holder}
+
+
+def _touched(tpg: TemporalPlanGraph, segment: Segment) -> Iterator[str]:
+    """Yield what the tool of a robot is meant to touch in a segment."""
+    cell, robot = tpg.cell, tpg.cell.robot(segment.robot)
+    hands = {f"{robot.name}/tool", *(tool.name for tool in robot.tools)}
+    things = {*(o.name for o in cell.objects), *(f.name for f in cell.fixtures)}
+    for contact in tpg.allowed:
+        pair = {contact.first, contact.second}
+        if segment.task.index in contact.tasks and not contact.grazing and pair & hands:
+            yield from pair & things - hands

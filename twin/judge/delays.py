@@ -1,0 +1,197 @@
+"""Delays of plans: how much later than planned motions are, and when each then happens.
+
+A plain rollout of its own: it shares no code with the engines of the twin, and draws by names, so that two
+planners have the same luck with the same work.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.errors import TwinError
+from twin.judge.foreign_execution import MotionSpan
+from twin.judge.open_plan import OpenMotion, OpenPlan
+
+_STILL = 1e-9
+"""A motion whose joints are slower than this at its end comes to rest there [rad/s or m/s]."""
+
+
+class CircularWaitsError(TwinError):
+    """Motions of a plan wait for each other."""
+
+
+@dataclass(frozen=True)
+class DelayModel:
+    """How late things are. Nothing is ever sooner than planned.
+
+    Attributes:
+        slower: a move takes up to so many times as long as planned, evenly drawn.
+        stalls_per_h: how often a robot stands in an hour of planned motion, before it goes on.
+        stall_s: for how long then, from and to, evenly drawn [s].
+    """
+
+    slower: float = 1.1
+    stalls_per_h: float = 30.0
+    stall_s: tuple[float, float] = (2.0, 10.0)
+
+
+DELAYS = DelayModel()
+"""The delay model of the open benchmark."""
+
+Stretch = Callable[[str, OpenMotion, float], float | None]
+"""Returns how many times as long as planned work takes at a quantile; None for a plain move.
+
+Its arguments are whose it is, a motion of it, and the quantile.
+"""
+
+
+def delayed_spans(
+    plan: OpenPlan, stretch: Stretch, seed: int, model: DelayModel = DELAYS
+) -> dict[str, MotionSpan]:
+    """Return when the motions of a plan happen under delays, by id.
+
+    Where the plan waits, a motion begins as soon as the one before it and those that it waits for
+    are over. Where it goes by the clock, at its planned time, or as soon as the robot is done with
+    what was before, whatever the others do.
+
+    Args:
+        plan: the plan.
+        stretch: how much longer skills take.
+        seed: of the draws.
+        model: of the delays.
+
+    Raises:
+        CircularWaitsError: motions wait for each other.
+    """
+    factors, stalls = _draws(plan, stretch, seed, model)
+    if plan.waits:
+        return _by_waits(plan, factors, stalls)
+    out = {}
+    for some in plan.motions.values():
+        end = 0.0
+        for motion in some:
+            begin = max(motion.t_s[0], end) + stalls[motion.id]
+            out[motion.id] = MotionSpan(begin, factors[motion.id])
+            end = out[motion.id].end(motion)
+    return out
+
+
+def nominal_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
+    """Return when motions happen that take as long as planned, each as soon as it may.
+
+    Raises:
+        CircularWaitsError: motions wait for each other.
+    """
+    ids = [motion.id for _, _, motion in plan.placed()]
+    if not plan.waits:
+        return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
+    return _by_waits(plan, dict.fromkeys(ids, 1.0), dict.fromkeys(ids, 0.0))
+
+
+def makespan_s(plan: OpenPlan, spans: Mapping[str, MotionSpan]) -> float:
+    """Return when the last motion is over [s]."""
+    return max(
+        (spans[motion.id].end(motion) for _, _, motion in plan.placed()), default=0.0
+    )
+
+
+def _by_waits(
+    plan: OpenPlan, factors: Mapping[str, float], stalls: Mapping[str, float]
+) -> dict[str, MotionSpan]:
+    runs = [list(_runs(some)) for some in plan.motions.values()]
+    over: dict[str, float] = {}
+    out: dict[str, MotionSpan] = {}
+    at, ends = [0] * len(runs), [0.0] * len(runs)
+    moved = True
+    while moved:
+        moved = False
+        for k, own in enumerate(runs):
+            while at[k] < len(own):
+                run = own[at[k]]
+                inside = {motion.id for motion in run}
+                needs = {o for motion in run for o in motion.after} - inside
+                if not needs <= over.keys():
+                    break
+                begin = max([ends[k], *(over[other] for other in needs)])
+                begin += max(stalls[motion.id] for motion in run)
+                # What does not come to rest in between is late as one.
+                factor = max(factors[motion.id] for motion in run)
+                for motion in run:
+                    out[motion.id] = MotionSpan(begin, factor)
+                    begin = over[motion.id] = out[motion.id].end(motion)
+                ends[k], at[k], moved = begin, at[k] + 1, True
+    stuck = [own[n][0] for own, n in zip(runs, at, strict=True) if n < len(own)]
+    if stuck:
+        waits = "; ".join(
+            f"{motion.id} waits for {', '.join(o for o in motion.after if o not in over) or 'what is joined to it'}"
+            for motion in stuck
+        )
+        raise CircularWaitsError(f"nobody can go on: {waits}")
+    return out
+
+
+def _runs(some: Sequence[OpenMotion]) -> Iterator[list[OpenMotion]]:
+    """Yield the motions of a robot, together where it does not come to rest between them."""
+    run: list[OpenMotion] = []
+    for motion in some:
+        run.append(motion)
+        if motion.v is None or np.max(np.abs(motion.v[-1])) <= _STILL:
+            yield run
+            run = []
+    if run:
+        yield run
+
+
+def _draws(
+    plan: OpenPlan, stretch: Stretch, seed: int, model: DelayModel
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return how many times as long each motion takes, and for how long its robot stands before it [s]."""
+    factors: dict[str, float] = {}
+    stalls: dict[str, float] = {}
+    for name, some in plan.motions.items():
+        seen: Counter[str] = Counter()
+        work: dict[str, float] = {}
+        clock, due = 0.0, _stalls(seed, name, model)
+        pending = next(due)
+        for motion in some:
+            key = motion.task or motion.id
+            if key not in work:
+                what = f"{motion.skill or 'move'} {motion.object or name}"
+                seen[what] += 1
+                draw = _uniform(seed, what, seen[what])
+                own = stretch(name, motion, draw)
+                if own is None:
+                    own = 1.0 + (model.slower - 1.0) * draw
+                work[key] = max(1.0, own)
+            factors[motion.id] = work[key]
+            clock += motion.t_s[-1] - motion.t_s[0]
+            stalls[motion.id] = 0.0
+            while pending[0] <= clock:
+                stalls[motion.id] += pending[1]
+                pending = next(due)
+    return factors, stalls
+
+
+def _stalls(seed: int, name: str, model: DelayModel) -> Iterator[tuple[float, float]]:
+    """Yield after how much planned motion a robot stands, and for how long [s]."""
+    at, low, high, number = 0.0, *model.stall_s, 0
+    while True:
+        number += 1
+        if model.stalls_per_h <= 0.0:
+            yield np.inf, 0.0
+            continue
+        gap = -np.log1p(-_uniform(seed, f"stall after {name}", number))
+        at += float(gap) * 3600.0 / model.stalls_per_h
+        yield at, low + (high - low) * _uniform(seed, f"stall of {name}", number)
+
+
+def _uniform(seed: int, what: str, number: int) -> float:
+    """Return a number in (0, 1) that belongs to a name."""
+    text = f"{seed}\n{what}\n{number}".encode()
+    word = int.from_bytes(hashlib.sha256(text).digest()[:8], "big") >> 11
+    return (word + 0.5) / 2.0**53

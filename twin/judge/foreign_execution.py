@@ -1,0 +1,317 @@
+"""An execution of an open plan at any times of its motions, as the audit reads executions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot
+from planning.tasks.task import GONE
+from planning.transforms import Array, Transform, inverse
+from twin.audit.motion.executed import ObjectRow, Recording, RobotRows
+from twin.audit.violation import Violation
+from twin.audit.wanted import ChangedTool
+from twin.audit.worlds.world import AuditWorld
+from twin.judge.foreign_graph import configurations, joint_columns
+from twin.judge.open_plan import OpenEvent, OpenMotion, OpenPlan
+from twin.scenario.sections.shapes import build_transform
+
+_SAME = 1e-6
+"""Joint values that differ by less are the same: digits of files [rad or m]."""
+
+_JUMP_S = 1e-6
+"""A robot that is elsewhere all at once gets there in this time, so that all in between is looked at [s]."""
+
+
+@dataclass(frozen=True)
+class MotionSpan:
+    """When a motion is executed.
+
+    Attributes:
+        begin: [s].
+        factor: how many times as long as planned it takes.
+    """
+
+    begin: float
+    factor: float = 1.0
+
+    def at(self, motion: OpenMotion, t: float) -> float:
+        """Return when what is planned for a time happens [s]."""
+        return self.begin + (t - motion.t_s[0]) * self.factor
+
+    def end(self, motion: OpenMotion) -> float:
+        """Return when the motion is over [s]."""
+        return self.at(motion, motion.t_s[-1])
+
+
+def planned_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
+    """Return when motions are planned, by id."""
+    return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignChange:
+    """An object that changes hands in an execution.
+
+    Attributes:
+        t: when [s].
+        owner: robot or machine in whose motion.
+        motion: that motion.
+        event: what the file says.
+        before: who held it, None at rest.
+        now: who holds it from then on, None at rest.
+        pose: in the world, at that moment, before it changes hands.
+        rests: in the world afterwards; None in a hand.
+    """
+
+    t: float
+    owner: str
+    motion: OpenMotion
+    event: OpenEvent
+    before: str | None
+    now: str | None
+    pose: Transform
+    rests: Transform | None
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignExecution:
+    """What is executed.
+
+    Attributes:
+        recording: for the audit.
+        changes: of hands, by time.
+        violations: what cannot be: jumps between motions, hands that are full or empty.
+    """
+
+    recording: Recording
+    changes: tuple[ForeignChange, ...]
+    violations: tuple[Violation, ...]
+
+
+def execution(
+    plan: OpenPlan,
+    world: AuditWorld,
+    tools: tuple[ChangedTool, ...],
+    spans: Mapping[str, MotionSpan],
+) -> ForeignExecution:
+    """Return the execution of a plan.
+
+    Args:
+        plan: fits the cell.
+        world: knows where flanges are.
+        tools: that robots change.
+        spans: when each motion is executed, by id; those of a robot do not overlap.
+    """
+    found: list[Violation] = []
+    robots = {}
+    for robot in world.cell.robots:
+        robots[robot.name] = _rows(plan, robot, spans, found)
+    hands = _Hands(world, robots, tools)
+    events = sorted(
+        (
+            (spans[motion.id].at(motion, event.t_s), event.verb == "take", name, k, n)
+            for name, some in plan.motions.items()
+            for k, motion in enumerate(some)
+            for n, event in enumerate(motion.events)
+        ),
+    )
+    for t, _, name, k, n in events:
+        motion = plan.motions[name][k]
+        hands.change(t, name, motion, motion.events[n])
+    ends = [float(rows.t[-1]) for rows in robots.values()]
+    ends += [spans[some[-1].id].end(some[-1]) for some in plan.motions.values() if some]
+    recording = Recording(
+        robots, tuple(hands.rows), max([*ends, *(e[0] for e in events)])
+    )
+    return ForeignExecution(
+        recording, tuple(hands.changes), (*found, *hands.violations)
+    )
+
+
+def _rows(
+    plan: OpenPlan,
+    robot: PlacedRobot,
+    spans: Mapping[str, MotionSpan],
+    found: list[Violation],
+) -> RobotRows:
+    """Return the rows of a robot, which stands between its motions."""
+    own = plan.motions.get(robot.name, ())
+    if not own:
+        return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
+    columns = joint_columns(plan, robot)
+    stands = configurations(own[0], columns)[0]
+    if np.max(np.abs(stands - robot.home)) > _SAME:
+        found.append(_jump(robot, 0.0, robot.home, stands, "its HOME", own[0].id))
+    table = _Table(stands)
+    for k, motion in enumerate(own):
+        span, rows = spans[motion.id], configurations(motion, columns)
+        times = span.begin + (np.array(motion.t_s) - motion.t_s[0]) * span.factor
+        table.stand_until(float(times[0]), k - 1)
+        if np.max(np.abs(rows[0] - table.q[-1])) > _SAME:
+            name = own[k - 1].id if k else "its HOME"
+            words = table.q[-1], rows[0], name, motion.id
+            found.append(_jump(robot, float(times[0]), *words))
+            times = np.maximum(times, table.t[-1] + _JUMP_S)
+        v = _rates(motion.v, columns, span.factor, rows)
+        table.add(times, rows, v, _rates(motion.a, columns, span.factor**2, rows), k)
+    return table.rows(smooth=any(motion.v is not None for motion in own))
+
+
+class _Table:
+    """Rows of a robot as they come, from standing at time 0.
+
+    A row at the time of the one before and in the same place takes its stead: of a motion that goes on
+    where another one ended, at speed or not, the speeds of the later one count.
+    """
+
+    def __init__(self, q: Array) -> None:
+        still = np.zeros_like(q)
+        self.t, self.q, self.node = [0.0], [q], [-1]
+        self.v, self.a = [still], [still]
+
+    def stand_until(self, t: float, node: int) -> None:
+        """Add that the robot stands until a time [s]."""
+        if t > self.t[-1]:
+            still = np.zeros((1, len(self.q[0])))
+            self.add(np.array([t]), self.q[-1][None], still, still, node)
+
+    def add(self, t: Array, q: Array, v: Array, a: Array, node: int) -> None:
+        """Add the rows of a node."""
+        for k, at in enumerate(np.maximum(t, self.t[-1]).tolist()):
+            again = at <= self.t[-1] and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+            if again:
+                self.v[-1], self.a[-1] = v[k], a[k]
+                continue
+            self.t.append(at)
+            self.q.append(q[k])
+            self.v.append(v[k])
+            self.a.append(a[k])
+            self.node.append(node)
+
+    def rows(self, *, smooth: bool) -> RobotRows:
+        """Return them, with speeds and accelerations or without."""
+        rates = [np.array(self.v), np.array(self.a)] if smooth else []
+        return RobotRows(
+            np.array(self.t), np.array(self.q), np.array(self.node), *rates
+        )
+
+
+def _rates(
+    values: tuple[tuple[float, ...], ...] | None,
+    columns: list[int],
+    by: float,
+    like: Array,
+) -> Array:
+    if values is None:
+        return np.zeros_like(like)
+    return np.asarray(np.array(values)[:, columns] / by)
+
+
+def _jump(
+    robot: PlacedRobot, t: float, q: Array, to: Array, first: str, then: str
+) -> Violation:
+    joint = int(np.argmax(np.abs(to - q)))
+    name = robot.model.joint_names[joint]
+    unit = "m" if robot.model.chain.prismatic[joint] else "rad"
+    words = f"{then} begins {abs(to[joint] - q[joint]):.6g} {unit} away from the end of"
+    words = f"{words} {first}"
+    return Violation(t, t, robot.name, name, 0.0, words, "jump")
+
+
+@dataclass(eq=False)
+class _Whereabouts:
+    holder: str | None
+    pose: Transform
+
+
+@dataclass(eq=False)
+class _Hands:
+    """Where objects are, as they change hands.
+
+    Attributes:
+        world: knows where flanges are.
+        robots: rows of each robot.
+        tools: that robots change: they are no objects in hands.
+    """
+
+    world: AuditWorld
+    robots: Mapping[str, RobotRows]
+    tools: tuple[ChangedTool, ...]
+    rows: list[ObjectRow] = field(default_factory=list)
+    changes: list[ForeignChange] = field(default_factory=list)
+    violations: list[Violation] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._numbers = {r.name: k for k, r in enumerate(self.world.cell.robots)}
+        self._places = {
+            item.name: _Whereabouts(None, item.start)
+            for item in self.world.cell.objects
+            if not item.later
+        }
+        for tool in self.tools:
+            if tool.first:
+                self._places[tool.name] = _Whereabouts(tool.robot, tool.mount)
+                self.rows.append(ObjectRow(0.0, tool.name, tool.robot, tool.mount))
+
+    def change(self, t: float, name: str, motion: OpenMotion, event: OpenEvent) -> None:
+        """Take over an event."""
+        verb, thing = event.verb, event.object
+        place = self._places.get(thing)
+        wrong = "" if place is None else self._wrong(name, event, place)
+        if place is None and verb != "appear":
+            wrong = "is not there"
+        elif place is not None and verb == "appear":
+            wrong = "is there already"
+        if wrong:
+            words = f"{verb} {thing} in {motion.id}: {wrong}"
+            self.violations.append(Violation(t, t, name, thing, 0.0, words, "hand"))
+        if (place is None) != (verb == "appear"):
+            return
+        start = self.world.cell.object(thing).start
+        world = start if place is None else self._in_world(place, t)
+        holder = {"take": name, "give": event.to, "leave": GONE}.get(verb)
+        hand = None if holder in (None, GONE) else self._flange(str(holder), t)
+        pose = world if hand is None else np.asarray(inverse(hand) @ world)
+        if event.pose is not None:
+            pose = build_transform(event.pose)
+        before = None if place is None else place.holder
+        rests = None if holder is not None else pose
+        self.changes.append(
+            ForeignChange(t, name, motion, event, before, holder, world, rests)
+        )
+        self.rows.append(ObjectRow(t, thing, holder, pose))
+        if holder == GONE:
+            del self._places[thing]
+        else:
+            self._places[thing] = _Whereabouts(holder, pose)
+
+    def _wrong(self, name: str, event: OpenEvent, place: _Whereabouts) -> str:
+        """Return what is wrong with an event, empty if nothing is."""
+        if event.verb in ("put", "give") and place.holder != name:
+            return (
+                f"is in the hand of {place.holder}" if place.holder else "is in no hand"
+            )
+        taker = {"take": name, "give": event.to}.get(event.verb)
+        if taker is None:
+            return ""
+        if place.holder == taker:
+            return f"is in the hand of {taker} already"
+        racked = {tool.name for tool in self.tools}
+        full = [
+            other
+            for other, at in self._places.items()
+            if at.holder == taker and (other in racked) == (event.object in racked)
+        ]
+        return f"{taker} has {full[0]} in its hand" if full else ""
+
+    def _in_world(self, place: _Whereabouts, t: float) -> Transform:
+        if place.holder is None:
+            return place.pose
+        return np.asarray(self._flange(place.holder, t) @ place.pose)
+
+    def _flange(self, robot: str, t: float) -> Transform:
+        q = self.robots[robot].at(np.array([t]))
+        return np.asarray(self.world.flange_poses(self._numbers[robot], q)[0])

@@ -1,0 +1,168 @@
+"""An open plan as a graph that the audit knows: a node a motion.
+
+Nothing of a node is worked out: it says whose it is and what work it belongs to. What waits for what is looked at
+by the judge, which can name motions as the file does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from planning.cell.workcell import PlacedRobot, Workcell
+from planning.lego.bricks.brick_world import next_copy, source_of
+from planning.tasks.task import TRANSIT, Handling, Task
+from planning.transforms import Array, identity, readonly
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from twin.judge.open_plan import OpenMotion, OpenPlan, require_none
+from twin.scenario.document.validation import Found, unless_known
+from twin.scenario.document.yaml_text import KeyPath
+from twin.scenario.sections.lego import LegoSection
+from twin.scenario.sections.scenario import AssemblySection
+
+
+def cell_for(
+    plan: OpenPlan, path: Path, cell: Workcell, assembly: AssemblySection
+) -> Workcell:
+    """Return the cell with all objects that a plan names.
+
+    Further bricks of a feeding station, ``<station>.2`` and so on, are only in the cell where a plan
+    uses them.
+
+    Args:
+        plan: the plan.
+        path: its file.
+        cell: of its scenario.
+        assembly: of its scenario.
+
+    Raises:
+        InvalidScenarioError: the plan names robots, joints or objects that there are not.
+    """
+    stations = set()
+    if isinstance(assembly, LegoSection):
+        stations = {item.name for item in assembly.stock if item.station}
+    known = {item.name: item for item in cell.objects}
+    for _, _, motion in plan.placed():
+        for name in (motion.object, *(event.object for event in motion.events)):
+            source = source_of(name or "", stations)
+            if name is not None and name not in known and source != name:
+                number = int(name.rpartition(".")[2])
+                copy = next_copy(known[source], source, number)
+                known[copy.name] = copy
+    whole = replace(cell, objects=tuple(known.values()))
+    require_none(path, _misfits(plan, whole))
+    return whole
+
+
+def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
+    """Yield the names in a plan that are none of the cell."""
+    robots = {robot.name: robot for robot in cell.robots}
+    machines = {item.name for item in cell.machines}
+    things = {*(o.name for o in cell.objects), *(f.name for f in cell.fixtures)}
+    for name, own in plan.robots.items():
+        at: KeyPath = ("robots", name)
+        yield from unless_known((*at, "[key]"), "robot", name, robots)
+        if name in robots and sorted(own.joints) != sorted(
+            robots[name].model.joint_names
+        ):
+            joints = ", ".join(robots[name].model.joint_names)
+            yield (*at, "joints"), f"are not those of {name}, each once: {joints}"
+    for name in plan.machines:
+        words = "the scenario has no machines"
+        yield from unless_known(
+            ("machines", name, "[key]"), "machine", name, machines, words
+        )
+    objects = sorted(item.name for item in cell.objects)
+    for at, name, motion in plan.placed():
+        known = {*objects, *things}
+        yield from unless_known((*at, "object"), "object", motion.object, known)
+        for k, touched in enumerate(motion.touches):
+            yield from unless_known((*at, "touches", k), "thing", touched, things)
+        for k, event in enumerate(motion.events):
+            place = (*at, "events", k)
+            yield from unless_known(
+                (*place, event.verb), "object", event.object, objects
+            )
+            if event.to is not None:
+                yield from unless_known((*place, "to"), "robot", event.to, robots)
+            if name in machines and event.verb not in ("appear", "leave"):
+                yield (
+                    (*place, event.verb),
+                    "a machine lets objects appear and leave only",
+                )
+
+
+def joint_columns(plan: OpenPlan, robot: PlacedRobot) -> list[int]:
+    """Return where in the rows of a plan the joints of a robot are, in the order of the robot."""
+    own = plan.robots[robot.name].joints
+    return [own.index(name) for name in robot.model.joint_names]
+
+
+def graph_of(plan: OpenPlan, cell: Workcell) -> TemporalPlanGraph:
+    """Return the graph of a plan that fits a cell; contacts and edges are left out."""
+    tasks: list[Task] = []
+    chains = []
+    for robot in (*cell.robots, *cell.machines):
+        own = plan.motions.get(robot.name, ())
+        if not own:
+            continue
+        columns = [0] if cell.is_machine(robot.name) else joint_columns(plan, robot)
+        of_node = []
+        for _, group in groupby(
+            enumerate(own), lambda entry: entry[1].task or entry[0]
+        ):
+            some = [motion for _, motion in group]
+            of_node += [len(tasks)] * len(some)
+            tasks.append(_task(len(tasks), robot.name, some, columns))
+        chains.append(_chain(robot.name, own, columns, of_node))
+    none, cause = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+    return TemporalPlanGraph(cell, tuple(tasks), tuple(chains), none, cause, (), ())
+
+
+def configurations(motion: OpenMotion, columns: list[int]) -> Array:
+    """Return the joint values of a motion, shape (rows, n); of a machine zeros."""
+    if not motion.q:
+        return np.zeros((len(motion.t_s), 1))
+    return np.asarray(np.array(motion.q)[:, columns])
+
+
+def _task(index: int, robot: str, some: list[OpenMotion], columns: list[int]) -> Task:
+    first, q = some[0], np.concatenate([configurations(m, columns) for m in some])
+    handlings = tuple(
+        Handling(
+            event.object,
+            0,
+            {"take": robot, "give": event.to}.get(event.verb),
+            readonly(identity()),
+        )
+        for motion in some
+        for event in motion.events
+    )
+    label = first.task or first.id
+    kind = first.skill or TRANSIT
+    return Task(index, robot, kind, index + 1, label, q, handlings, first.object)
+
+
+def _chain(
+    robot: str, own: tuple[OpenMotion, ...], columns: list[int], of_node: list[int]
+) -> NodeChain:
+    rows = [configurations(motion, columns) for motion in own]
+    spans = np.array([motion.t_s[-1] - motion.t_s[0] for motion in own])
+    passed = [
+        (np.array(motion.t_s) - motion.t_s[0]) / span if span > 0.0 else np.ones(len(q))
+        for motion, span, q in zip(own, spans.tolist(), rows, strict=True)
+    ]
+    return NodeChain(
+        robot,
+        rows[0][0],
+        np.concatenate(rows),
+        np.concatenate(passed),
+        np.cumsum([0, *map(len, rows)]),
+        np.array(of_node, dtype=np.int64),
+        np.array([motion.skill is not None for motion in own]),
+        spans,
+        np.array([motion.t_s[0] for motion in own]),
+    )

@@ -1,0 +1,238 @@
+"""Contacts that a plan means to make, read off what changes hands in it and what it says it touches.
+
+- A hand touches what it holds, from the work in which it takes it to the work in which it gives it away.
+- What is taken or put down touches what it lies on or beside, in that work.
+- A tool touches what a motion says that it does; bricks at rest it may graze while it works.
+
+How deep all that may be is the audit's: see ``twin.audit.contacts``.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+
+import numpy as np
+
+from planning.tasks.task import GONE, AllowedContact
+from planning.transforms import Transform
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.audit.wanted import TOUCH, Wanted
+from twin.audit.worlds.world import AuditWorld, WatchedShape, shapes_by_entity
+from twin.judge.foreign_execution import ForeignChange, ForeignExecution
+from twin.judge.open_plan import OpenMotion, OpenPlan
+
+_TICK = 1e-9
+"""Times that differ by less are the same [s]."""
+
+
+def meant_contacts(
+    plan: OpenPlan,
+    graph: TemporalPlanGraph,
+    world: AuditWorld,
+    planned: ForeignExecution,
+    wanted: Wanted,
+) -> tuple[AllowedContact, ...]:
+    """Return the contacts that may be, and during which tasks.
+
+    Args:
+        plan: says what tools touch.
+        graph: of it: knows the tasks.
+        world: measures what lies beside what.
+        planned: the plan as it is executed at its own times.
+        wanted: says what keeps objects at rest.
+    """
+    work = _Work(plan, graph)
+    tasks: dict[frozenset[str], set[int]] = defaultdict(set)
+    hands = {
+        robot.name: [f"{robot.name}/tool", *(t.name for t in robot.tools)]
+        for robot in graph.cell.robots
+    }
+    _held(tasks, work, planned.changes, hands)
+    _beside(tasks, work, planned, world, max(TOUCH, wanted.touch_m))
+    busy: dict[str, set[int]] = defaultdict(set)
+    for name, some in plan.motions.items():
+        for k, motion in enumerate(some):
+            if name not in hands:
+                continue
+            own = {work.task_of(name, k)}
+            if motion.touches or motion.events or motion.skill:
+                busy[name] |= own
+            meanwhile = own | work.of_others(name, motion.t_s[0], motion.t_s[-1])
+            for thing, hand in product(motion.touches, hands[name]):
+                tasks[frozenset((hand, thing))] |= meanwhile
+    found = [
+        AllowedContact(min(pair), max(pair), frozenset(some))
+        for pair, some in tasks.items()
+        if len(pair) == 2
+    ]
+    if wanted.hold == "studs":
+        names = [item.name for item in graph.cell.objects]
+        found += [
+            AllowedContact(f"{robot}/tool", name, frozenset(some), grazing=True)
+            for robot, some in busy.items()
+            for name in names
+        ]
+    return tuple(found)
+
+
+class _Work:
+    """Which tasks are under way when, at the times of the plan."""
+
+    def __init__(self, plan: OpenPlan, graph: TemporalPlanGraph) -> None:
+        self._plan = plan
+        self._task = {chain.robot: chain.task for chain in graph.chains}
+        self._number = {
+            motion.id: (name, k)
+            for name, some in plan.motions.items()
+            for k, motion in enumerate(some)
+        }
+        self._begins, self._ends = (
+            {
+                name: np.array([motion.t_s[side] for motion in some])
+                for name, some in plan.motions.items()
+            }
+            for side in (0, -1)
+        )
+
+    def task_of(self, name: str, k: int) -> int:
+        """Return the task of a motion."""
+        return int(self._task[name][k])
+
+    def around(self, name: str, motion: OpenMotion, t: float) -> set[int]:
+        """Return the tasks in which something happens: two where a motion ends and the next begins."""
+        _, k = self._number[motion.id]
+        near = {k}
+        if t <= motion.t_s[0] + _TICK and k > 0:
+            near.add(k - 1)
+        if t >= motion.t_s[-1] - _TICK and k + 1 < len(self._plan.motions[name]):
+            near.add(k + 1)
+        return {self.task_of(name, n) for n in near}
+
+    def during(self, name: str, begin: float, end: float) -> set[int]:
+        """Return the tasks of a robot in some time, those on both sides of where it stands included."""
+        if name not in self._begins:
+            return set()
+        low = max(int(np.searchsorted(self._ends[name], begin + _TICK)) - 1, 0)
+        high = int(np.searchsorted(self._begins[name], end - _TICK))
+        return set(self._task[name][low : high + 1].tolist())
+
+    def of_others(self, name: str, begin: float, end: float) -> set[int]:
+        """Return the tasks of all other robots in some time."""
+        others = (other for other in self._begins if other != name)
+        return {task for other in others for task in self.during(other, begin, end)}
+
+
+def _held(
+    tasks: dict[frozenset[str], set[int]],
+    work: _Work,
+    changes: Sequence[ForeignChange],
+    hands: dict[str, list[str]],
+) -> None:
+    """Add the contacts of hands with what they hold."""
+    taken: dict[str, float] = {}
+
+    def add(robot: str, thing: str, some: Iterable[int]) -> None:
+        for hand in hands.get(robot, ()):
+            tasks[frozenset((hand, thing))] |= set(some)
+
+    for change in changes:
+        thing, motion = change.event.object, change.motion
+        own = work.around(change.owner, motion, change.event.t_s)
+        span = motion.t_s[0], motion.t_s[-1]
+        if change.before is not None:
+            since = taken.pop(thing, 0.0)
+            add(change.before, thing, work.during(change.before, since, change.t))
+            add(change.before, thing, own)
+        if change.now not in (None, GONE):
+            taken[thing] = change.t
+            add(str(change.now), thing, own)
+        if change.before is not None and change.now not in (None, GONE):
+            both = work.of_others("", *span)
+            add(change.before, thing, both)
+            add(str(change.now), thing, both)
+    for thing, since in taken.items():
+        holder = next(c.now for c in reversed(changes) if c.event.object == thing)
+        add(str(holder), thing, work.during(str(holder), since, np.inf))
+
+
+def _beside(
+    tasks: dict[frozenset[str], set[int]],
+    work: _Work,
+    planned: ForeignExecution,
+    world: AuditWorld,
+    touch: float,
+) -> None:
+    """Add the contacts of what is taken or put down with what is beside it there."""
+    neighbours = _Neighbours(world, touch)
+    for item in world.cell.objects:
+        if not item.later:
+            neighbours.rest(item.name, item.start)
+    for row in planned.recording.objects:
+        if row.t <= 0.0 and row.holder is not None:
+            neighbours.leave(row.object)
+    for change in planned.changes:
+        thing = change.event.object
+        own = work.around(change.owner, change.motion, change.event.t_s)
+        if change.before is None and change.event.verb != "appear":
+            beside = set(neighbours.of(thing, change.pose))
+        elif change.rests is not None:
+            beside = set(neighbours.of(thing, change.rests))
+        else:
+            beside = set()
+        for other in beside:
+            tasks[frozenset((thing, other))] |= own
+        neighbours.leave(thing)
+        if change.rests is not None:
+            neighbours.rest(thing, change.rests)
+
+
+class _Neighbours:
+    """What is at rest, and what is near something there."""
+
+    def __init__(self, world: AuditWorld, touch: float) -> None:
+        self._world, self._touch = world, touch
+        self._shapes = shapes_by_entity((*world.fixtures, *world.objects))
+        self._poses = {item.name: item.pose for item in world.cell.fixtures}
+
+    def rest(self, name: str, pose: Transform) -> None:
+        """Note where something lies."""
+        self._poses[name] = pose
+
+    def leave(self, name: str) -> None:
+        """Note that something does not lie anywhere any more."""
+        self._poses.pop(name, None)
+
+    def of(self, name: str, pose: Transform) -> Iterator[str]:
+        """Yield what is near something at a pose."""
+        own = self._boxes(name, pose)
+        for other, at in self._poses.items():
+            if other == name:
+                continue
+            near = self._boxes(other, at)
+            pairs = (
+                (a, b)
+                for a, b in product(own, near)
+                if np.all(np.abs(a[1] - b[1]) <= a[2] + b[2] + self._touch)
+            )
+            if any(self._gap(a[0], pose, b[0], at) <= self._touch for a, b in pairs):
+                yield other
+
+    def _boxes(
+        self, name: str, pose: Transform
+    ) -> list[tuple[WatchedShape, Transform, Transform]]:
+        """Return the shapes of something with the middle and half edges of upright boxes around them."""
+        out = []
+        for shape in self._shapes[name]:
+            at = shape.at(pose)
+            half = np.abs(at[:3, :3] @ shape.turn) @ shape.half
+            out.append((shape, at[:3, 3] + at[:3, :3] @ shape.centre, half))
+        return out
+
+    def _gap(
+        self, a: WatchedShape, pose: Transform, b: WatchedShape, at: Transform
+    ) -> float:
+        self._world.place(a, a.at(pose))
+        self._world.place(b, b.at(at))
+        return self._world.distance(a, b, 2.0 * self._touch)
