@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -37,3 +38,20 @@ def motion_with(content: Document, verb: str, thing: str | None = None) -> Docum
                     found: Document = motion
                     return found
     raise AssertionError(f"nothing of {verb} {thing}")
+
+
+FORMATS = Path(__file__).parents[3] / "docs" / "reference" / "formats.md"
+
+
+def yard(folder: Path) -> Document:
+    """Return the plan that the reference writes out by hand, its scenario written into a folder."""
+    page = FORMATS.read_text(encoding="utf-8")
+    scenario = re.search(
+        r"<!-- file: yard.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL
+    )
+    plan = re.search(r"```json\n(\{\n  \"format\": .*?)```", page, re.DOTALL)
+    assert scenario is not None
+    assert plan is not None
+    (folder / "yard.yaml").write_text(scenario[1], encoding="utf-8")
+    content: Document = json.loads(plan[1])
+    return content
