@@ -12,6 +12,7 @@ from planning.parallel import usable_cores
 from twin.explore.crew import Crew
 from twin.explore.dimensions import dimensions_of, vary_section
 from twin.explore.exploration import Exploration
+from twin.explore.finals import Finals
 from twin.explore.folder import (
     SUMMARY,
     ExploreRequest,
@@ -19,6 +20,7 @@ from twin.explore.folder import (
     require_free,
     write_request,
 )
+from twin.explore.report import write_report
 from twin.explore.rungs import Setting
 from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.guard import write_json
@@ -110,7 +112,6 @@ def explore(
     if scenario is None:
         raise RequestError("give a scenario file, or --resume DIR")
     case = load(scenario)
-    case = case.varied({} if seed is None else {"seed": seed})
     given: dict[str, Any] = {
         "sampler": sampler,
         "designs": designs,
@@ -120,8 +121,9 @@ def explore(
     section = asked(case, vary, {k: v for k, v in given.items() if v is not None})
     folder = None if out is None else Path(out)
     require_free(folder)
-    request = ExploreRequest(_bare(case), case.folder, section)
     dimensions_of(case.sections, section, case.document)  # before anything is written
+    drawn = case.varied({} if seed is None else {"seed": seed})
+    request = ExploreRequest(_bare(drawn), case.folder, section)
     with run_folder(folder, f"explore-{case.name}") as place:
         write_request(place, request)
         return _run(place, request, count, None, None, progress)
@@ -188,6 +190,10 @@ def _run(
     setting = Setting(scenario, request.base, section)
     with Crew(setting, workers, section.design_limit_s) as crew:
         exploration.search(crew, designs or section.designs, seconds or section.seconds)
-    found = summary_of(scenario.name, section, dimensions, exploration.journal.rows)
+        finals = Finals(exploration, setting, progress)
+        finalists = finals.race()
+        worths = finals.worths(finalists[0], crew) if finalists else ()
+    found = summary_of(scenario.name, exploration, finalists, worths, scenario.seed)
     write_json(folder / SUMMARY, found.content())
+    write_report(found, setting, dimensions, folder, progress)
     return Explored(folder, request, found)

@@ -22,17 +22,28 @@ def begin(path: Path, *, source: str | None = None, quiet: bool = False) -> None
 
     Args:
         path: folder, or YAML file, for the new scenario.
-        source: scenario to begin with, one that twin scenarios lists; by default two arms with
-            grippers that put five parts into a tray.
+        source: scenario to begin with, one that twin scenarios lists, or a design that twin explore has
+            found, EXPLORED#3 for the third best; by default two arms with grippers that put five parts
+            into a tray.
     """
     from twin.scenario.shipped import TEMPLATE, begin_scenario
 
-    file = begin_scenario(path, source or TEMPLATE)
+    if source is not None and _names_design(source):
+        from twin.explore.chosen import begin_design
+
+        file = begin_design(path, source)
+    else:
+        file = begin_scenario(path, source or TEMPLATE)
     if quiet:
         return
     typer.echo(f"{file}: a copy of {source or TEMPLATE}. Try")
     for step in ("check", "run", "study"):
         typer.echo(f"  twin {step} {file}")
+
+
+def _names_design(source: str) -> bool:
+    """Tell whether a design of an exploration is meant, without a look at what finds them."""
+    return "#" in source or (Path(source) / "journal.jsonl").is_file()
 
 
 def list_scenarios(*, as_json: bool = False) -> None:

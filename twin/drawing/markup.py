@@ -77,6 +77,26 @@ def picture(figure: Figure, name: str) -> str:
     return f"<figure>{svg[svg.index('<svg') :]}</figure>"
 
 
+def page(title: str, css: str, pieces: Iterable[str]) -> str:
+    """Return a page that needs no network.
+
+    Args:
+        title: of it.
+        css: its style sheet.
+        pieces: of HTML; those that are empty are left out.
+    """
+    parts = [
+        "<!doctype html>",
+        '<html lang="en"><head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width">',
+        f"<title>{text(title)}</title><style>{css}</style></head><body>",
+        heading(title, 1),
+        *pieces,
+        "</body></html>",
+    ]
+    return "\n".join(part for part in parts if part) + "\n"
+
+
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a titled table of what is said about some things."""
     return f"<p><strong>{text(title)}</strong></p>{pairs(rows)}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
@@ -21,6 +20,12 @@ Values = Mapping[str, Any]
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})$")
 _ORDER = "order"
+
+_PREFIX = re.compile(
+    r"^(?:cell\.(?:robots|fixtures|tools)|assembly\.(?:parts|sources)|execution)\."
+)
+_POSE = re.compile(r"(?:\.pose)?\.(xyz_m|rpy_deg)\.([012])$")
+"""What is left out of keys where people read them, and how they say where something is."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +75,22 @@ class Dimension:
 
     def words(self, value: Any) -> str:
         """Return in words what a value changes."""
-        if self.low is not None and isinstance(self.base, int | float):
-            return f"{self.key} {self.base:.6g} -> {value:.6g}"
+        name = _PREFIX.sub("", self.key)
+        numbers = all(
+            isinstance(v, int | float) and not isinstance(v, bool)
+            for v in (self.base, value)
+        )
+        if numbers and (place := _POSE.search(name)):
+            axis = "xyz"[int(place[2])]
+            by = value - self.base
+            if place[1] == "xyz_m":
+                return f"{name[: place.start()]} {axis} by {1000.0 * by:+.0f} mm"
+            return f"{name[: place.start()]} turned about {axis} by {by:+.3g} deg"
+        if numbers:
+            return f"{name} {self.base:.5g} -> {value:.5g}"
         if self.ordered:
-            return f"{self.key} in the order {', '.join(map(entry_name, value))}"
-        return f"{self.key} {self.base} -> {value}"
+            return f"{name} in the order {', '.join(map(entry_name, value))}"
+        return f"{name} {self.base} -> {value}"
 
 
 def entry_name(entry: Any) -> str:
@@ -235,8 +251,3 @@ def _require_number(key: str, value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | None):
         raise ScenarioError(f"{key} is no number, but {value!r}: give its values")
     return 0.0 if value is None else value
-
-
-def folder_of(document: YamlDocument) -> Path:
-    """Return where relative paths of a scenario start."""
-    return document.path.parent

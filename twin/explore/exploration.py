@@ -74,7 +74,7 @@ class Exploration:
         self._lost = self._search.replay(self.journal.searched)
         self._known: dict[str, Tried] = {}
         for row in self.journal.rows:
-            self._known.setdefault(key_of(row.values), row)
+            self._remember(row)
 
     def search(self, crew: Crew, designs: int, seconds: float | None) -> None:
         """Try designs until there are so many, or the time is up.
@@ -158,7 +158,7 @@ class Exploration:
             with replacing(place) as temporary:
                 temporary.write_bytes(parcel)
         self.journal.append(row)
-        self._known.setdefault(key_of(row.values), row)
+        self._remember(row)
         if row.purpose == SEARCH:
             wanted = {0, *(r.design for r in self.best(self.section.finalists))}
             for other in self.journal.searched:
@@ -166,9 +166,19 @@ class Exploration:
                     with suppress(OSError):
                         self.parcel_of(other).unlink(missing_ok=True)
 
+    def _remember(self, row: Tried) -> None:
+        """Know a design by its values; one that was taken further takes the place of one left behind."""
+        there = self._known.setdefault(key_of(row.values), row)
+        if there.evaluation.outcome == "behind" and row.evaluation.outcome != "behind":
+            self._known[key_of(row.values)] = row
+
     def known(self, values: Values) -> Tried | None:
         """Return the design that has some values and was evaluated."""
         return self._known.get(key_of(values))
+
+    def number_of(self, purpose: str) -> int:
+        """Return the number of the next design of a purpose."""
+        return sum(row.purpose == purpose for row in self.journal.rows)
 
     def parcel_of(self, row: Tried) -> Path:
         """Return the file with the work of a design."""

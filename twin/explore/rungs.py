@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,7 +22,7 @@ from twin.host.progress import StageWatch
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import order_motions, plan_motions
 from twin.scenario.checks import find_problems
-from twin.scenario.document.expressions import ExpressionError
+from twin.scenario.document.expressions import ExpressionError, KeyValue
 from twin.scenario.sections.exploration import ExploreSection
 from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario, resolved
@@ -198,16 +198,24 @@ class Climb:
             if not np.isfinite(found).any():
                 raise RefusedError("no replication completes")
             results |= replicated_results(own, section, found)
-        return judged(own, section, **self._known)
+        return judged(keys_of(own), section, **self._known)
 
 
-def judged(scenario: Scenario, section: ExploreSection, **known: Any) -> Evaluation:
-    """Return a design of which all is known, with its goals, or the constraints that it misses."""
-    results, content = known["results"], resolved(scenario)
+def keys_of(scenario: Scenario) -> KeyValue:
+    """Return what gives the values of keys of a scenario, which is resolved once, and only if one is asked for."""
+    content = cache(lambda: resolved(scenario))
+    return lambda name: value_of(content(), name)
 
-    def key(name: str) -> Any:
-        return value_of(content, name)
 
+def judged(key: KeyValue, section: ExploreSection, **known: Any) -> Evaluation:
+    """Return a design of which all is known, with its goals, or the constraints that it misses.
+
+    Args:
+        key: gives the values of keys of the design.
+        section: what is looked for.
+        known: of its evaluation, with ``results``.
+    """
+    results = known["results"]
     missed, over = [], 0.0
     try:
         goals = tuple(

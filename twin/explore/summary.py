@@ -1,4 +1,4 @@
-"""What an exploration found: the best designs, and where and why others are refused."""
+"""What an exploration found: the best designs, what they are worth, what matters, what is refused and why."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 
 from twin.explore.dimensions import Dimension, Values
-from twin.explore.journal import SEARCH, Tried
+from twin.explore.exploration import Exploration
+from twin.explore.finals import Finalist, Worth
+from twin.explore.influence import Importance, front, importances
+from twin.explore.journal import Tried
 from twin.explore.rungs import CONSTRAINT, RUNGS
 from twin.scenario.sections.exploration import ExploreSection
 from twin.study.replications.statistics import Interval, mean_interval
@@ -67,9 +70,12 @@ class RankedDesign:
         design: its number.
         values: what it has at each key.
         changes: how it differs from the scenario, in words.
-        goals: values of the goals, as they are asked for.
-        results: what is known of it.
+        goals: values of the goals, as they are asked for; of finalists over new replications.
+        results: what the search knows of it.
         mean_s: of the makespan of its replications [s], None where there are none.
+        behind: of a finalist, by how much it is worse than the best; None for all others.
+        apart: of a finalist, whether it is known to be worse.
+        compromise: whether no other design is as good in every goal.
     """
 
     rank: int
@@ -79,11 +85,21 @@ class RankedDesign:
     goals: tuple[float, ...]
     results: Mapping[str, float]
     mean_s: Interval | None
+    behind: Interval | None = None
+    apart: bool = False
+    compromise: bool = False
+
+    @property
+    def label(self) -> str:
+        """What it changes, in a line."""
+        return "; ".join(self.changes) or "the scenario as it is"
 
     def content(self) -> dict[str, Any]:
         """Return it for JSON."""
-        mean_s = None if self.mean_s is None else self.mean_s.content()
-        return {**vars(self), "changes": list(self.changes), "mean_s": mean_s}
+        told = {**vars(self), "changes": list(self.changes)}
+        for name in ("mean_s", "behind"):
+            told[name] = told[name] and told[name].content()
+        return told
 
 
 @dataclass(frozen=True)
@@ -93,33 +109,55 @@ class ExploreSummary:
     Attributes:
         scenario: name of what was explored.
         section: what was asked.
+        rows: designs of the search, each once.
         tried: designs that were tried.
-        evaluated: those that were not a design tried before.
         ranked: designs that are possible, the best first.
-        base: the scenario as it is; None where that is refused.
+        worths: what all changes of the best one are worth, then each; with one goal.
+        importances: what matters for the first goal, the most important first.
         rungs: what came of designs at each rung.
         refusals: why designs are refused, the most frequent reason first.
     """
 
     scenario: str
     section: ExploreSection
+    rows: tuple[Tried, ...]
     tried: int
-    evaluated: int
     ranked: tuple[RankedDesign, ...]
-    base: RankedDesign | None
+    worths: tuple[Worth, ...]
+    importances: tuple[Importance, ...]
     rungs: tuple[RungFigures, ...]
     refusals: tuple[RefusedGroup, ...]
+
+    @property
+    def base(self) -> RankedDesign | None:
+        """The scenario as it is; None where that is refused."""
+        return next((item for item in self.ranked if item.design == 0), None)
+
+    @property
+    def compromises(self) -> tuple[RankedDesign, ...]:
+        """The designs that no other is as good as in every goal."""
+        return tuple(item for item in self.ranked if item.compromise)
+
+    @property
+    def decided(self) -> bool:
+        """True if the best design is known to be better than all other finalists."""
+        others = [item for item in self.ranked[1:] if item.behind is not None]
+        return bool(self.ranked) and all(item.apart for item in others)
 
     def content(self) -> dict[str, Any]:
         """Return it for JSON."""
         return {
             "scenario": self.scenario,
             "goals": [goal.words for goal in self.section.goals],
+            "constraints": list(self.section.constraints),
             "sampler": self.section.chosen_sampler,
             "tried": self.tried,
-            "evaluated": self.evaluated,
+            "evaluated": len(self.rows),
+            "decided": self.decided,
             "base": None if self.base is None else self.base.content(),
             "best": [item.content() for item in self.ranked],
+            "worth": [item.content() for item in self.worths],
+            "importance": [item.content() for item in self.importances],
             "rungs": [item.content() for item in self.rungs],
             "refused": [vars(item) for item in self.refusals],
         }
@@ -127,62 +165,90 @@ class ExploreSummary:
 
 def summary_of(
     scenario: str,
-    section: ExploreSection,
-    dimensions: Sequence[Dimension],
-    rows: Sequence[Tried],
+    exploration: Exploration,
+    finalists: Sequence[Finalist],
+    worths: Sequence[Worth],
+    seed: int,
 ) -> ExploreSummary:
     """Return what an exploration found.
 
     Args:
         scenario: its name.
-        section: what was asked.
-        dimensions: what varied.
-        rows: what became of each design.
+        exploration: whose search is over.
+        finalists: the best designs, replicated further, the best first.
+        worths: what changes of the best are worth.
+        seed: of bootstraps.
     """
-    searched = [row for row in rows if row.purpose == SEARCH]
-    own = [row for row in searched if row.same_as is None]
-    done = sorted(
-        (row for row in own if row.done), key=lambda r: (r.evaluation.goals, r.design)
+    section, dimensions = exploration.section, exploration.dimensions
+    searched = exploration.journal.searched
+    own = tuple(row for row in searched if row.same_as is None)
+    final = {item.row.design: item for item in finalists}
+    known = sorted(
+        (row for row in own if row.done and row.design not in final),
+        key=lambda r: (r.evaluation.goals, r.design),
     )
+    best = {row.design for row in front(own)} if len(section.goals) > 1 else set()
+    ordered = [*(item.row for item in finalists), *known]
     ranked = tuple(
-        ranked_design(rank, row, section, dimensions)
-        for rank, row in enumerate(done, start=1)
+        ranked_design(
+            rank,
+            row,
+            section,
+            dimensions,
+            final.get(row.design),
+            compromise=row.design in best,
+        )
+        for rank, row in enumerate(ordered, start=1)
     )
-    base = next((item for item in ranked if item.design == 0), None)
+    confidence = section.confidence
+    matter = importances(own, dimensions, confidence=confidence, seed=seed)
     return ExploreSummary(
         scenario,
         section,
+        own,
         len(searched),
-        len(own),
         ranked,
-        base,
+        tuple(worths),
+        matter,
         tuple(_rungs(own)),
         tuple(_refusals(own)),
     )
 
 
 def ranked_design(
-    rank: int, row: Tried, section: ExploreSection, dimensions: Sequence[Dimension]
+    rank: int,
+    row: Tried,
+    section: ExploreSection,
+    dimensions: Sequence[Dimension],
+    final: Finalist | None,
+    *,
+    compromise: bool,
 ) -> RankedDesign:
     """Return a design that is possible, in its place."""
     found = row.evaluation
+    goals = found.goals if final is None else (final.goal,)
     sample = np.array(found.makespans_s)
+    if final is not None and len(final.makespans_s):
+        sample = final.makespans_s
     known = sample[np.isfinite(sample)]
-    confidence = section.confidence
-    changes = tuple(
-        one.words(row.values[one.key])
-        for one in dimensions
-        if one.change(row.values[one.key])
-    )
-    goals = zip(section.goals, found.goals, strict=True)
     return RankedDesign(
         rank,
         row.design,
         row.values,
-        changes,
-        tuple(goal.sign * value for goal, value in goals),
+        changes_of(row.values, dimensions),
+        tuple(g.sign * v for g, v in zip(section.goals, goals, strict=True)),
         found.results,
-        mean_interval(known, confidence=confidence) if len(known) else None,
+        mean_interval(known, confidence=section.confidence) if len(known) else None,
+        None if final is None else final.behind,
+        final is not None and final.apart,
+        compromise,
+    )
+
+
+def changes_of(values: Values, dimensions: Sequence[Dimension]) -> tuple[str, ...]:
+    """Return in words how a design differs from the scenario."""
+    return tuple(
+        one.words(values[one.key]) for one in dimensions if one.change(values[one.key])
     )
 
 
@@ -190,15 +256,14 @@ def _rungs(rows: Sequence[Tried]) -> list[RungFigures]:
     found = []
     for rung in (*RUNGS, CONSTRAINT):
         there = [row.evaluation for row in rows if row.evaluation.rung == rung]
-        came = [r.evaluation.cpu_s[rung] for r in rows if rung in r.evaluation.cpu_s]
-        count = len(came) if rung != CONSTRAINT else len(there)
+        spent = [r.evaluation.cpu_s[rung] for r in rows if rung in r.evaluation.cpu_s]
         found.append(
             RungFigures(
                 rung,
-                max(count, len(there)),
+                max(len(spent), len(there)),
                 sum(e.outcome == "refused" for e in there),
                 sum(e.outcome == "behind" for e in there),
-                float(np.mean(came)) if came else 0.0,
+                float(np.mean(spent)) if spent else 0.0,
             )
         )
     return [item for item in found if item.came or item.rung != CONSTRAINT]
@@ -212,8 +277,8 @@ def _refusals(rows: Sequence[Tried]) -> list[RefusedGroup]:
         if found.outcome == "refused":
             words = _NUMBER.sub("#", found.reason)
             groups.setdefault((found.rung, words), []).append(row)
-    found_ = [
+    reasons = [
         RefusedGroup(rung, items[0].evaluation.reason, len(items), items[0].design)
         for (rung, _), items in groups.items()
     ]
-    return sorted(found_, key=lambda item: (-item.count, item.design))
+    return sorted(reasons, key=lambda item: (-item.count, item.design))

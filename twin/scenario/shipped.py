@@ -83,15 +83,29 @@ def begin_scenario(target: Path, name: str = TEMPLATE) -> Path:
             f"no scenario {name!r} comes with the program", choices=choices
         )
     source = shipped_scenarios()[name]
-    text = source.read_text(encoding="utf-8")
+    return write_beginning(target, source.read_text(encoding="utf-8"), source.parent)
+
+
+def write_beginning(target: Path, text: str, folder: Path) -> Path:
+    """Write a scenario to a place of one's own, with the files that it names beside it.
+
+    Args:
+        target: a YAML file; or a folder, which gets the schema for editors, too.
+        text: of the scenario.
+        folder: where relative paths in it start.
+
+    Returns:
+        The file of the scenario, which is named after the target.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written.
+    """
     single = target.suffix in _YAML
     file = target if single else target / SCENARIO
     beside = {
-        file.parent / named: (source.parent / named).read_bytes()
-        for _, named in parts_of(read_yaml(source, text).data)
-        if isinstance(named, str)
-        and Path(named).suffix
-        and is_file(source.parent / named)
+        file.parent / named: (folder / named).read_bytes()
+        for _, named in parts_of(read_yaml(file, text).data)
+        if isinstance(named, str) and Path(named).suffix and is_file(folder / named)
     }
     for path, content in {file: None, **beside}.items():
         if path.exists() and (content is None or path.read_bytes() != content):

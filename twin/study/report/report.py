@@ -13,7 +13,16 @@ from matplotlib.figure import Figure
 
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
-from twin.drawing.markup import bullets, heading, pairs, paragraph, picture, table, text
+from twin.drawing.markup import (
+    bullets,
+    heading,
+    page,
+    pairs,
+    paragraph,
+    picture,
+    table,
+    text,
+)
 from twin.host.guard import write_text
 from twin.host.pictures import save_png
 from twin.host.progress import Report
@@ -133,18 +142,13 @@ def _drawn(result: StudyResult, figure: Figure, name: str) -> str:
 
 
 def _page(result: StudyResult, pieces: Sequence[str]) -> str:
-    title = f"{result.summary.scenario}: study"
-    css = files("twin.study.report").joinpath("report.css").read_text(encoding="utf-8")
-    parts = [
-        "<!doctype html>",
-        '<html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width">',
-        f"<title>{text(title)}</title><style>{css}</style></head><body>",
-        heading(title, 1),
-        *pieces,
-        "</body></html>",
-    ]
-    return "\n".join(part for part in parts if part) + "\n"
+    return page(f"{result.summary.scenario}: study", style(), pieces)
+
+
+def style() -> str:
+    """Return the style sheet of pages."""
+    sheet = files("twin.study.report").joinpath("report.css")
+    return sheet.read_text(encoding="utf-8")
 
 
 def _first_page(result: StudyResult) -> Pieces:

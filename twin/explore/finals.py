@@ -1,0 +1,280 @@
+"""The best designs told apart, and what each change of the best is worth: the same new draws for all of them.
+
+Draws by which designs were chosen flatter those that were chosen. So replications begin here where those of the
+search end, and designs are compared replication by replication.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from planning.transforms import Array
+from twin.explore.crew import Crew, DesignTask, parallel
+from twin.explore.dimensions import variant_of
+from twin.explore.exploration import Exploration
+from twin.explore.journal import UNDONE, Tried
+from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_results
+from twin.host.guard import replacing
+from twin.host.progress import Report
+from twin.scenario.sections.exploration import REPLICATED
+from twin.scenario.variations import varied
+from twin.study.replications.statistics import Block, Interval, paired_interval
+from twin.study.replications.workload import compute_block
+
+RACING, UNDOING = "best designs told apart", "what changes are worth"
+"""Names of the stages for progress displays."""
+
+_AT_ONCE = 500
+"""Replications that are executed side by side."""
+
+_RESAMPLES = 2000
+"""Bootstrap resamples for the interval of what is no mean."""
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """One of the best designs, replicated further.
+
+    Attributes:
+        row: what the search knows of it.
+        makespans_s: of new replications, NaN where one did not complete [s].
+        goal: value of the goal over these, as something to be small.
+        behind: by how much it is worse than the best; None for that one, and where nothing is known.
+        apart: whether it is known to be worse.
+    """
+
+    row: Tried
+    makespans_s: Array
+    goal: float
+    behind: Interval | None
+    apart: bool
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a change of the best design is worth.
+
+    Attributes:
+        key: what is changed; empty for all changes at once, against the scenario as it is.
+        words: the change, in words.
+        gain: by how much the goal is better with it; None where there is no design without it.
+        reason: why not.
+    """
+
+    key: str
+    words: str
+    gain: Interval | None
+    reason: str = ""
+
+    def content(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return {**vars(self), "gain": self.gain and self.gain.content()}
+
+
+class Finals:
+    """The best designs of an exploration with one goal, replicated with new draws.
+
+    Args:
+        exploration: whose search is over.
+        setting: what all designs have in common.
+        progress: told how far each stage has come.
+    """
+
+    def __init__(
+        self, exploration: Exploration, setting: Setting, progress: Report
+    ) -> None:
+        self._exploration, self._setting = exploration, setting
+        self._section, self._progress = setting.section, progress
+        self._goal = setting.section.goals[0]
+        self._replicates = bool(self._goal.expression.used & REPLICATED)
+        self._samples: dict[str, Array] = {}
+
+    def race(self) -> tuple[Finalist, ...]:
+        """Replicate the best designs until the best of them is known, or replications are enough."""
+        section = self._section
+        rows = self._exploration.best(section.finalists)
+        if not rows or len(section.goals) > 1:
+            return ()
+        targets = [section.replications]
+        while (
+            self._replicates
+            and len(rows) > 1
+            and targets[-1] < section.most_replications
+        ):
+            targets.append(min(2 * targets[-1], section.most_replications))
+        risk = (1.0 - section.confidence) / (max(len(rows) - 1, 1) * len(targets))
+        racing, out = list(rows), dict[int, Finalist]()
+        for look, count in enumerate(targets):
+            self._progress(RACING, look, len(targets))
+            goals = {row.design: self._value(row, count) for row in racing}
+            best = min(racing, key=lambda row: (goals[row.design], row.design))
+            for row in racing:
+                behind = None
+                if row is not best:
+                    behind = self.difference(row, best, count, 1.0 - risk)
+                apart = behind is not None and behind.low > 0.0
+                sample = self._sample(row, count)
+                out[row.design] = Finalist(
+                    row, sample, goals[row.design], behind, apart
+                )
+            racing = [row for row in racing if not out[row.design].apart]
+            if len(racing) == 1:
+                break
+        self._progress(RACING, len(targets), len(targets))
+        return tuple(sorted(out.values(), key=lambda f: (f.apart, f.goal)))
+
+    def worths(self, best: Finalist, crew: Crew) -> tuple[Worth, ...]:
+        """Return what all changes of a design are worth, then each, the greatest first.
+
+        Each change is undone alone, planned, and replicated with the same draws.
+
+        Args:
+            best: the design.
+            crew: evaluates designs.
+        """
+        exploration, found = self._exploration, list[Worth]()
+        values, dimensions = best.row.values, exploration.dimensions
+        changed = [one for one in dimensions if one.change(values[one.key])]
+        if not changed:
+            return ()
+        undone = {one.key: {**values, one.key: one.base} for one in changed}
+        tasks = {
+            number: key
+            for number, (key, without) in enumerate(
+                undone.items(), start=exploration.number_of(UNDONE)
+            )
+            if _open(exploration.known(without))
+        }
+        todo = [
+            DesignTask(number, variant_of(dimensions, undone[key]))
+            for number, key in tasks.items()
+        ]
+        for done, (task, evaluation) in enumerate(parallel(todo, crew)):
+            self._progress(UNDOING, done, len(todo))
+            key = tasks[task.number]
+            exploration.keep(
+                Tried(task.number, UNDONE, undone[key], 0, evaluation, about=key)
+            )
+        count = len(best.makespans_s)
+        base = next((r for r in exploration.journal.searched if r.design == 0), None)
+        everything = "; ".join(one.words(values[one.key]) for one in changed)
+        for key, words, other in (
+            ("", everything, base),
+            *(
+                (
+                    one.key,
+                    one.words(values[one.key]),
+                    exploration.known(undone[one.key]),
+                )
+                for one in changed
+            ),
+        ):
+            if other is None or (key and len(changed) == 1):
+                continue
+            if not other.done:
+                reason = f"{other.evaluation.rung}: {other.evaluation.reason}"
+                found.append(Worth(key, words, None, reason))
+                continue
+            gain = self.difference(other, best.row, count, self._section.confidence)
+            found.append(Worth(key, words, gain))
+        self._progress(UNDOING, 1, 1)
+        return tuple(sorted(found, key=_greatest_first))
+
+    def difference(
+        self, one: Tried, other: Tried, count: int, confidence: float
+    ) -> Interval | None:
+        """Return by how much the goal of a design is greater than that of another, over new replications.
+
+        That of a mean is Student's, of the differences in each replication; that of anything else is a
+        bootstrap in which both see the same replications.
+        """
+        first, second = self._sample(one, count), self._sample(other, count)
+        if self._goal.expression.text.strip() == "mean_s":
+            found = paired_interval(first, second, confidence=confidence)
+            return found if found is None or self._goal.sign > 0 else _turned(found)
+        value, against = self._judge(one), self._judge(other)
+        estimate = value(first) - against(second)
+        if not self._replicates:
+            return Interval(estimate, estimate, estimate, 0)
+        rng = np.random.default_rng(self._setting.scenario.seed)
+        drawn = rng.integers(0, count, (_RESAMPLES, count))
+        spread = [value(first[i]) - against(second[i]) for i in drawn]
+        known = [v for v in spread if np.isfinite(v)]
+        if not known:
+            return None
+        tail = 0.5 * (1.0 - confidence)
+        low, high = np.quantile(known, [tail, 1.0 - tail])
+        return Interval(estimate, float(low), float(high), count)
+
+    def _value(self, row: Tried, count: int) -> float:
+        return self._judge(row)(self._sample(row, count))
+
+    def _judge(self, row: Tried) -> Callable[[Array], float]:
+        """Return what gives the goal of a design over some replications; infinite where it has none."""
+        scenario = self._scenario(row)
+        free, key = self._section.changed(constraints=()), keys_of(scenario)
+
+        def value(makespans_s: Array) -> float:
+            results = dict(row.evaluation.results)
+            if self._replicates:
+                if not np.isfinite(makespans_s).any():
+                    return float(np.inf)
+                results |= replicated_results(scenario, free, makespans_s)
+            found = judged(key, free, results=results)
+            return found.goals[0] if found.goals else float(np.inf)
+
+        return value
+
+    def _scenario(self, row: Tried) -> Any:
+        variant = variant_of(self._exploration.dimensions, row.values)
+        return varied(self._setting.scenario, variant)
+
+    def _sample(self, row: Tried, count: int) -> Array:
+        """Return the first new replications of a design that is done; what was done before is in a file."""
+        if not self._replicates:
+            return np.empty(0)
+        place = self._exploration.parcel_of(row).with_suffix(".npy")
+        name = place.stem
+        if name not in self._samples:
+            there = place.exists()
+            self._samples[name] = np.load(place) if there else np.empty(0)
+        have = self._samples[name]
+        if len(have) < count:
+            parcel, first = self._parcel(row), self._section.replications
+            parts = [have]
+            for at in range(len(have), count, _AT_ONCE):
+                block = Block(0, first + at, min(_AT_ONCE, count - at))
+                parts.append(compute_block(parcel, block).rows.makespans_s())
+            self._samples[name] = have = np.concatenate(parts)
+            with replacing(place) as temporary, temporary.open("wb") as file:
+                np.save(file, have)
+        return have[:count]
+
+    def _parcel(self, row: Tried) -> bytes:
+        """Return the work of a design; it is planned again where that was not kept."""
+        place = self._exploration.parcel_of(row)
+        if place.exists():
+            return place.read_bytes()
+        variant = variant_of(self._exploration.dimensions, row.values)
+        found = Climb(self._setting, variant).evaluate()
+        with replacing(place) as temporary:
+            temporary.write_bytes(found.parcel)
+        return found.parcel
+
+
+def _open(known: Tried | None) -> bool:
+    """Tell whether a design is still to be evaluated."""
+    return known is None or known.evaluation.outcome == "behind"
+
+
+def _turned(found: Interval) -> Interval:
+    return Interval(-found.estimate, -found.high, -found.low, found.count)
+
+
+def _greatest_first(item: Worth) -> tuple[bool, bool, float]:
+    gain = float("inf") if item.gain is None else item.gain.estimate
+    return bool(item.key), item.gain is None, -gain

@@ -1,0 +1,129 @@
+"""What an exploration found in words and rows, for the terminal and for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+
+from twin.explore.finals import Worth
+from twin.explore.summary import ExploreSummary, RankedDesign
+from twin.study.replications.statistics import Interval
+
+BEST_HEAD = ["#"]
+
+_BEST = 5
+"""Designs that are shown of the best ones, besides all compromises and the scenario as it is."""
+
+_MATTER = 6
+"""Keys that are shown of those that matter."""
+
+_SECONDS = ("makespan_s", "mean_s", "p50_s", "p90_s")
+
+
+def shown_designs(found: ExploreSummary) -> list[RankedDesign]:
+    """Return the designs that are shown: the best, or the compromises, and the scenario as it is."""
+    shown = list(found.compromises or found.ranked[:_BEST])
+    if found.base is not None and found.base not in shown:
+        shown.append(found.base)
+    return shown
+
+
+def best_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head, behind the rank, and the rows of the table of the best designs."""
+    goals = [goal.expression.text for goal in found.section.goals]
+    finals = any(item.behind is not None for item in found.ranked)
+    head = [
+        *goals,
+        "mean makespan [s]",
+        *(["behind the best"] if finals else []),
+        "design",
+    ]
+    rows = []
+    for item in shown_designs(found):
+        row = [str(item.rank), *(f"{value:.5g}" for value in item.goals)]
+        row.append("-" if item.mean_s is None else span(item.mean_s))
+        if finals:
+            row.append("" if item.behind is None else signed(item.behind))
+        rows.append([*row, item.label])
+    return head, rows
+
+
+def rung_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of rungs."""
+    head = ["rung", "came", "refused", "behind", "CPU s each"]
+    rows = [
+        [r.rung, str(r.came), str(r.refused), str(r.behind), f"{r.cpu_s:.2f}"]
+        for r in found.rungs
+    ]
+    return head, rows
+
+
+def verdict(found: ExploreSummary) -> Iterator[str]:
+    """Yield whether the best designs are told apart."""
+    finals = [item for item in found.ranked if item.behind is not None]
+    if not finals:
+        return
+    first = found.ranked[0]
+    share = f"{100 * found.section.confidence:g} %"
+    count = 0 if first.mean_s is None else first.mean_s.count
+    same = ", ".join(f"#{item.rank}" for item in finals if not item.apart)
+    with_ = f" after {count} new replications of each" if count else ""
+    if same:
+        yield f"#1 is not told apart from {same}{with_}, at {share}"
+    else:
+        yield f"#1 is better than the other finalists{with_}, at {share}"
+
+
+def worth_words(found: ExploreSummary) -> Iterator[str]:
+    """Yield what changes of the best design are worth."""
+    goal = found.section.goals[0]
+    text = goal.expression.text
+    unit = " s" if text in _SECONDS else ""
+    if found.ranked and found.ranked[0].design == 0:
+        yield "no design is better than the scenario as it is"
+    for item in found.worths:
+        yield f"{_subject(item)} {_gain(item, text, unit)}"
+
+
+def _subject(item: Worth) -> str:
+    return item.words if item.key else f"the best design ({item.words})"
+
+
+def _gain(item: Worth, text: str, unit: str) -> str:
+    if item.gain is None:
+        return f"is needed: without it refused at {item.reason}"
+    gain = item.gain
+    worth = (
+        f"is worth {gain.estimate:.2f}{unit}"
+        if unit
+        else f"is worth {gain.estimate:.4g}"
+    )
+    if gain.low == gain.high or not isfinite(gain.low):
+        return f"{worth} of {text}"
+    nothing = " (it may be nothing)" if gain.low <= 0.0 <= gain.high else ""
+    return f"{worth} ({gain.low:.2f} to {gain.high:.2f}) of {text}{nothing}"
+
+
+def importance_words(found: ExploreSummary) -> Iterator[str]:
+    """Yield what matters for the first goal, in a line."""
+    told = [
+        f"{item.key} {100 * item.share.estimate:.0f} %"
+        f" ({100 * item.share.low:.0f} to {100 * item.share.high:.0f})"
+        for item in found.importances[:_MATTER]
+    ]
+    if told:
+        yield f"what differences go with: {', '.join(told)}"
+
+
+def span(found: Interval) -> str:
+    """Return an estimate with its interval."""
+    if not isfinite(found.low):
+        return f"{found.estimate:.2f}"
+    return f"{found.estimate:.2f} ({found.low:.2f} to {found.high:.2f})"
+
+
+def signed(found: Interval) -> str:
+    """Return a difference with its interval."""
+    if found.low == found.high or not isfinite(found.low):
+        return f"{found.estimate:+.4g}"
+    return f"{found.estimate:+.3g} ({found.low:+.3g} to {found.high:+.3g})"
