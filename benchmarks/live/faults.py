@@ -1,6 +1,6 @@
 """Faults of a live session: dispatchers and drivers that are killed, connections and messages that fail.
 
-    python -m benchmarks.live.faults --runs 20
+    python -m benchmarks.live.faults --runs 100 --jobs 8
 
 The dispatcher is a process of its own, its drivers are simulated arms that talk to it by gRPC. In each run
 something else fails, at a moment that is drawn. Afterwards both logs are looked at: nothing may have been cleared
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import random
 import resource
 import signal
@@ -23,6 +24,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -48,15 +50,17 @@ FAULTS = (
     "clocks apart",
     "disk full",
 )
-PACE = 30.0
+_SPREAD_S = 45.0
+"""Of the run's time between two faults, at most."""
+
 _HOUR_S = 3600.0
 
 
 class WatchedArm(SimulatedArm):
     """An arm that notes which nodes it was given, and whether it ever went beyond them."""
 
-    def __init__(self, given: list[int], stands: Any = None) -> None:
-        super().__init__(pace=PACE, stands=stands)
+    def __init__(self, given: list[int], pace: float, stands: Any = None) -> None:
+        super().__init__(pace=pace, stands=stands)
         self.given, self.beyond = given, False
 
     def take(self, nodes: list[ClearedNode]) -> None:
@@ -113,6 +117,7 @@ class DrivenRobot:
     address: str
     rng: random.Random
     fault: str
+    pace: float
     given: list[int] = field(default_factory=list)
     beyond: bool = False
     starts: int = 0
@@ -120,7 +125,7 @@ class DrivenRobot:
     def start(self, stands: Any = None) -> None:
         """Start its driver, which finds the robot where it stands."""
         self.starts += 1
-        self.arm = WatchedArm(self.given, stands)
+        self.arm = WatchedArm(self.given, self.pace, stands)
         apart = self.rng.choice([-_HOUR_S, _HOUR_S]) * (self.fault == "clocks apart")
         self.end = BadEnd(
             self.arm,
@@ -172,7 +177,9 @@ def events_of(out: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
 
 
-def run(scenario: str, fault: str, seed: int, folder: Path) -> dict[str, Any]:
+def run(
+    scenario: str, fault: str, seed: int, pace: float, folder: Path
+) -> dict[str, Any]:
     """Execute a scenario once with a fault; return what came of it."""
     rng = random.Random(seed)
     with socket.socket() as free:
@@ -182,9 +189,9 @@ def run(scenario: str, fault: str, seed: int, folder: Path) -> dict[str, Any]:
     kinds = ", ".join(f"{name}: {{kind: grpc}}" for name in robots)
     file, out = folder / "drivers.yaml", folder / "run"
     file.write_text(
-        f"pace: {PACE}\nlisten: {address}\nout_s: 20\nrobots: {{{kinds}}}\n"
+        f"pace: {pace}\nlisten: {address}\nout_s: 80\nrobots: {{{kinds}}}\n"
     )
-    driven = [DrivenRobot(name, address, rng, fault) for name in robots]
+    driven = [DrivenRobot(name, address, rng, fault, pace) for name in robots]
     for own in driven:
         own.start()
 
@@ -199,7 +206,7 @@ def run(scenario: str, fault: str, seed: int, folder: Path) -> dict[str, Any]:
     dispatcher = begin("operate", scenario, *files)
     _wait(lambda: len(events_of(out)) > 50 or dispatcher.poll() is not None)
     for _ in range(rng.randint(1, 3)):
-        time.sleep(rng.uniform(0.1, 1.5))
+        time.sleep(rng.uniform(0.1, _SPREAD_S / pace))
         one = rng.choice(driven)
         if fault == "dispatcher killed" and dispatcher.poll() is None:
             dispatcher.kill()
@@ -213,10 +220,10 @@ def run(scenario: str, fault: str, seed: int, folder: Path) -> dict[str, Any]:
             one.kill()
         elif fault == "connection cut":
             one.cut()
-            time.sleep(rng.choice([0.1, 1.0, 5.0]))
+            time.sleep(rng.choice([0.1, 1.0, 5.0, 20.0, 60.0]))
             one.connect()
     try:
-        told = dispatcher.communicate(timeout=300)[1]
+        told = dispatcher.communicate(timeout=300 + 600 / pace)[1]
     except subprocess.TimeoutExpired:
         dispatcher.kill()
         told = "did not end"
@@ -232,11 +239,19 @@ def run(scenario: str, fault: str, seed: int, folder: Path) -> dict[str, Any]:
     violations = figures.get("audit", {}).get("violations", [])
     return {
         "fault": fault,
-        "outcome": figures.get("outcome", told.strip().splitlines()[-1:]),
+        "seed": seed,
+        "outcome": figures.get("outcome", _cause(told)),
         "cleared twice": sum(n - 1 for n in released.values()),
         "beyond": sum(bool(own.beyond) for own in driven),
         "violations": [v["kind"] for v in violations],
     }
+
+
+def _cause(told: str) -> str:
+    """Return what a dispatcher says it ended by, without what libraries tell."""
+    lines = [line.strip() for line in told.splitlines() if line.strip()]
+    own = [line for line in lines if line.startswith("error")]
+    return (own or lines or ["nothing"])[-1]
 
 
 def _more(out: Path, count: int, process: subprocess.Popen[str]) -> bool:
@@ -255,18 +270,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=len(FAULTS))
     parser.add_argument("--scenario", default="scenarios/lego/cliff.yaml")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--pace", type=float, default=1.0)
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time")
     options = parser.parse_args(arguments)
     wrong = 0
-    for k in range(options.runs):
-        fault = FAULTS[k % len(FAULTS)]
-        with tempfile.TemporaryDirectory() as folder:
-            found = run(options.scenario, fault, options.seed + k, Path(folder))
-        bad = found["cleared twice"] or found["beyond"] or found["violations"]
-        wrong += bool(bad)
-        sys.stdout.write(json.dumps(found) + "\n")
-        sys.stdout.flush()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.jobs, context, max_tasks_per_child=1) as pool:
+        given = options.scenario, options.seed, options.pace
+        for found in pool.map(partial(_one, *given), range(options.runs)):
+            bad = found["cleared twice"] or found["beyond"] or found["violations"]
+            wrong += bool(bad)
+            sys.stdout.write(json.dumps(found) + "\n")
+            sys.stdout.flush()
     sys.stdout.write(f"{options.runs} runs, {wrong} wrong\n")
     return int(wrong > 0)
+
+
+def _one(scenario: str, seed: int, pace: float, k: int) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        fault = FAULTS[k % len(FAULTS)]
+        return run(scenario, fault, seed + k, pace, Path(folder))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import multiprocessing
+import select
 import time
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
@@ -32,6 +33,9 @@ _LAG_S = 0.03
 That of franky-sim is 0.1 s. It is more than steps of 1 ms keep stable at the wrist: torques swing from limit
 to limit there, by which what the hand holds creeps out of it.
 """
+
+_LATE_S = 0.02
+"""How long the simulator waits for the command of a robot that moves [s]."""
 
 _DEBT_S = 0.02
 """By how much the simulator tries to catch up with the clock at most [s]."""
@@ -117,6 +121,19 @@ def _add(world: ET.Element, body: Body) -> None:
             geom.set("mass", f"{body.mass / len(body.boxes):.9g}")
 
 
+def _await_command(robot: Any) -> None:
+    """Wait for the command of a robot that moves: a computer with a real-time kernel is in time with it.
+
+    What is late is as good as lost: the robot leaves its path then, as its joints are slowed each by itself.
+
+    Args:
+        robot: franky-sim's server of it.
+    """
+    heard = getattr(robot, "_FrankaServer__udp_socket", None)
+    if heard is not None and robot.current_motion_id:
+        select.select([heard], [], [], _LATE_S)
+
+
 def _begin_where_told(server: Any) -> None:
     """Have motions begin at the joint positions that were commanded last, as those of real robots do.
 
@@ -184,6 +201,7 @@ def _serve(
                 connection.send(Snapshot(float(data.time), poses))
             # As run_once of the server, which gives up the processor in every step.
             for robot in server.robot_servers:
+                _await_command(robot)
                 robot.process_commands()
             simulator.step()
             for robot in server.robot_servers:

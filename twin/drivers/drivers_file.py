@@ -74,6 +74,8 @@ class DriversSection(Section):
             is listened to.
         lease_s: without a sign of life for so long, nothing more is cleared to a driver [s].
         out_s: a driver that is silent for so long is given up [s].
+        tolerance: farthest that a joint may be from its path [rad or m]; beyond it all robots stop, and the run
+            ends.
         pace: how many times as fast as the clock the run's time goes, where all arms are simulated.
     """
 
@@ -82,6 +84,7 @@ class DriversSection(Section):
     certificates: str | None = None
     lease_s: _Seconds = 2.0
     out_s: _Seconds = 60.0
+    tolerance: Annotated[float, Field(gt=0, le=10)] = 0.02
     pace: Annotated[float, Field(gt=0, le=1e6)] = 1.0
 
     def driver_of(self, robot: str) -> AnyDriver:

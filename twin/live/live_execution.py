@@ -49,6 +49,7 @@ class LiveExecution(RollingExecution):
         wires: what carries messages to it.
         written: sees to it that all events so far are on the disk; called before a driver is cleared for more.
         out_s: a robot whose driver has been silent for so long is out [s].
+        tolerance: farthest that a joint may be from its path [rad or m]; beyond it all stop.
         pace: how many times as fast as the clock the run's time goes.
         measured: where samples are written; None for nowhere.
         history: what has happened by the log, where the dispatcher was started anew.
@@ -63,6 +64,7 @@ class LiveExecution(RollingExecution):
         wires: Mapping[str, Wire],
         written: Callable[[], None],
         out_s: float,
+        tolerance: float = math.inf,
         pace: float = 1.0,
         measured: Path | None = None,
         history: History | None = None,
@@ -71,6 +73,7 @@ class LiveExecution(RollingExecution):
         super().__init__(*rest, **options)
         self._links, self._wires = links, wires
         self._written, self._out_s = written, out_s
+        self._tolerance = tolerance
         self._inbox: queue.SimpleQueue[Report] = queue.SimpleQueue()
         since_s = history.since_ns / NANOSECONDS if history else 0.0
         self._begin_s, self._pace = time.monotonic() - since_s / pace, pace
@@ -200,6 +203,10 @@ class LiveExecution(RollingExecution):
             now = self._passed_ns()
             if due <= now or (due == math.inf and self._over()):
                 return due
+            if not self._inbox.empty():
+                # All that has come while something was planned is heard before anybody counts as silent.
+                self._take(self._inbox.get())
+                continue
             self._look_at_links(time.monotonic())
             wait = min((due - now) / NANOSECONDS / self._pace, _TICK_S)
             try:
@@ -245,6 +252,13 @@ class LiveExecution(RollingExecution):
 
     def _observe(self, name: str, state: DriverState) -> None:
         self._states[name] = state
+        if state.off > self._tolerance and not self._broken:
+            # What was planned to be free is not known to be so any more.
+            words = f"is {state.off:.4g} rad or m off its path, more than {self._tolerance:g}"
+            self._tell_of_driver(name, words)
+            self._broken = f"{name} {words}"
+            for link in self._links.values():
+                link.hold(True)
         news, self._news[name] = self._news[name], self.env.event()
         news.succeed()
         if name in self._silent:

@@ -105,6 +105,7 @@ class Session:
             wires=wires,
             written=written,
             out_s=self.drivers.out_s,
+            tolerance=self.drivers.tolerance,
             pace=self.drivers.pace,
             measured=measured,
             history=history,

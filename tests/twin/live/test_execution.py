@@ -90,6 +90,7 @@ def live(
             wires=wires,
             written=written,
             out_s=1.0,
+            tolerance=0.02,
             pace=PACE,
         ),
     )
@@ -233,6 +234,30 @@ def test_a_log_that_cannot_be_written_stops_the_run(plan: PlanResult) -> None:
 def test_a_robot_that_is_not_heard_of_at_all_is_named(plan: PlanResult) -> None:
     with pytest.raises(RequestError, match="no driver of right has been heard of"):
         live(plan, {}, {"right": lambda: True})
+
+
+def test_all_stop_where_one_is_off_its_path(plan: PlanResult) -> None:
+    first, other = (chain.robot for chain in plan.tpg.chains)
+    arms = {name: SimulatedArm(pace=PACE) for name in (first, other)}
+    whole = arms[first].state
+
+    def state() -> DriverState:
+        found = whole()
+        return replace(found, off=0.019 if found.done < 100 else 0.021)
+
+    arms[first].state = state  # type: ignore[method-assign]
+    done, events, _ = live(plan, arms)
+    assert done.record.outcome == "failed"
+    (why,) = [e.detail for e in events if e.kind == "failed"]
+    assert why == f"{first} is 0.021 rad or m off its path, more than 0.02"
+    (told,) = [e for e in events if e.kind == "stopped"]
+    assert told.robot == first
+    assert all(e.t_ns <= told.t_ns for e in events if e.kind == "released")
+    # Nobody is where nobody has been cleared for, and nobody goes on.
+    before = [arm.state().q for arm in arms.values()]
+    time.sleep(0.05)
+    for arm, q in zip(arms.values(), before, strict=True):
+        assert (arm.state().q == q).all()
 
 
 def test_a_driver_that_falls_silent_for_good_is_done_without(plan: PlanResult) -> None:
