@@ -11,7 +11,6 @@ import numpy as np
 
 from benchmarks.live.scene import OPENING, Scene
 from planning.cell.workcell import PlacedRobot
-from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Driver, DriverState
@@ -19,8 +18,9 @@ from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.live.measured_log import MeasuredLog
 from twin.live.session import Session
-from twin.run.events import ExecutionRecord, Measured
+from twin.run.events import ExecutionRecord
 from twin.run.folder import MEASURED
+from twin.run.tracking import TrackingError, tracking_errors
 from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.trial.trial import try_plan
@@ -120,8 +120,7 @@ class Driven:
         poses: of the objects at the end.
         start_s, end_s: of the nodes of each chain by the simulator's clock, since the run began [s].
         wall_s: makespan by the clock on the wall [s].
-        off: farthest that a joint of each robot was from its path [rad].
-        tool_off: farthest that its tool was from where it would be there [m].
+        off: how far each robot was from its path.
     """
 
     run: RunResult
@@ -129,41 +128,12 @@ class Driven:
     start_s: tuple[Array, ...]
     end_s: tuple[Array, ...]
     wall_s: float
-    off: dict[str, float]
-    tool_off: dict[str, float]
+    off: dict[str, TrackingError]
 
     @property
     def makespan_s(self) -> float:
         """By the simulator's clock [s]."""
         return float(max(own.max(initial=0.0) for own in self.end_s))
-
-
-def off_path(tpg: TemporalPlanGraph, k: int, measured: Measured) -> tuple[float, float]:
-    """Return how far a robot was from its path at most: a joint [rad], and its tool [m].
-
-    Args:
-        tpg: the plan.
-        k: index of the robot's chain.
-        measured: where it was.
-    """
-    chain = tpg.chains[k]
-    robot = tpg.cell.robot(chain.robot)
-    joint = tool = 0.0
-    for q, node in zip(measured.q, measured.node.tolist(), strict=True):
-        # The node that it is in, with what it is passed from and to.
-        low, high = max(node - 1, 0), min(max(node, 0) + 2, len(chain))
-        own = chain.waypoints[chain.first[low] : chain.first[high]]
-        before = chain.waypoints[chain.first[low] - 1] if low else chain.start
-        points = np.vstack([before, own])
-        ways = np.diff(points, axis=0)
-        squares = np.maximum((ways**2).sum(axis=1), 1e-18)
-        share = ((q - points[:-1]) * ways).sum(axis=1) / squares
-        near = points[:-1] + np.clip(share, 0.0, 1.0)[:, None] * ways
-        off = np.abs(near - q).max(axis=1)
-        joint = max(joint, float(off.min()))
-        at, wanted = (frame_pose(robot, p, "tool") for p in (q, near[off.argmin()]))
-        tool = max(tool, float(np.linalg.norm(at[:3, 3] - wanted[:3, 3])))
-    return joint, tool
 
 
 def drive(plan: PlanResult, folder: Path, *, stop_and_go: bool = False) -> Driven:
@@ -204,18 +174,13 @@ def drive(plan: PlanResult, folder: Path, *, stop_and_go: bool = False) -> Drive
     assert record is not None
     began = MeasuredLog(folder / MEASURED).begin_s()
     assert began is not None
-    off = {
-        chain.robot: off_path(run.tpg, k, record.measured[chain.robot])
-        for k, chain in enumerate(run.tpg.chains)
-    }
     return Driven(
         run,
         poses,
         _simulated(clock, began, record.start_ns),
         _simulated(clock, began, record.end_ns),
         record.makespan_s,
-        {name: joint for name, (joint, _) in off.items()},
-        {name: tool for name, (_, tool) in off.items()},
+        tracking_errors(run.tpg, record.measured),
     )
 
 

@@ -26,6 +26,7 @@ from twin.durations.model import NANOSECONDS
 from twin.run.events import ExecutionRecord
 from twin.run.policies import ASYNCHRONOUS, IN_TURNS, SEQUENTIAL, policy_name
 from twin.run.throughput import line_summary
+from twin.run.tracking import tracking_errors
 from twin.run.windows import window_rows, window_summary
 
 
@@ -105,6 +106,10 @@ def summarise(
         "actuations": _actuations(tpg, run),
         "machines": _machines(tpg, run),
         "slowed": slowed_motions(tpg),
+        "tracking": {
+            name: own._asdict()
+            for name, own in tracking_errors(tpg, run.measured).items()
+        },
         "windows": window_summary(tpg, run),
         "line": line_summary(tpg, run, due_s, start_up),
     }
@@ -291,6 +296,14 @@ def summary_rows(
         )
     rows += window_rows(summary.get("windows", ()))
     rows += _slowed_rows(summary.get("slowed", {}))
+    rows += [
+        (
+            f"{robot} off its path",
+            f"{1000 * own['joint']:.2f} mrad or mm",
+            f"at most, by a joint; its tool by {1000 * own['tool_m']:.2f} mm",
+        )
+        for robot, own in summary.get("tracking", {}).items()
+    ]
     if summary.get("raised_skills"):
         rows.append(
             ("raised skills", str(summary["raised_skills"]), "to their joints' limits")

@@ -201,7 +201,8 @@ class RunResult:
         from twin.recorders.observers import trajectory_table
         from twin.run.trajectory import robot_trajectories
 
-        return trajectory_table(robot_trajectories(self.tpg, self.record))
+        moved = robot_trajectories(self.tpg, self.record)
+        return trajectory_table(moved, tuple(self.record.measured))
 
     @property
     def objects(self) -> pa.Table:
@@ -248,6 +249,13 @@ class RunResult:
             node = own["node"].to_numpy()
             found[robot.name] = Trajectory(robot.name, t_ns, q, node, *rates)
         return found
+
+    @cached_property
+    def measured(self) -> frozenset[str]:
+        """Robots with work that others moved: their motions are where they were measured."""
+        about = self.trajectory.schema.metadata or {}
+        names = about.get(b"measured", b"").decode().split(",")
+        return frozenset(names) & self.tpg.chain_index.keys()
 
     @property
     def smooth_motions(self) -> dict[str, Trajectory]:

@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from mcap.reader import make_reader
 
 import twin
 from planning.errors import OutputError, RequestError
@@ -19,6 +21,7 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK, stack
 from twin.drivers.driver import ClearedNode, DriverState
 from twin.drivers.simulated_arm import SimulatedArm
+from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
@@ -28,6 +31,7 @@ from twin.operate.operation import Operation, operate
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
+from twin.trial.run_result import RunResult
 from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances
 
@@ -122,6 +126,20 @@ def test_a_cell_of_drivers_is_audited_by_what_they_have_measured(
     assert not verify_plan(load_plan(tmp_path / "run")).problems
     table = pq.read_table(tmp_path / "run" / "trajectory.parquet")
     assert table.schema.metadata[b"measured"] == b"left,right"
+    for own in done.summary["tracking"].values():
+        assert own["joint"] < 1e-9
+        assert own["tool_m"] < 1e-9
+    (bag,) = mcap_files(RunResult(tmp_path / "run")).values()
+    summary = make_reader(BytesIO(bag)).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = {
+        channel.topic: summary.statistics.channel_message_counts[key]
+        for key, channel in summary.channels.items()
+    }
+    for robot in ("left", "right"):
+        planned_too = counts[f"/{robot}/planned/joint_states"]
+        assert planned_too == counts[f"/{robot}/joint_states"] > 100
     # It is as quick as in the twin, but for what it takes to tell each other.
     planned = twin.operate(tmp_path / "stack.yaml", out=tmp_path / "twin")
     assert planned.summary["makespan_s"] < done.summary["makespan_s"]

@@ -46,6 +46,7 @@ from twin.exports.ros.robot_frames import (
 from twin.exports.segments import require_rate, segments
 from twin.host.extras import extra_module
 from twin.run.gantt import rgb, team_colours
+from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import Trajectory
 from twin.trial.run_result import RunResult
 
@@ -217,6 +218,13 @@ def _messages(run: RunResult, rate_hz: float) -> Iterator[Message]:
             speeds = None if v is None else v[k]
             yield Message(t_ns, states, joint_state(t_ns, names, q[k], speeds))
             yield Message(t_ns, _TF, tf_message(t_ns, poses))
+        if robot.name in run.measured:
+            wanted = Topic(f"/{spaces[robot.name]}/planned/joint_states", JOINT_STATE)
+            chain = run.tpg.chains[run.tpg.chain_index[robot.name]]
+            at = np.searchsorted(motion.t_ns, times, side="right") - 1
+            near = nearest_on_path(chain, q, motion.node[at])
+            for t_ns, point in zip(times.tolist(), near, strict=True):
+                yield Message(t_ns, wanted, joint_state(t_ns, names, point, None))
     for segment in segments(run, rate_hz):
         t_ns = (segment.motion or segment.executed)[0]
         if t_ns >= 0 and segment.robot in spaces:

@@ -146,6 +146,7 @@ WORLD_FRAME = "world"
 LANES = "lanes"
 PROGRESS = "progress"
 WAITING = "waiting"
+TRACKING = "tracking"
 EVENTS = "events"
 OBJECTS = "objects"
 FIXTURES = "fixtures"
@@ -183,8 +184,16 @@ def fixed_pose(pose: Array, parent: str, child: str) -> rr.Transform3D:
     )
 
 
-def run_layout(tpg: TemporalPlanGraph, makespan_s: float) -> rrb.Blueprint:
-    """Return the layout of a run: scene and text above, lanes and plots below."""
+def run_layout(
+    tpg: TemporalPlanGraph, makespan_s: float, *, measured: bool = False
+) -> rrb.Blueprint:
+    """Return the layout of a run: scene and text above, lanes and plots below.
+
+    Args:
+        tpg: what was executed.
+        makespan_s: how long it took [s].
+        measured: whether it was measured how far robots were from their paths.
+    """
     whole = rr.TimeRange(
         start=rr.TimeRangeBoundary.absolute(seconds=0.0),
         end=rr.TimeRangeBoundary.absolute(seconds=max(makespan_s, 1e-3)),
@@ -210,6 +219,12 @@ def run_layout(tpg: TemporalPlanGraph, makespan_s: float) -> rrb.Blueprint:
         name="Robots that wait",
         axis_x=rrb.TimeAxis(view_range=near),
     )
+    if measured:
+        waiting = rrb.TimeSeriesView(
+            origin=f"/{TRACKING}",
+            name="Joints off their paths [mrad or mm]",
+            axis_x=rrb.TimeAxis(view_range=near),
+        )
     plots = rrb.Vertical(progress, waiting)
     return _blueprint(tpg, lanes, plots, play_state="paused")
 

@@ -39,6 +39,7 @@ from twin.run.activities import (
 )
 from twin.run.events import Event, ExecutionRecord
 from twin.run.gantt import rgb, team_colours
+from twin.run.tracking import nearest_on_path
 from twin.run.trajectory import object_placements, robot_trajectories
 
 _WAITING_COLOUR = (120, 128, 138)
@@ -73,7 +74,7 @@ def write_recording(
         rec.set_log_time_enabled(False)
         recording = rec.memory_recording()
         rec.send_blueprint(
-            layout.run_layout(tpg, run.makespan_s),
+            layout.run_layout(tpg, run.makespan_s, measured=bool(run.measured)),
             make_active=False,
             make_default=True,
         )
@@ -95,6 +96,7 @@ def write_recording(
         names.send()
         log_lanes(rec, tpg, run, events, words)
         _log_progress(rec, tpg, run, colours)
+        _log_tracking(rec, tpg, run, colours)
         backlog, index = EventBacklog(), tpg.chain_index
         for event in events:
             waits = ""
@@ -146,6 +148,21 @@ def _log_progress(
         "waiting",
         _WAITING_COLOUR,
     )
+
+
+def _log_tracking(
+    rec: rr.RecordingStream,
+    tpg: TemporalPlanGraph,
+    run: ExecutionRecord,
+    colours: Mapping[str, str],
+) -> None:
+    """Plot how far from its path each robot was that was measured."""
+    for name, own in run.measured.items():
+        if (k := tpg.chain_index.get(name)) is not None:
+            near = nearest_on_path(tpg.chains[k], own.q, own.node)
+            off = 1000.0 * np.abs(near - own.q).max(axis=1)
+            entity = entity_path(layout.TRACKING, name)
+            _log_steps(rec, entity, own.t_ns, off, name, rgb(colours[name]))
 
 
 def _log_steps(
