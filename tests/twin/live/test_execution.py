@@ -143,7 +143,7 @@ def test_a_cell_of_drivers_is_audited_by_what_they_have_measured(
     # It is as quick as in the twin, but for what it takes to tell each other.
     planned = twin.operate(tmp_path / "stack.yaml", out=tmp_path / "twin")
     assert planned.summary["makespan_s"] < done.summary["makespan_s"]
-    assert done.summary["makespan_s"] < 1.5 * planned.summary["makespan_s"]
+    assert done.summary["makespan_s"] < 3.0 * planned.summary["makespan_s"]
 
 
 def test_a_node_is_in_the_log_before_its_driver_is_cleared_for_it(
