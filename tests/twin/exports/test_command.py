@@ -82,7 +82,7 @@ def test_an_unknown_format_names_those_there_are(
 ) -> None:
     result = invoke("export", run, *options, code=2)
     assert words in result.stderr
-    assert "task-graph, ldraw, open)" in result.stderr
+    assert "open-plan, ldraw)" in result.stderr
 
 
 def test_an_unknown_run_names_those_beside_it(run: Path) -> None:
