@@ -110,7 +110,9 @@ def _durations(
     return dict(skills), motions
 
 
-def forecast_s(plan: PlanResult, seen: list[Figures]) -> np.ndarray[Any, Any]:
+def forecast_s(
+    plan: PlanResult, seen: list[Figures], out: Path
+) -> np.ndarray[Any, Any]:
     """Return makespans of futures with the durations of runs that have been seen, rising [s]."""
     skills: dict[str, list[float]] = defaultdict(list)
     speeds: dict[str, list[float]] = defaultdict(list)
@@ -119,14 +121,13 @@ def forecast_s(plan: PlanResult, seen: list[Figures]) -> np.ndarray[Any, Any]:
             skills[name] += own
         for robot, ratio in run.motions.items():
             speeds[robot].append(1.0 / ratio)
-    overrides = [
-        {
-            "skill": name.split("/")[0],
-            "robot": name.split("/")[1],
-            "duration": {"kind": "empirical", "values": own},
-        }
-        for name, own in skills.items()
-    ]
+    overrides = []
+    for name, own in skills.items():
+        skill, robot = name.split("/")
+        file = out.resolve() / f"{skill}-{robot}.csv"
+        file.write_text("duration_s\n" + "".join(f"{s!r}\n" for s in own))
+        duration = {"kind": "empirical", "csv": str(file)}
+        overrides.append({"skill": skill, "robot": robot, "duration": duration})
     factors = {
         robot: {"kind": "uniform", "low": min(own), "high": max(own)}
         for robot, own in speeds.items()
@@ -188,7 +189,7 @@ def main() -> int:
     runs = _runs(plan, given.out, "run", given.runs)
     stopping = _runs(plan, given.out, "stop-and-go", given.stop_and_go)
     if seen and runs:
-        futures = forecast_s(plan, seen)
+        futures = forecast_s(plan, seen, given.out)
         low, middle, high = np.quantile(futures, (0.025, 0.5, 0.975))
         inside = sum(low <= run.makespan_s <= high for run in runs)
         _tell(

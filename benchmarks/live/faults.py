@@ -50,9 +50,6 @@ FAULTS = (
     "clocks apart",
     "disk full",
 )
-_SPREAD_S = 45.0
-"""Of the run's time between two faults, at most."""
-
 _HOUR_S = 3600.0
 
 
@@ -178,7 +175,7 @@ def events_of(out: Path) -> list[dict[str, Any]]:
 
 
 def run(
-    scenario: str, fault: str, seed: int, pace: float, folder: Path
+    scenario: str, fault: str, seed: int, pace: float, spread_s: float, folder: Path
 ) -> dict[str, Any]:
     """Execute a scenario once with a fault; return what came of it."""
     rng = random.Random(seed)
@@ -206,7 +203,7 @@ def run(
     dispatcher = begin("operate", scenario, *files)
     _wait(lambda: len(events_of(out)) > 50 or dispatcher.poll() is not None)
     for _ in range(rng.randint(1, 3)):
-        time.sleep(rng.uniform(0.1, _SPREAD_S / pace))
+        time.sleep(rng.uniform(0.1, spread_s / pace))
         one = rng.choice(driven)
         if fault == "dispatcher killed" and dispatcher.poll() is None:
             dispatcher.kill()
@@ -271,12 +268,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scenario", default="scenarios/lego/cliff.yaml")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pace", type=float, default=1.0)
+    parser.add_argument(
+        "--spread", type=float, default=45.0, help="run's time between faults [s]"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time")
     options = parser.parse_args(arguments)
     wrong = 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.jobs, context, max_tasks_per_child=1) as pool:
-        given = options.scenario, options.seed, options.pace
+        given = options.scenario, options.seed, options.pace, options.spread
         for found in pool.map(partial(_one, *given), range(options.runs)):
             bad = found["cleared twice"] or found["beyond"] or found["violations"]
             wrong += bool(bad)
@@ -286,10 +286,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(wrong > 0)
 
 
-def _one(scenario: str, seed: int, pace: float, k: int) -> dict[str, Any]:
+def _one(
+    scenario: str, seed: int, pace: float, spread_s: float, k: int
+) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         fault = FAULTS[k % len(FAULTS)]
-        return run(scenario, fault, seed + k, pace, Path(folder))
+        return run(scenario, fault, seed + k, pace, spread_s, Path(folder))
 
 
 if __name__ == "__main__":
