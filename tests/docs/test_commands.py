@@ -91,7 +91,7 @@ def arguments(line: str, logs: Path | None) -> list[str]:
     """Return the arguments of a command, which writes into a folder if that is given."""
     program, *out = shlex.split(line)
     assert program == "twin"
-    if logs is not None and out[0] in ("run", "compare", "fit"):
+    if logs is not None and out[0] in ("run", "compare", "explore", "fit"):
         out += ["--out", str(logs)]
         if "-o" in out:
             file = out.index("-o") + 1

@@ -12,7 +12,7 @@ from planning.parallel import usable_cores
 from twin.explore.crew import Crew
 from twin.explore.dimensions import dimensions_of, vary_section
 from twin.explore.exploration import Exploration
-from twin.explore.finals import Finals
+from twin.explore.finals import Finalist, Finals, Worth
 from twin.explore.folder import (
     SUMMARY,
     ExploreRequest,
@@ -22,6 +22,13 @@ from twin.explore.folder import (
 )
 from twin.explore.report import write_report
 from twin.explore.rungs import Setting
+from twin.explore.singles import (
+    SingleChange,
+    candidates,
+    change_dimensions,
+    judge_changes,
+    try_changes,
+)
 from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
@@ -59,6 +66,7 @@ def explore(
     scenario: AnyScenario | None = None,
     *,
     vary: Sequence[str] = (),
+    single_changes: int | None = None,
     sampler: str | None = None,
     designs: int | None = None,
     seconds: float | None = None,
@@ -78,6 +86,9 @@ def explore(
         scenario: a scenario, or the path of its file.
         vary: key=low..high, key=a,b,c or key=order, for any key of the scenario; in place of what its
             section explore varies.
+        single_changes: search for nothing, but try changes of one key of a scenario that works (a base, a
+            feeder, HOME, a grip, an order, a quicker tool), and tell the so many that gain most for
+            their effort.
         sampler: tpe, cma-es, nsga-ii or random, in place of the section's.
         designs: how many are tried, in place of the section's.
         seconds: for how long more are tried, in place of the section's [s].
@@ -118,34 +129,53 @@ def explore(
         "seconds": seconds,
         "replications": replications,
     }
-    section = asked(case, vary, {k: v for k, v in given.items() if v is not None})
+    given = {key: value for key, value in given.items() if value is not None}
+    section = asked(case, vary, given, single=single_changes is not None)
     folder = None if out is None else Path(out)
     require_free(folder)
     dimensions_of(case.sections, section, case.document)  # before anything is written
     drawn = case.varied({} if seed is None else {"seed": seed})
-    request = ExploreRequest(_bare(drawn), case.folder, section)
+    singles = single_changes or 0
+    request = ExploreRequest(_bare(drawn), case.folder, section, singles)
     with run_folder(folder, f"explore-{case.name}") as place:
         write_request(place, request)
         return _run(place, request, count, None, None, progress)
 
 
 def asked(
-    case: LoadedScenario, vary: Iterable[str], given: Mapping[str, Any]
+    case: LoadedScenario,
+    vary: Iterable[str],
+    given: Mapping[str, Any],
+    *,
+    single: bool = False,
 ) -> ExploreSection:
     """Return what is explored: the scenario's section, with what options say in its place.
 
+    Args:
+        case: the scenario.
+        vary: options.
+        given: other options, by key of the section.
+        single: whether single changes are asked for, for which nothing is said to vary.
+
     Raises:
         ScenarioError: an option does not fit.
-        RequestError: nothing varies.
+        RequestError: nothing varies, or several goals are to be judged by single changes.
     """
     own = case.sections.explore or ExploreSection()
     varied = tuple(map(vary_section, vary)) or own.vary
-    if not varied:
+    if single:
+        if vary or len(own.goals) > 1:
+            raise RequestError(
+                "single changes are found by themselves, and judged by one goal: leave out --vary, and"
+                " give one goal"
+            )
+        varied = ()
+    elif not varied:
         raise RequestError(
             f"{case.name} does not say what may be different: give --vary key=low..high, or a"
             " section explore with vary"
         )
-    if not given and varied == own.vary:
+    if not given and varied == own.vary:  # with its places in the file
         return own
     content = {**own.model_dump(mode="json"), **given}
     content["vary"] = [item.model_dump(mode="json") for item in varied]
@@ -185,15 +215,32 @@ def _run(
 ) -> Explored:
     section, scenario = request.section, request.scenario
     case = LoadedScenario(scenario, request.base)
-    dimensions = dimensions_of(scenario, section, case.document)
+    changes = candidates(scenario, request.base) if request.singles else []
+    dimensions = (
+        change_dimensions(scenario, changes)
+        if request.singles
+        else dimensions_of(scenario, section, case.document)
+    )
     exploration = Exploration(folder, section, dimensions, scenario.seed, progress)
     setting = Setting(scenario, request.base, section)
     with Crew(setting, workers, section.design_limit_s) as crew:
-        exploration.search(crew, designs or section.designs, seconds or section.seconds)
         finals = Finals(exploration, setting, progress)
-        finalists = finals.race()
-        worths = finals.worths(finalists[0], crew) if finalists else ()
-    found = summary_of(scenario.name, exploration, finalists, worths, scenario.seed)
+        finalists: tuple[Finalist, ...] = ()
+        worths: tuple[Worth, ...] = ()
+        singles: tuple[SingleChange, ...] = ()
+        most = designs or section.designs
+        if request.singles:
+            tried = try_changes(exploration, crew, changes[: most - 1], progress)
+            singles = judge_changes(
+                exploration, finals, tried, request.singles, progress
+            )
+        else:
+            exploration.search(crew, most, seconds or section.seconds)
+            finalists = finals.race()
+            worths = finals.worths(finalists[0], crew) if finalists else ()
+    found = summary_of(
+        scenario.name, exploration, finalists, worths, scenario.seed, singles
+    )
     write_json(folder / SUMMARY, found.content())
     write_report(found, setting, dimensions, folder, progress)
     return Explored(folder, request, found)

@@ -27,6 +27,7 @@ explore = command(
     _show,
     columns=columns,
     designs={"min": 1},
+    single_changes={"min": 1, "metavar": "N"},
     replications={"names": ("--replications", "-n"), "min": 2},
     resume={"metavar": "DIR"},
     workers={"min": 1},

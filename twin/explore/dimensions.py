@@ -97,7 +97,7 @@ def entry_name(entry: Any) -> str:
     """Return what an entry of a list is called."""
     if not isinstance(entry, Mapping):
         return str(entry)
-    for key in ("name", "part", "process", "brick", "object"):
+    for key in ("name", "place", "part", "process", "brick", "robot"):
         if entry.get(key):
             return str(entry[key])
     return str(entry)

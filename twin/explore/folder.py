@@ -37,17 +37,23 @@ class ExploreRequest:
         scenario: as it is.
         base: where relative paths in it start.
         section: what varies, and what is looked for.
+        singles: how many single changes are asked for; 0 for a search.
     """
 
     scenario: Scenario
     base: Path
     section: ExploreSection
+    singles: int = 0
 
 
 def write_request(folder: Path, request: ExploreRequest) -> None:
     """Write ``manifest.json``: what is needed to understand, go on with and repeat the exploration."""
     cell = build_workcell(request.scenario, request.base)
-    entry = {"section": as_said(request.section), "packages": _packages()}
+    entry = {
+        "section": as_said(request.section),
+        "single_changes": request.singles,
+        "packages": _packages(),
+    }
     write_manifest(folder, request.scenario, cell, request.base, **{_ENTRY: entry})
 
 
@@ -69,7 +75,8 @@ def read_request(folder: Path) -> ExploreRequest:
                 f"{folder} was begun with other versions: {entry['packages']}, now {_packages()}"
             )
         section = ExploreSection.model_validate_json(json.dumps(entry["section"]))
-        return ExploreRequest(scenario, base, section)
+        singles = int(entry["single_changes"])
+        return ExploreRequest(scenario, base, section, singles)
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         path = folder / MANIFEST
         raise OutputError(

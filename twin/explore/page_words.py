@@ -74,12 +74,29 @@ def verdict(found: ExploreSummary) -> Iterator[str]:
         yield f"#1 is better than the other finalists{with_}, at {share}"
 
 
+def single_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of single changes."""
+    head = ["", "kind", "gain", "effort", "gain per effort", "design"]
+    rows = [
+        [
+            str(rank),
+            item.kind,
+            signed(item.gain) + ("" if item.sure else ", may be nothing"),
+            f"{item.effort:g}",
+            f"{item.rate:.3g}",
+            item.words,
+        ]
+        for rank, item in enumerate(found.singles, start=1)
+    ]
+    return head, rows
+
+
 def worth_words(found: ExploreSummary) -> Iterator[str]:
     """Yield what changes of the best design are worth."""
     goal = found.section.goals[0]
     text = goal.expression.text
     unit = " s" if text in _SECONDS else ""
-    if found.ranked and found.ranked[0].design == 0:
+    if found.ranked and found.ranked[0].design == 0 and not found.singles:
         yield "no design is better than the scenario as it is"
     for item in found.worths:
         yield f"{_subject(item)} {_gain(item, text, unit)}"

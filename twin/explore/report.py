@@ -19,6 +19,7 @@ from twin.explore.page_words import (
     best_rows,
     importance_words,
     rung_rows,
+    single_rows,
     verdict,
     worth_words,
 )
@@ -88,6 +89,11 @@ def _answers(found: ExploreSummary) -> Pieces:
     if not found.ranked:
         yield paragraph("No design is possible; further down is why.", "warning")
         return
+    if found.singles:
+        head, rows = single_rows(found)
+        caption = "single changes that gain most for their effort; intervals hold for all of them together"
+        yield table(caption, head, [map(text, row) for row in rows], "best")
+        return
     head, rows = best_rows(found)
     kind = (
         "the best compromises" if len(found.section.goals) > 1 else "the best designs"
@@ -121,7 +127,7 @@ def _cells(
 ) -> Pieces:
     """Yield the best cells, side by side."""
     shown = (found.compromises or found.ranked)[:_CELLS]
-    if not shown:
+    if not shown or found.singles:
         return
     yield heading("The best cells")
     parts = []
@@ -158,7 +164,7 @@ def _pictures(
     numbers = [one for one in dimensions if one.low is not None]
     order = {item.key: place for place, item in enumerate(found.importances)}
     numbers.sort(key=lambda one: order.get(one.key, len(order)))
-    if len(numbers) > 1:
+    if len(numbers) > 1 and not found.singles:
         yield heading("Where designs are possible")
         yield _drawn(_map(found, numbers[0], numbers[1]), folder, "map")
 

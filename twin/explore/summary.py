@@ -13,8 +13,9 @@ from twin.explore.dimensions import Dimension, Values
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finalist, Worth
 from twin.explore.influence import Importance, front, importances
-from twin.explore.journal import Tried
+from twin.explore.journal import SINGLE, Tried
 from twin.explore.rungs import CONSTRAINT, RUNGS
+from twin.explore.singles import SingleChange
 from twin.scenario.sections.exploration import ExploreSection
 from twin.study.replications.statistics import Interval, mean_interval
 
@@ -116,6 +117,7 @@ class ExploreSummary:
         importances: what matters for the first goal, the most important first.
         rungs: what came of designs at each rung.
         refusals: why designs are refused, the most frequent reason first.
+        singles: single changes that gain most for their effort, where these are asked for.
     """
 
     scenario: str
@@ -127,6 +129,7 @@ class ExploreSummary:
     importances: tuple[Importance, ...]
     rungs: tuple[RungFigures, ...]
     refusals: tuple[RefusedGroup, ...]
+    singles: tuple[SingleChange, ...] = ()
 
     @property
     def base(self) -> RankedDesign | None:
@@ -159,6 +162,7 @@ class ExploreSummary:
             "worth": [item.content() for item in self.worths],
             "importance": [item.content() for item in self.importances],
             "rungs": [item.content() for item in self.rungs],
+            "single_changes": [item.content() for item in self.singles],
             "refused": [vars(item) for item in self.refusals],
         }
 
@@ -169,6 +173,7 @@ def summary_of(
     finalists: Sequence[Finalist],
     worths: Sequence[Worth],
     seed: int,
+    singles: Sequence[SingleChange] = (),
 ) -> ExploreSummary:
     """Return what an exploration found.
 
@@ -178,9 +183,11 @@ def summary_of(
         finalists: the best designs, replicated further, the best first.
         worths: what changes of the best are worth.
         seed: of bootstraps.
+        singles: single changes that gain most.
     """
     section, dimensions = exploration.section, exploration.dimensions
-    searched = exploration.journal.searched
+    alone = [row for row in exploration.journal.rows if row.purpose == SINGLE]
+    searched = [*exploration.journal.searched, *alone]
     own = tuple(row for row in searched if row.same_as is None)
     final = {item.row.design: item for item in finalists}
     known = sorted(
@@ -201,7 +208,9 @@ def summary_of(
         for rank, row in enumerate(ordered, start=1)
     )
     confidence = section.confidence
-    matter = importances(own, dimensions, confidence=confidence, seed=seed)
+    matter: tuple[Importance, ...] = ()
+    if not alone:
+        matter = importances(own, dimensions, confidence=confidence, seed=seed)
     return ExploreSummary(
         scenario,
         section,
@@ -212,6 +221,7 @@ def summary_of(
         matter,
         tuple(_rungs(own)),
         tuple(_refusals(own)),
+        tuple(singles),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import shorten
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -15,13 +16,14 @@ from twin.explore.page_words import (
     best_rows,
     importance_words,
     rung_rows,
+    single_rows,
     verdict,
     worth_words,
 )
 from twin.explore.summary import ExploreSummary
 
-_REASONS = 6
-"""Reasons that are shown why designs are refused."""
+_REASONS, _LONGEST = 6, 300
+"""Reasons that are shown why designs are refused, and their letters."""
 
 
 def print_explored(found: ExploreSummary, folder: Path) -> None:
@@ -29,7 +31,10 @@ def print_explored(found: ExploreSummary, folder: Path) -> None:
     console = Console(highlight=False)
     goals = ", ".join(goal.words for goal in found.section.goals)
     title = f"{found.scenario}: {goals}, {found.tried} designs"
-    if found.ranked:
+    if found.singles:
+        head, rows = single_rows(found)
+        console.print(_table(f"{title}: single changes that gain most", head, rows))
+    elif found.ranked:
         head, rows = best_rows(found)
         console.print(_table(title, [*BEST_HEAD, *head], rows))
     else:
@@ -41,7 +46,7 @@ def print_explored(found: ExploreSummary, folder: Path) -> None:
     for item in found.refusals[:_REASONS]:
         console.print(
             f"[yellow]refused[/yellow] at {item.rung}: {item.count} x",
-            Text(f"{item.reason} (design {item.design})"),
+            Text(f"{shorten(item.reason, _LONGEST)} (design {item.design})"),
             soft_wrap=True,
         )
     if (more := len(found.refusals) - _REASONS) > 0:
@@ -54,7 +59,7 @@ def _table(title: str, head: list[str], rows: list[list[str]]) -> Table:
         title=Text(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
     for name in head:
-        words = name in ("design", "rung")
+        words = name in ("design", "rung", "kind")
         side = "left" if words else "right"
         table.add_column(Text(name), justify=side, overflow="fold")  # type: ignore[arg-type]
     for row in rows:

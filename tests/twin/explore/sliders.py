@@ -43,10 +43,10 @@ explore:
 """
 
 
-def slider_file(folder: Path, more: str = EXPLORE) -> Path:
-    """Write the scenario, with more at its end, and what it needs; return its file."""
+def slider_file(folder: Path, more: str = EXPLORE, *, right: float = 0.3) -> Path:
+    """Write the scenario, with more at its end and the right base there, and what it needs; return its file."""
     folder.mkdir(exist_ok=True, parents=True)
     (folder / "slider.urdf").write_text(URDF)
     file = folder / "sliders.yaml"
-    file.write_text(SCENARIO + more)
+    file.write_text(SCENARIO.replace("[0.3, 0.5", f"[{right}, 0.5") + more)
     return file

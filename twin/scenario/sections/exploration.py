@@ -29,6 +29,17 @@ REPLICATED = frozenset(
 )
 """Those of them that take replications."""
 
+EFFORTS: Mapping[str, float] = {
+    "order": 1.0,
+    "home": 1.0,
+    "grip": 1.0,
+    "feeder": 2.0,
+    "base": 5.0,
+    "tool": 8.0,
+}
+"""Effort of single changes by their kind, where a section does not say; synthetic, in any unit."""
+
+Kind = Literal["order", "home", "grip", "feeder", "base", "tool"]
 Key = Annotated[str, Field(min_length=1, max_length=300)]
 Number = int | float
 
@@ -130,6 +141,8 @@ class ExploreSection(Section):
         finalists: how many of the best are told apart in the end.
         most_replications: of each finalist, where it takes so many to tell them apart.
         confidence: of all intervals.
+        efforts: of single changes by their kind, in any unit: of another order of steps, HOME, grip, place of
+            a feeder or of a base, and of a quicker tool.
         design_limit_s: a design that takes longer is given up [s].
     """
 
@@ -149,6 +162,9 @@ class ExploreSection(Section):
     finalists: Annotated[int, Field(ge=1, le=20)] = 3
     most_replications: Annotated[int, Field(ge=2, le=100_000)] = 2000
     confidence: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.95
+    efforts: dict[Kind, Annotated[float, Field(gt=0, le=1e9)]] = Field(
+        default_factory=dict
+    )
     design_limit_s: Annotated[float, Field(ge=1, le=1e6)] = 900.0
 
     @model_validator(mode="after")
