@@ -17,7 +17,7 @@ from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.exports.segments import Segment, segments
+from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import POLICIES
@@ -36,7 +36,8 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
     """
     nominal = _as_planned(run)
     tpg = nominal.tpg
-    whole = list(segments(nominal, _EVERY_NS))
+    smooth = bool(nominal.smooth_motions)  # whose own rows are written, however sampled
+    whole = list(segments(nominal, CONTROLLER_RATE_HZ if smooth else _EVERY_NS))
     machines: dict[str, list[Any]] = {item.name: [] for item in tpg.cell.machines}
     robots: dict[str, list[Any]] = {item.name: [] for item in tpg.cell.robots}
     verbs = dict(_verbs(tpg))
@@ -99,13 +100,16 @@ def _motion(
     begin, t_ns = segment.executed[0], segment.t_ns
     rows: tuple[Array | None, ...] = (segment.q, None, None)
     smooth = run.smooth_motions.get(segment.robot)
-    if smooth is not None and segment.motion is not None:
+    if smooth is not None and smooth.a is not None and segment.motion is not None:
         begin, end = segment.motion
         inside = (smooth.t_ns > begin) & (smooth.t_ns < end)
         at = np.unique(np.r_[begin, smooth.t_ns[inside], end])
-        t_ns, rows = at - begin, smooth.states_at(at)
+        q, v, _ = smooth.states_at(at)
+        # Accelerations are told as they are: worked out of speeds they have fewer digits.
+        own = [np.interp(at, smooth.t_ns, column) for column in smooth.a.T]
+        t_ns, rows = at - begin, (q, v, np.stack(own, axis=1))
     times = [(begin + t) / NANOSECONDS for t in t_ns.tolist()]
-    q, v, a = (None if part is None else part.tolist() for part in rows)
+    told = [None if part is None else part.tolist() for part in rows]
     changes = [
         (k, item)
         for k, item in enumerate(tpg.handlings)
@@ -114,10 +118,10 @@ def _motion(
     handled = {item.object for _, item in changes} | held
     tools = {tool.name for tool in tpg.cell.robot(segment.robot).tools}
     events = []
-    for (k, item), told in zip(changes, segment.handlings, strict=True):
+    for (k, item), handled_at in zip(changes, segment.handlings, strict=True):
         if (item.node, item.waypoint) == (0, 0) and item.object in tools:
             continue  # the tool that it has on it at the start
-        t_s = min((begin + told.t_ns) / NANOSECONDS, times[-1])
+        t_s = min((begin + handled_at.t_ns) / NANOSECONDS, times[-1])
         event: dict[str, Any] = {"t_s": max(t_s, times[0]), **verbs[k]}
         if item.holder != GONE:
             event["pose"] = _pose(item)
@@ -128,9 +132,7 @@ def _motion(
     return {
         "id": segment.id,
         "t_s": times,
-        "q": q,
-        "v": v,
-        "a": a,
+        **dict(zip("qva", told, strict=True)),
         "task": f"{task.index} {task.label}",
         "skill": None if task.kind == TRANSIT else task.kind,
         "object": task.object,

@@ -21,6 +21,9 @@ from twin.scenario.sections.shapes import build_transform
 _SAME = 1e-6
 """Joint values that differ by less are the same: digits of files [rad or m]."""
 
+_TICK = 1e-9
+"""Times that differ by less are the same: digits of files [s]."""
+
 _JUMP_S = 1e-6
 """A robot that is elsewhere all at once gets there in this time, so that all in between is looked at [s]."""
 
@@ -174,14 +177,14 @@ class _Table:
 
     def stand_until(self, t: float, node: int) -> None:
         """Add that the robot stands until a time [s]."""
-        if t > self.t[-1]:
+        if t > self.t[-1] + _TICK:
             still = np.zeros((1, len(self.q[0])))
             self.add(np.array([t]), self.q[-1][None], still, still, node)
 
     def add(self, t: Array, q: Array, v: Array, a: Array, node: int) -> None:
         """Add the rows of a node."""
         for k, at in enumerate(np.maximum(t, self.t[-1]).tolist()):
-            again = at <= self.t[-1] and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+            again = at <= self.t[-1] + _TICK and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
             if again:
                 self.v[-1], self.a[-1] = v[k], a[k]
                 continue
