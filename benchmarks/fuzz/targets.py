@@ -276,6 +276,26 @@ def task_target(folder: Path, seed: int) -> Case:
     return prepare
 
 
+def open_plan_target(folder: Path, seed: int) -> Case:
+    """Mutate the plan that the reference writes out by hand, and judge it."""
+    page = Path("docs/reference/formats.md").read_text(encoding="utf-8")
+    scenario = page.split("<!-- file: yard.yaml -->\n```yaml\n")[1].split("```")[0]
+    (folder / "yard.yaml").write_text(scenario, encoding="utf-8")
+    plan = '{\n  "format"' + page.split('```json\n{\n  "format"')[1].split("```")[0]
+
+    def prepare(case: int) -> list[Command]:
+        rng = random.Random(f"{seed}/{case}")
+        file = folder / "plan.json"
+        if rng.random() < 0.3:
+            file.write_bytes(mutate_bytes(plan.encode(), rng))
+        else:
+            text = json.dumps(mutate_document(json.loads(plan), rng))
+            file.write_text(text, encoding="utf-8", errors="replace")
+        return [("judge", str(file), "--seeds", "1", "-q")]
+
+    return prepare
+
+
 Target = Callable[[Path, int], Case]
 TARGETS: dict[str, tuple[Target, int]] = {
     "scenarios": (scenario_target, 20_000),
@@ -287,6 +307,7 @@ TARGETS: dict[str, tuple[Target, int]] = {
     "csvs": (csv_target, 300),
     "tasks": (task_target, 300),
     "models": (model_target, 2_000),
+    "open plans": (open_plan_target, 2_000),
 }
 """Targets by name, and how many cases a full run has."""
 

@@ -21,6 +21,7 @@ CASES = {
     "csvs": 20,
     "tasks": 20,
     "models": 30,
+    "open plans": 20,
 }
 
 

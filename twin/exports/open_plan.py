@@ -20,7 +20,8 @@ from twin.engine.execution_model import ExecutionModel
 from twin.exports.segments import CONTROLLER_RATE_HZ, Segment, segments
 from twin.judge.open_plan import FORMAT, VERSION
 from twin.recorders.observers import MemoryRecorder
-from twin.run.events import POLICIES
+from twin.run.events import POLICIES, Policy
+from twin.trial.plan_result import PlanResult
 from twin.trial.run_result import RunResult
 from twin.uncertainty.skill_durations import SkillDurations
 
@@ -34,7 +35,23 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
     Args:
         run: the run.
     """
-    nominal = _as_planned(run)
+    release = next((way for way in POLICIES if run.policy.startswith(way)), None)
+    if release is None or "TPG" in run.policy:
+        release = "asynchronous"
+    document = open_plan_of(run.plan, release)
+    document["planner"] += f", {run.policy}"
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return {"open_plan.json": text.encode() + b"\n"}
+
+
+def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
+    """Return a plan as JSON has it, executed with nominal durations.
+
+    Args:
+        plan: the plan.
+        release: how its nodes are released.
+    """
+    nominal = _as_planned(plan, release)
     tpg = nominal.tpg
     smooth = bool(nominal.smooth_motions)  # whose own rows are written, however sampled
     whole = list(segments(nominal, CONTROLLER_RATE_HZ if smooth else _EVERY_NS))
@@ -49,12 +66,12 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
             entry = {k: v for k, v in entry.items() if k not in ("q", "v", "a")}
             entry["t_s"] = [entry["t_s"][0], entry["t_s"][-1]]
         own.append({key: value for key, value in entry.items() if value or key == "id"})
-    document = {
+    return {
         "format": FORMAT,
         "version": VERSION,
-        "scenario": run.name,
-        "planner": f"assembly-twin, {run.policy}",
-        "execution": "clock" if _release(run) == "open-loop" else "waits",
+        "scenario": plan.scenario.name,
+        "planner": "assembly-twin",
+        "execution": "clock" if release == "open-loop" else "waits",
         "robots": {
             name: {
                 "joints": list(tpg.cell.robot(name).model.joint_names),
@@ -64,29 +81,23 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
         },
         "machines": {name: motions for name, motions in machines.items() if motions},
     }
-    text = json.dumps(document, ensure_ascii=False, allow_nan=False)
-    return {"open_plan.json": text.encode() + b"\n"}
 
 
-def _release(run: RunResult) -> str:
-    """Return how nodes of a run were released: the policy without its plan."""
-    return next((way for way in POLICIES if run.policy.startswith(way)), "asynchronous")
-
-
-def _as_planned(run: RunResult) -> RunResult:
-    """Return the run of the same plan in which all takes as long as planned.
+def _as_planned(plan: PlanResult, release: Policy) -> RunResult:
+    """Return the run of a plan in which all takes as long as planned.
 
     What waits for what by the policy, turns or slots, is in its graph.
     """
-    graph = {"sequential": with_turns, "synchronous": with_barriers}
-    how = _release(run)
-    tpg = graph[how](run.tpg) if how in graph and "TPG" not in run.policy else run.tpg
+    tpg = plan.tpg
+    if release == "sequential":
+        tpg = with_turns(tpg)
+    elif release == "synchronous":
+        tpg = with_barriers(tpg)
     memory = MemoryRecorder()
     done = Simulator(tpg, ExecutionModel(SkillDurations({}))).run(
         seed=0, recorders=(memory,)
     )
-    plan = replace(run.plan, tpg=tpg)
-    return RunResult(plan=plan, history=memory.events, record=done)
+    return RunResult(plan=replace(plan, tpg=tpg), history=memory.events, record=done)
 
 
 def _motion(

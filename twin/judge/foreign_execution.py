@@ -184,7 +184,9 @@ class _Table:
     def add(self, t: Array, q: Array, v: Array, a: Array, node: int) -> None:
         """Add the rows of a node."""
         for k, at in enumerate(np.maximum(t, self.t[-1]).tolist()):
-            again = at <= self.t[-1] + _TICK and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+            again = (
+                at <= self.t[-1] + _TICK and np.max(np.abs(q[k] - self.q[-1])) <= _SAME
+            )
             if again:
                 self.v[-1], self.a[-1] = v[k], a[k]
                 continue

@@ -22,7 +22,12 @@ from twin.audit.worlds.engines import (
 from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
 from twin.judge.delays import CircularWaitsError, delayed_spans, makespan_s
-from twin.judge.foreign_execution import MotionSpan, execution, planned_spans
+from twin.judge.foreign_execution import (
+    ForeignExecution,
+    MotionSpan,
+    execution,
+    planned_spans,
+)
 from twin.judge.foreign_graph import cell_for, graph_of
 from twin.judge.meant_contacts import meant_contacts
 from twin.judge.open_plan import OpenPlan, read_open_plan
@@ -195,6 +200,12 @@ class JudgedPlan:
         scenario: its task.
         engine: to measure with.
 
+    Attributes:
+        plan: see there.
+        engine: that distances are measured with.
+        rules: how fast and for how long robots work.
+        world: the cell as it is measured in.
+
     Raises:
         InvalidScenarioError: the plan does not fit the scenario.
     """
@@ -213,17 +224,21 @@ class JudgedPlan:
         cell = cell_for(plan, path, cell, sections.assembly)
         self.rules = WorkRules(sections, scenario.folder, cell)
         bare = graph_of(plan, cell)
-        self._world = open_world(cell, self.engine)
+        self.world = open_world(cell, self.engine)
         tools = self._wanted.tools
-        planned = execution(plan, self._world, tools, planned_spans(plan))
-        allowed = meant_contacts(plan, bare, self._world, planned, self._wanted)
+        planned = execution(plan, self.world, tools, planned_spans(plan))
+        allowed = meant_contacts(plan, bare, self.world, planned, self._wanted)
         self._graph = replace(bare, allowed=allowed)
+
+    def executed(self, spans: Mapping[str, MotionSpan]) -> ForeignExecution:
+        """Return what is executed where motions happen at some times."""
+        return execution(self.plan, self.world, self._wanted.tools, spans)
 
     def look(
         self, spans: Mapping[str, MotionSpan], progress: Report = report_nothing
     ) -> tuple[tuple[Violation, ...], float]:
         """Return what is wrong with an execution, by time, and the least distance of two robots [m]."""
-        done = execution(self.plan, self._world, self._wanted.tools, spans)
+        done = self.executed(spans)
         own = [*done.violations, *self.rules.violations(self.plan, spans)]
         try:
             report = audit_recording(
