@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import queue
+import threading
 import time
 from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -311,6 +313,28 @@ class LiveExecution(RollingExecution):
             if command.nodes:
                 self._written()
             self._wires[name].send(command)
+
+    # Planning
+
+    def _version(self) -> Generator[simpy.Event, Any, Version]:
+        """Plan what is left in a thread of its own: drivers are heard meanwhile, and what people order is done.
+
+        Until there is a plan nothing more is cleared, as nobody knows yet from where on things will be different.
+        """
+        self._limit = [min(own) for own in zip(self._limit, self.released, strict=True)]
+        made: Future[Version] = Future()
+        given = self.tpg, self._incident()
+
+        def plan() -> None:
+            try:
+                made.set_result(self._planner.plan(*given))
+            except Exception as error:
+                made.set_exception(error)
+
+        threading.Thread(target=plan, daemon=True).start()
+        while not made.done():
+            yield self.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
+        return made.result()
 
     # Robots
 

@@ -262,15 +262,18 @@ class RollingExecution(SuppliedExecution):
 
     def _version(self) -> Generator[simpy.Event, Any, Version]:
         """Plan what is left of all that has happened by now."""
-        incident = Incident(
+        yield from ()
+        return self._planner.plan(self.tpg, self._incident())
+
+    def _incident(self) -> Incident:
+        """Return what has happened by now."""
+        return Incident(
             tuple(self._failures),
             frozenset(self._out),
             frozenset(self._unwanted),
             # Whatever is done, what is to be brought is brought.
             tuple(max(n, int(k in self._coming)) for k, n in enumerate(self.released)),
         )
-        yield from ()
-        return self._planner.plan(self.tpg, incident)
 
     def _swap(self, version: Version) -> None:
         """Go on with another graph."""

@@ -28,6 +28,7 @@ from twin.live.live_execution import LiveExecution
 from twin.live.messages import Command, Report
 from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate
+from twin.operate.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
@@ -239,6 +240,46 @@ def test_nothing_is_cleared_to_a_driver_that_gives_no_sign_of_life(
     assert not [e for e in quiet if e.robot == "left"]
     numbers = [c.number for c in wires["left"].sent]
     assert numbers == sorted(set(numbers))
+
+
+def test_drivers_are_heard_while_something_is_planned(
+    plan: PlanResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Planning takes longer than a driver may be silent; nothing more is cleared meanwhile."""
+    planned = Recovery.plan
+    within: list[tuple[float, float]] = []
+
+    def slowly(self: Recovery, *about: Any) -> Any:
+        begin = time.monotonic()
+        time.sleep(1.5)
+        found = planned(self, *about)
+        within.append((begin, time.monotonic()))
+        return found
+
+    monkeypatch.setattr(Recovery, "plan", slowly)
+    failed: list[int] = []
+
+    def fails(node: ClearedNode) -> bool:
+        if node.kind != "pick" or failed:
+            return False
+        failed.append(node.node)
+        return True
+
+    heard: list[float] = []
+    original = Link.receive
+
+    def receive(self: Link, report: Report, now_s: float) -> DriverState | None:
+        heard.append(now_s)
+        return original(self, report, now_s)
+
+    monkeypatch.setattr(Link, "receive", receive)
+    arm = SimulatedArm(pace=PACE, fails=fails)
+    done, events, _ = live(plan, {"left": arm})
+    assert done.record.outcome == "completed"
+    require_order(done)
+    (begin, end), *_ = within
+    assert sum(begin < at < end for at in heard) > 20
+    assert not [e for e in events if e.kind == "stopped"]
 
 
 def test_a_log_that_cannot_be_written_stops_the_run(plan: PlanResult) -> None:
