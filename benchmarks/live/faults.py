@@ -56,8 +56,14 @@ _HOUR_S = 3600.0
 class WatchedArm(SimulatedArm):
     """An arm that notes which nodes it was given, and whether it ever went beyond them."""
 
-    def __init__(self, given: list[int], pace: float, stands: Any = None) -> None:
-        super().__init__(pace=pace, stands=stands)
+    def __init__(
+        self,
+        given: list[int],
+        clock: Callable[[], float],
+        pace: float,
+        stands: Any = None,
+    ) -> None:
+        super().__init__(clock, pace=pace, stands=stands)
         self.given, self.beyond = given, False
 
     def take(self, nodes: list[ClearedNode]) -> None:
@@ -122,13 +128,17 @@ class DrivenRobot:
     def start(self, stands: Any = None) -> None:
         """Start its driver, which finds the robot where it stands."""
         self.starts += 1
-        self.arm = WatchedArm(self.given, self.pace, stands)
         apart = self.rng.choice([-_HOUR_S, _HOUR_S]) * (self.fault == "clocks apart")
+
+        def clock() -> float:
+            return time.monotonic() + apart
+
+        self.arm = WatchedArm(self.given, clock, self.pace, stands)
         self.end = BadEnd(
             self.arm,
             self.robot,
             time.time_ns(),
-            lambda: time.monotonic() + apart,
+            clock,
             rng=self.rng,
             fault=self.fault,
         )
