@@ -82,7 +82,7 @@ class LiveExecution(RollingExecution):
         self._states: dict[str, DriverState] = {}
         self._told: dict[str, str] = {}
         self._silent = set(links)
-        self._broken = ""
+        self._broken, self._settled = "", True
         self._news = {name: self.env.event() for name in links}
         self._rows = {name: MeasuredRows() for name in links}
         self._acts = actuation_nodes(self.tpg)
@@ -321,7 +321,7 @@ class LiveExecution(RollingExecution):
 
         Until there is a plan nothing more is cleared, as nobody knows yet from where on things will be different.
         """
-        self._limit = [min(own) for own in zip(self._limit, self.released, strict=True)]
+        self._settled = False
         made: Future[Version] = Future()
         given = self.tpg, self._incident()
 
@@ -334,6 +334,9 @@ class LiveExecution(RollingExecution):
         threading.Thread(target=plan, daemon=True).start()
         while not made.done():
             yield self.env.timeout(round(_TICK_S * self._pace * NANOSECONDS))
+        self._settled = True
+        # Who cannot be planned for before a question is answered goes on as far as the plan goes.
+        self._dispatch_again()
         return made.result()
 
     # Robots
@@ -355,7 +358,7 @@ class LiveExecution(RollingExecution):
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)
         alive = link is None or link.alive(time.monotonic())
-        return alive and super()._next_is_safe(chain)
+        return self._settled and alive and super()._next_is_safe(chain)
 
     def _pass(self, chain: int, node: int) -> Generator[simpy.Event, Any, bool]:
         """Follow a node that a driver executes, and return whether its task failed for good."""

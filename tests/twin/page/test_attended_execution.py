@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ from tests.twin.operate.operated import stack
 from tests.twin.page.beside import Beside, failing_first_pick, robot
 from twin.follow.state import FollowedRun
 from twin.operate.operation import Operation
+from twin.operate.recovery import Recovery
 from twin.page.panel import Order
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult
@@ -107,6 +109,26 @@ def test_time_goes_on_while_a_question_is_open(plan: PlanResult, action: str) ->
         assert run.panel.shown is not None
         assert run.panel.shown.given_up == done.given_up
     assert [(ask.step, ask.helps) for ask in done.asks] == [(step, action == "yes")]
+
+
+def test_who_holds_while_something_is_planned_is_obeyed_at_once(
+    plan: PlanResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planned = Recovery.plan
+
+    def slowly(self: Recovery, *about: Any) -> Any:
+        time.sleep(2.0)
+        return planned(self, *about)
+
+    monkeypatch.setattr(Recovery, "plan", slowly)
+    run = Beside(plan, arms={"left": failing_first_pick(40.0)}).begin()
+    run.until(lambda s: s.planning)
+    run.panel.orders.put(Order("hold"))
+    run.until(lambda s: all(own.mode == "held" for own in s.robots))
+    run.panel.orders.put(Order("go on"))
+    assert run.done().record.outcome == "completed"
+    when = {e.kind: e.t_ns for e in reversed(run.events)}
+    assert when["failed"] < when["ordered"] < when["stopped"] < when["replanned"]
 
 
 def test_a_robot_that_is_taken_out_does_no_more_at_once(plan: PlanResult) -> None:
