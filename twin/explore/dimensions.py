@@ -75,6 +75,11 @@ class Dimension:
 
     def words(self, value: Any) -> str:
         """Return in words what a value changes."""
+        linked = len(self.moves) + len(self.mirrors)
+        more = f", and {linked} more with it" if linked else ""
+        return self._words(value) + more
+
+    def _words(self, value: Any) -> str:
         name = _PREFIX.sub("", self.key)
         numbers = all(
             isinstance(v, int | float) and not isinstance(v, bool)
@@ -193,13 +198,19 @@ def _refuse(one: Dimension, others: Sequence[Dimension]) -> None:
     own = {one.key, *(key for key, _ in (*one.moves, *one.mirrors))}
     for other in others:
         there = {other.key, *(key for key, _ in (*other.moves, *other.mirrors))}
-        if both := own & there:
-            raise ScenarioError(f"{min(both)} is varied twice")
+        for key in sorted(own):
+            if any(_holds(key, k) or _holds(k, key) for k in there):
+                raise ScenarioError(f"{key} is varied twice")
+
+
+def _holds(key: str, other: str) -> bool:
+    """Tell whether a key is another one, or a part of what the other one holds."""
+    return key == other or key.startswith(f"{other}.")
 
 
 def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
     key = vary.key
-    base = _value(content, key)
+    base = value_of(content, key)
     if key == "seed":
         raise ScenarioError(
             "cannot vary seed: it is no design; all designs see the same draws"
@@ -219,7 +230,7 @@ def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
     )
     linked = [
         tuple(
-            (name, float(_require_number(name, _value(content, name))))
+            (name, float(_require_number(name, value_of(content, name))))
             for name in names
         )
         for names in (vary.moves, vary.mirrors)
@@ -232,10 +243,6 @@ def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
         return Dimension(key, base, low, high, (), True, *linked)
     plain = None if base is None else float(base)
     return Dimension(key, plain, float(low), float(high), (), False, *linked)
-
-
-def _value(content: Mapping[str, Any], key: str) -> Any:
-    return value_of(content, key)
 
 
 def _as_json(value: Any) -> Any:

@@ -31,6 +31,9 @@ RACING, UNDOING = "best designs told apart", "what changes are worth"
 _AT_ONCE = 500
 """Replications that are executed side by side."""
 
+_BY_EVENTS = 200
+"""Most replications of a finalist where only the event engine can execute it."""
+
 _RESAMPLES = 2000
 """Bootstrap resamples for the interval of what is no mean."""
 
@@ -99,13 +102,11 @@ class Finals:
         rows = self._exploration.best(section.finalists)
         if not rows or len(section.goals) > 1:
             return ()
-        targets = [section.replications]
-        while (
-            self._replicates
-            and len(rows) > 1
-            and targets[-1] < section.most_replications
-        ):
-            targets.append(min(2 * targets[-1], section.most_replications))
+        targets, most = [section.replications], section.most_replications
+        if any(self._setting.scenario.execution.needs_event_engine()):
+            most = min(most, max(_BY_EVENTS, section.replications))
+        while self._replicates and len(rows) > 1 and targets[-1] < most:
+            targets.append(min(2 * targets[-1], most))
         risk = (1.0 - section.confidence) / (max(len(rows) - 1, 1) * len(targets))
         racing, out = list(rows), dict[int, Finalist]()
         for look, count in enumerate(targets):

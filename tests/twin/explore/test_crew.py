@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from tests.twin.explore.bench import setting_of
 from tests.twin.explore.sliders import slider_file
 from tests.twin.program import invoke
 from twin.explore.crew import Crew, DesignTask, parallel
-from twin.explore.journal import Journal
+from twin.explore.journal import JOURNAL, Journal
 
 
 class Dies(dict[str, Any]):
@@ -46,6 +51,51 @@ def test_a_design_that_kills_or_holds_its_process_is_refused(tmp_path: Path) -> 
     assert "no-such-model" in found[4].reason
     assert found[1].outcome == found[3].outcome == "done"
     assert found[1].goals[0] > found[3].goals[0] - 1e-9
+
+
+@pytest.mark.expensive
+def test_a_killed_program_has_lost_nothing(tmp_path: Path) -> None:
+    """Killed at several moments, it finds the same as without, and evaluates no design twice."""
+    file, whole, parts = slider_file(tmp_path), tmp_path / "whole", tmp_path / "parts"
+    count = ("--designs", "12", "--workers", "1")
+    program = (sys.executable, "-m", "twin.cli", "explore")
+    subprocess.run([*program, str(file), *count, "--out", str(whole), "-q"], check=True)
+    first: tuple[str, ...] = (str(file), "--out", str(parts), "-q")
+    seen: list[bytes] = []
+    for stop in (0, 3, 8):
+        process = subprocess.Popen([*program, *first, *count])
+        wait_for(parts, stop)
+        process.kill()
+        process.wait()
+        if (parts / JOURNAL).exists():
+            now = (parts / JOURNAL).read_bytes().splitlines()
+            assert now[: len(seen)] == seen, "what was written stays"
+            seen = now
+        if (parts / "manifest.json").exists():
+            first = ("--resume", str(parts), "-q")
+            count = ("--designs", "12", "--workers", "1")
+    subprocess.run([*program, *first, *count], check=True)
+    assert told(parts) == told(whole)
+    summaries = [json.loads((p / "summary.json").read_text()) for p in (parts, whole)]
+    for summary in summaries:
+        del summary["rungs"]  # seconds
+    assert summaries[0] == summaries[1]
+
+
+def wait_for(folder: Path, designs: int) -> None:
+    """Wait until the journal has so many lines; with none, until there is a folder."""
+    end = time.monotonic() + 300.0
+    while time.monotonic() < end:
+        path = folder / JOURNAL if designs else folder / "manifest.json"
+        if path.exists() and path.read_bytes().count(b"\n") >= designs:
+            return
+        time.sleep(0.002)
+    raise AssertionError("it does not get anywhere")
+
+
+def told(folder: Path) -> list[dict[str, Any]]:
+    lines = (folder / JOURNAL).read_text().splitlines()
+    return [{**json.loads(line), "cpu_s": None} for line in lines]
 
 
 def test_the_command_explores_and_goes_on(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ GOOD = "{key: cell.robots.left.base.xyz_m.0, low: -0.6, high: 0.6}"
         ("vary: [{key: cell.robots.left.model, order: true}]", 15, "no list of two or more entries"),
         ("vary: [{key: seed, low: 0, high: 9}]", 15, "all designs see the same draws"),
         (f"vary: [{GOOD}, {GOOD}]", 15, "is varied twice"),
+        (f"vary: [{GOOD}, {{key: cell.robots.left.base.xyz_m, values: [[0, 0, 0], [1, 0, 0]]}}]", 15, "is varied twice"),
         (f"vary: [{GOOD}]\n  goals: [{{minimise: men_s}}]", 16, "no result 'men_s' (valid: makespan_s, mean_s"),
         (f"vary: [{GOOD}]\n  goals: [{{minimise: \"key('cell.x')\"}}]", 16, "cell has no 'x'"),
         (f"vary: [{GOOD}]\n  constraints: [mean_s]", 16, "a comparison such as late <= 0.05"),
