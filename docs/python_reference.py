@@ -19,11 +19,12 @@ PAGE = Path(__file__).parent / "reference" / "python.md"
 
 FUNCTIONS = (
     *("load", "check", "plan", "simulate", "run", "operate", "audit"),
-    *("study", "compare", "replay", "read_plan", "read_run", "resume_study"),
+    *("study", "compare", "explore", "replay", "read_plan", "read_run"),
+    "resume_study",
 )
 RESULTS = (
     *("LoadedScenario", "Check", "PlanResult", "RunResult", "Audit", "Study"),
-    *("Comparison", "Precision"),
+    *("Comparison", "Explored", "Precision"),
 )
 
 _SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planning.errors import TwinError as TwinError
+    from twin.api.explorations import Explored as Explored
+    from twin.api.explorations import explore as explore
     from twin.api.operations import operate as operate
     from twin.api.runs import Audit as Audit
     from twin.api.runs import Check as Check

@@ -94,7 +94,8 @@ def explore(
         seconds: for how long more are tried, in place of the section's [s].
         replications: of each design, in place of the section's.
         seed: of all choices and draws, in place of the scenario's.
-        workers: processes; by default one a core. With 1 the same seed finds the same.
+        workers: processes; by default one a core. With 1 the same seed finds the same. What a script does
+            stands under ``if __name__ == "__main__":``, as processes import it.
         resume: go on with the exploration in this folder; nothing is evaluated twice.
         out: folder for the results; by default ``logs/explore-<scenario>-<UTC time>``.
         progress: told how far each stage has come.
