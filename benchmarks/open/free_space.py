@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import product
+from itertools import combinations
 
 import numpy as np
 
@@ -21,8 +21,11 @@ MARGIN = 0.003
 _SLIP = 0.0005
 """Where a motion begins or ends nearer than that, it comes nearer by this at most [m]."""
 
-STEP = 0.01
-"""Joints move by this at most between two configurations that are looked at [rad or m]."""
+STEP = 0.03
+"""Joints move by this at most between two configurations that a search looks at [rad or m]."""
+
+FINE = 0.01
+"""The same for a path that is handed in [rad or m]."""
 
 
 class FreeSpace:
@@ -40,8 +43,8 @@ class FreeSpace:
         self._robot = 0
         self._moved: list[tuple[WatchedShape, Transform | None]] = []
         self._still: list[WatchedShape] = []
-        self._at = np.empty((0, 3))
-        self._reach = np.empty(0)
+        self._frames: tuple[Array, Array, Array] = (np.empty(0),) * 3
+        self._pairs: list[tuple[int, int]] = []
         self._limit: dict[tuple[int, int], float] = {}
         self.checks = 0
 
@@ -62,23 +65,21 @@ class FreeSpace:
         """
         numbers = {item.name: k for k, item in enumerate(self.cell.robots)}
         self._robot = numbers[robot]
-        shapes = self._world.robot_shapes
-        self._moved = [(s, None) for s in shapes if s.robot == self._robot]
-        self._still = [s for s in shapes if s.robot != self._robot]
-        centres = []
+        self._moved = [
+            (s, None) for s in self._world.robot_shapes if s.robot == self._robot
+        ]
+        still: list[tuple[WatchedShape, Array, Array]] = []
         flanges = {}
         for name, q in stands.items():
-            self._world.configure(numbers[name], q)
-            flanges[name] = self._world.flange_poses(numbers[name], q[None])[0]
-            turn, at = (
-                part[0] for part in self._world.link_frames(numbers[name], q[None])
-            )
-            centres += [
-                (turn[s.joint + 1] @ s.centre + at[s.joint + 1], s)
-                for s in self._still
-                if s.robot == numbers[name]
+            number = numbers[name]
+            self._world.configure(number, q)
+            flanges[name] = self._world.flange_poses(number, q[None])[0]
+            turn, at = (part[0] for part in self._world.link_frames(number, q[None]))
+            still += [
+                (s, turn[s.joint + 1], at[s.joint + 1])
+                for s in self._world.robot_shapes
+                if s.robot == number != self._robot
             ]
-        self._still = [shape for _, shape in centres]
         fixtures = {item.name: (None, item.pose) for item in self.cell.fixtures}
         for name, (holder, pose) in {**fixtures, **places}.items():
             if holder == robot:
@@ -86,12 +87,16 @@ class FreeSpace:
                 continue
             world = pose if holder is None else flanges[holder] @ pose
             for shape in self._things[name]:
-                at = shape.at(world)
-                self._world.place(shape, at)
-                self._still.append(shape)
-                centres.append((at[:3, :3] @ shape.centre + at[:3, 3], shape))
-        self._at = np.array([at for at, _ in centres])
-        self._reach = np.array([shape.radius for shape in self._still])
+                own = shape.at(world)
+                self._world.place(shape, own)
+                still.append((shape, own[:3, :3], own[:3, 3]))
+        self._still = [shape for shape, _, _ in still]
+        self._frames = (
+            np.array([turn @ s.centre + at for s, turn, at in still]),
+            np.array([turn @ s.turn for s, turn, _ in still]),
+            np.array([s.half for s in self._still]),
+        )
+        self._pairs = self._own_pairs()
         self._limit = {}
         for q in ends:
             for pair, gap in self._gaps(q):
@@ -116,36 +121,41 @@ class FreeSpace:
         world.configure(number, q)
         turn, at = (part[0] for part in world.link_frames(number, q[None]))
         flange = world.flange_poses(number, q[None])[0]
-        own = []
-        for shape, held in self._moved:
+        centres = np.empty((len(self._moved), 3))
+        for k, (shape, held) in enumerate(self._moved):
             if held is None:
-                frame = turn[shape.joint + 1], at[shape.joint + 1]
+                centres[k] = turn[shape.joint + 1] @ shape.centre + at[shape.joint + 1]
             else:
                 pose = flange @ held
                 world.place(shape, pose)
-                frame = pose[:3, :3], pose[:3, 3]
-            own.append((shape, frame[0] @ shape.centre + frame[1], held))
+                centres[k] = pose[:3, :3] @ shape.centre + pose[:3, 3]
+        reach = np.array([shape.radius for shape, _ in self._moved]) + 2.0 * MARGIN
+        middle, axes, half = self._frames
+        away = np.einsum("kji,mkj->mki", axes, centres[:, None] - middle[None])
+        beyond = np.linalg.norm(np.maximum(np.abs(away) - half, 0.0), axis=2)
+        near = np.argwhere(beyond < reach[:, None]).tolist()
+        pairs = [(self._moved[i][0], self._still[k]) for i, k in near]
+        for i, j in self._pairs:
+            apart = np.linalg.norm(centres[i] - centres[j])
+            if apart < reach[i] + reach[j]:
+                pairs.append((self._moved[i][0], self._moved[j][0]))
+        return [
+            ((a.number, b.number), world.distance(a, b, 2.0 * MARGIN)) for a, b in pairs
+        ]
+
+    def _own_pairs(self) -> list[tuple[int, int]]:
+        """Return which of what the robot moves must not touch: two of its links, a link and what it holds.
+
+        A hand may touch what it holds.
+        """
+        index = {s.number: k for k, s in enumerate(self._world.robot_shapes)}
         found = []
-        for shape, centre, _ in own:
-            far = np.linalg.norm(self._at - centre, axis=1)
-            near = np.flatnonzero(far < self._reach + shape.radius + 2.0 * MARGIN)
-            for k in near.tolist():
-                other = self._still[k]
-                gap = world.distance(shape, other, 2.0 * MARGIN)
-                found.append(((shape.number, other.number), gap))
-        index = {s.number: k for k, s in enumerate(world.robot_shapes)}
-        for (a, at_a, held_a), (b, at_b, held_b) in product(own, own):
-            if (
-                a.number >= b.number
-                or np.linalg.norm(at_a - at_b) > a.radius + b.radius
-            ):
-                continue
+        for i, j in combinations(range(len(self._moved)), 2):
+            (a, held_a), (b, held_b) = self._moved[i], self._moved[j]
             if held_a is None and held_b is None:
-                i, j = sorted((index[a.number], index[b.number]))
-                if (i, j) in self._exempt:
-                    continue
-            elif (held_a is None) == (held_b is None):
-                continue
-            gap = world.distance(a, b, 2.0 * MARGIN)
-            found.append(((a.number, b.number), gap))
+                exempt = tuple(sorted((index[a.number], index[b.number])))
+                if exempt not in self._exempt:
+                    found.append((i, j))
+            elif held_a is None and not a.entity.endswith("/tool"):
+                found.append((i, j))
         return found

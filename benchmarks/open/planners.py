@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.open.free_space import STEP, FreeSpace
+from benchmarks.open.free_space import FINE, STEP, FreeSpace
 from planning.transforms import Array
 
 Bounds = tuple[Array, Array]
@@ -117,12 +117,12 @@ def path_found(
     seed: int,
 ) -> Array | None:
     """Return a path of a planner that is free when it is looked at more finely, None after three tries."""
-    if space.motion_free(start, goal, 0.4 * STEP):
+    if space.motion_free(start, goal, FINE):
         return np.array([start, goal])
     for attempt in range(3):
         path = finder(space, start, goal, bounds, 10 * seed + attempt)
         if path is not None and all(
-            space.motion_free(a, b, 0.4 * STEP) for a, b in pairwise(path)
+            space.motion_free(a, b, FINE) for a, b in pairwise(path)
         ):
             return path
     return None
