@@ -21,11 +21,14 @@ MARGIN = 0.003
 _SLIP = 0.0005
 """Where a motion begins or ends nearer than that, it comes nearer by this at most [m]."""
 
-STEP = 0.03
-"""Joints move by this at most between two configurations that a search looks at [rad or m]."""
+COARSE = 0.03
+"""No point of a robot moves further between two configurations that a search looks at, about [m]."""
 
-FINE = 0.01
-"""The same for a path that is handed in [rad or m]."""
+FINE = 2.0 * MARGIN
+"""The same for a path that is handed in: what stays ``MARGIN`` away at both does not touch in between [m]."""
+
+_ROOM = 1.2
+"""A robot reaches so many times as far in a motion as where it begins, ends and in the middle."""
 
 
 class FreeSpace:
@@ -46,6 +49,7 @@ class FreeSpace:
         self._frames: tuple[Array, Array, Array] = (np.empty(0),) * 3
         self._pairs: list[tuple[int, int]] = []
         self._limit: dict[tuple[int, int], float] = {}
+        self._levers = np.empty(0)
         self.checks = 0
 
     def begin(
@@ -97,6 +101,10 @@ class FreeSpace:
             np.array([s.half for s in self._still]),
         )
         self._pairs = self._own_pairs()
+        middle = 0.5 * (ends[0] + ends[1])
+        self._levers = _ROOM * np.max(
+            [self._reaches(q) for q in (*ends, middle)], axis=0
+        )
         self._limit = {}
         for q in ends:
             for pair, gap in self._gaps(q):
@@ -109,9 +117,19 @@ class FreeSpace:
         gaps = self._gaps(q)
         return all(gap >= self._limit.get(pair, MARGIN) for pair, gap in gaps)
 
-    def motion_free(self, a: Array, b: Array, step: float = STEP) -> bool:
-        """Tell whether configurations in a straight line are free, the middle ones first."""
-        count = max(int(np.ceil(np.max(np.abs(b - a)) / step)), 1)
+    @property
+    def joint_step(self) -> float:
+        """Distance of two configurations that a search looks at [rad or m]."""
+        return COARSE / float(np.linalg.norm(self._levers))
+
+    def motion_free(self, a: Array, b: Array, way: float = COARSE) -> bool:
+        """Tell whether configurations in a straight line are free, the middle ones first.
+
+        Args:
+            a, b: its ends, shape (n,).
+            way: no point of the robot moves further between two of them, about [m].
+        """
+        count = max(int(np.ceil(np.abs(b - a) @ self._levers / way)), 1)
         order = sorted(range(1, count), key=lambda k: -(k & -k))
         return self.free(b) and all(self.free(a + (b - a) * k / count) for k in order)
 
@@ -142,6 +160,22 @@ class FreeSpace:
         return [
             ((a.number, b.number), world.distance(a, b, 2.0 * MARGIN)) for a, b in pairs
         ]
+
+    def _reaches(self, q: Array) -> Array:
+        """Return how far what each joint moves reaches from its axis, shape (n,) [m]; 1 of one that slides."""
+        number = self._robot
+        turn, at = (part[0] for part in self._world.link_frames(number, q[None]))
+        flange = self._world.flange_poses(number, q[None])[0]
+        out = np.where(self._world.axes[number].prismatic, 1.0, 0.0)
+        for shape, held in self._moved:
+            if held is None:
+                centre = turn[shape.joint + 1] @ shape.centre + at[shape.joint + 1]
+            else:
+                centre = (flange @ held)[:3, 3] + (flange @ held)[:3, :3] @ shape.centre
+            last = len(q) if held is not None else shape.joint + 1
+            far = np.linalg.norm(at[1 : last + 1] - centre, axis=1) + shape.radius
+            out[:last] = np.maximum(out[:last], far)
+        return np.where(self._world.axes[number].prismatic, 1.0, out)
 
     def _own_pairs(self) -> list[tuple[int, int]]:
         """Return which of what the robot moves must not touch: two of its links, a link and what it holds.

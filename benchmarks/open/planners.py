@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.open.free_space import FINE, STEP, FreeSpace
+from benchmarks.open.free_space import FINE, FreeSpace
 from planning.transforms import Array
 
 Bounds = tuple[Array, Array]
@@ -90,7 +90,7 @@ def klampt_path(
     low, high = np.minimum(bounds[0], start), np.maximum(bounds[1], start)
     low, high = np.minimum(low, goal), np.maximum(high, goal)
     asked.setBounds(list(zip(low.tolist(), high.tolist(), strict=True)))
-    asked.eps = STEP
+    asked.eps = space.joint_step
     asked.feasible = lambda q: space.free(np.array(q))
     plan = cspace.MotionPlan(asked, "sbl", perturbationRadius=0.7, shortcut=1)
     try:

@@ -24,7 +24,7 @@ cell:
     - {name: east, model: tower-crane, base: {xyz_m: [3.5, 0, 0], rpy_deg: [0, 0, 180]}, home_rad_or_m: [1.5708, 2.0, 0.0, 0.0]}
   fixtures:
     - {name: table, size_m: [0.8, 0.8, 1.0], pose: {xyz_m: [0, 0, 0.5]}}
-    - {name: post, size_m: [0.2, 0.2, 2.2], pose: {xyz_m: [-1.3, 1.3, 1.1]}}
+    - {name: post, size_m: [0.2, 0.2, 2.2], pose: {xyz_m: [-1.05, 1.6, 1.1]}}
     - {name: west_stand, size_m: [0.8, 0.8, 1.0], pose: {xyz_m: [-3.5, 3.0, 0.5]}}
     - {name: east_stand, size_m: [0.8, 0.8, 1.0], pose: {xyz_m: [3.5, -3.0, 0.5]}}
 assembly:
