@@ -14,7 +14,11 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from planning.kernels import kernel
 from planning.transforms import Array, Indices
+
+_AT_ONCE = 512
+"""Directions that fit into a processor's nearest memory."""
 
 DIRECTIONS = np.array(
     [d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)]
@@ -45,12 +49,36 @@ def farthest(shape: Any, directions: Array) -> Array:
             np.abs(along) * shape.halfLength + across * shape.radius + grown
         )
     if isinstance(shape, coal.ConvexBase):
-        return np.asarray((directions @ shape.points().T).max(axis=1) + grown)
+        across = np.ascontiguousarray(directions.T)
+        return np.asarray(_support(shape.points(), across) + grown)
     # Whatever else: the corners of the box around it.
     shape.computeLocalAABB()
     around = shape.aabb_local
     middle, half = 0.5 * (around.max_ + around.min_), 0.5 * (around.max_ - around.min_)
     return np.asarray(directions @ middle + np.abs(directions) @ half)
+
+
+@kernel
+def _support(points: Array, directions: Array) -> Array:
+    """Return how far points reach along directions at most, shape (k,).
+
+    Some directions at a time, all of them point by point: that is what processors do several of at once.
+
+    Args:
+        points: shape (p, 3).
+        directions: shape (3, k).
+    """
+    count = directions.shape[1]
+    most = np.full(count, -np.inf)
+    for begin in range(0, count, _AT_ONCE):
+        end = min(begin + _AT_ONCE, count)
+        x, y, z = directions[0], directions[1], directions[2]
+        for p in range(len(points)):
+            a, b, c = points[p, 0], points[p, 1], points[p, 2]
+            for k in range(begin, end):
+                along = a * x[k] + b * y[k] + c * z[k]
+                most[k] = along if along > most[k] else most[k]
+    return most
 
 
 def farthest_from(shape: Any, places: Array) -> Array:

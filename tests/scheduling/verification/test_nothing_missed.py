@@ -14,7 +14,7 @@ from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.measuring import Measuring
 from scheduling.verification.motion import Motion
-from scheduling.verification.reference import ReferenceRobot, measure
+from scheduling.verification.reference import ReferenceRobot, _hull, measure
 from scheduling.verification.sweeps import (
     DIRECTIONS,
     SweepBounds,
@@ -108,6 +108,14 @@ def test_shapes_reach_as_far_as_coal_says() -> None:
             assert reach >= 2.0 - gap - 1e-6
             if not isinstance(shape, coal.Ellipsoid):
                 assert reach == pytest.approx(2.0 - gap, abs=1e-5)
+
+
+def test_a_hull_reaches_as_far_as_its_farthest_corner() -> None:
+    rng = np.random.default_rng(1)
+    corners = rng.normal(size=(40, 3))
+    directions = rng.normal(size=(1500, 3))
+    found = farthest(_hull(corners), directions)
+    assert found == pytest.approx((directions @ corners.T).max(axis=1), abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
