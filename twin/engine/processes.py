@@ -111,17 +111,17 @@ class Execution:
             self.env.process(self._robot(chain))
         if self.planned is None:
             self.env.process(self._dispatch())
-        outcome: Outcome = "completed"
+        outcome: Outcome = "failed"
         try:
             if self.narrator is not None and self.stops is not None:
                 self._run_and_tell_of_stops(self.narrator, self.stops)
             else:
                 while self._upcoming() < math.inf:
                     self.env.step()
-            if not self._done():
-                outcome = "failed"
-                if self.narrator is not None and not self.failed:
-                    self.narrator.emit("failed", detail=self.deadlock())
+            if self._done():
+                outcome = "completed"
+            elif self.narrator is not None and not self.failed:
+                self.narrator.emit("failed", detail=self.deadlock())
         except KeyboardInterrupt:
             outcome = "aborted"
             if self.narrator is not None:

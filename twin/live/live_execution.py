@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -132,9 +132,9 @@ class LiveExecution(RollingExecution):
             RequestError: a driver is not there at the beginning.
             OutputError: the log cannot be written any more.
         """
-        for wire in self._wires.values():
-            wire.open(self._inbox.put)
         try:
+            for wire in self._wires.values():
+                wire.open(self._inbox.put)
             self._gather()
             if self._history is not None:
                 self.env.run(until=self._history.since_ns)
@@ -142,13 +142,18 @@ class LiveExecution(RollingExecution):
                     self.narrator.emit("resumed", detail=ANEW)
             return super().execute()
         finally:
-            self._log.close()
-            for name, wire in self._wires.items():
-                self._links[name].say_leave()
-                last = self._links[name].command(time.monotonic())
-                if last is not None:
-                    wire.send(replace(last, nodes=()))
-                wire.close()
+            # Whatever goes wrong on the way, all drivers are told to stand, and nobody waits for them.
+            with ExitStack() as stack:
+                stack.callback(self._log.close)
+                for name, wire in self._wires.items():
+                    stack.callback(wire.close)
+                    stack.callback(self._let_go, name)
+
+    def _let_go(self, name: str) -> None:
+        self._links[name].say_leave()
+        last = self._links[name].command(time.monotonic())
+        if last is not None:
+            self._wires[name].send(replace(last, nodes=()))
 
     def _gather(self) -> None:
         """Wait until all drivers have been heard of; the run's time begins then."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -25,6 +27,7 @@ from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
+from twin.live.measured_log import MeasuredLog
 from twin.live.messages import Command, Report
 from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate
@@ -69,10 +72,12 @@ def live(
     arms: dict[str, SimulatedArm],
     cuts: dict[str, Callable[[], bool]] | None = None,
     written: Callable[[], None] = lambda: None,
+    measured: Path | None = None,
+    memory: MemoryRecorder | None = None,
     **values: Any,
 ) -> tuple[Operation, list[Event], dict[str, Watched]]:
     """Operate a plan with some arms; return what was told, and what was sent to them."""
-    memory, links, wires = MemoryRecorder(), {}, {}
+    memory, links, wires = memory or MemoryRecorder(), {}, {}
     for robot in plan.tpg.cell.robots:
         arm = arms.get(robot.name) or SimulatedArm(pace=PACE)
         own = {"cut": cuts[robot.name]} if cuts and robot.name in cuts else {}
@@ -94,6 +99,7 @@ def live(
             links=links,
             wires=wires,
             written=written,
+            measured=measured,
             out_s=1.0,
             tolerance=0.02,
             pace=PACE,
@@ -288,6 +294,37 @@ def test_a_log_that_cannot_be_written_stops_the_run(plan: PlanResult) -> None:
 
     with pytest.raises(OutputError, match="no space"):
         live(plan, {}, written=full)
+
+
+@pytest.mark.parametrize("room", [0, 50])
+def test_a_disk_that_is_full_keeps_nobody_waiting(
+    plan: PlanResult, room: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Samples cannot be written: the run ends, its drivers stand, and nothing of it goes on."""
+    arms = {chain.robot: SimulatedArm(pace=PACE) for chain in plan.tpg.chains}
+    before, memory, written = set(threading.enumerate()), MemoryRecorder(), [0]
+    flush, close = MeasuredLog.flush, MeasuredLog.close
+
+    def full(self: MeasuredLog) -> None:
+        written[0] += 1
+        if written[0] > room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        flush(self)
+
+    def closed(self: MeasuredLog) -> None:
+        close(self)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(MeasuredLog, "flush", full)
+    monkeypatch.setattr(MeasuredLog, "close", closed)
+    with pytest.raises(OSError, match="No space left"):
+        live(plan, arms, measured=tmp_path / "measured.csv", memory=memory)
+    told = [e.detail for e in memory.events if e.kind == "finished"]
+    assert told == (["failed"] if room else [])
+    deadline = time.monotonic() + 10.0
+    while set(threading.enumerate()) - before and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not set(threading.enumerate()) - before
 
 
 def test_a_robot_that_is_not_heard_of_at_all_is_named(plan: PlanResult) -> None:
