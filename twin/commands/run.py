@@ -267,6 +267,7 @@ def follow_events(
     once: bool = False,
     recording: Path | None = None,
     view: bool = False,
+    web: bool = False,
     as_json: bool = False,
 ) -> int:
     """Follow a run in progress: what every robot does, and when it will all be done.
@@ -284,6 +285,7 @@ def follow_events(
         once: stop at the end of the file, do not wait.
         recording: write a recording for the Rerun viewer.
         view: open the Rerun viewer and show the run in it.
+        web: serve the viewer to a browser of this machine, as long as the run is followed.
         as_json: print JSON lines: forecasts, violations, end.
     """
     from twin.follow.follow import follow as follow_run
@@ -298,16 +300,28 @@ def follow_events(
     run = FollowedRun(tpg, model.policy)
     forecaster = Forecaster(tpg, model, samples=samples)
     listeners = [_shown(run, name, json=as_json)]
-    if recording is not None or view:
+    if recording is not None or view or web:
         from twin.follow.recording import LiveRecording
 
-        listeners.append(LiveRecording(run, recording, name=name, view=view))
+        viewer = _viewer(web=web) if view or web else None
+        listeners.append(LiveRecording(run, recording, name=name, viewer=viewer))
     lines = growing_file(events, wait=not once)
     if str(events) == "-":
         lines = piped(sys.stdin.buffer)
     follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
     return FAILED if bad else COMPLETED
+
+
+def _viewer(*, web: bool) -> str:
+    """Start a viewer, and return where to send what it shows."""
+    from twin.run.viewer import live_viewer, web_viewer
+
+    if not web:
+        return live_viewer()
+    address, page = web_viewer()
+    typer.echo(f"viewer: {page}", err=True)
+    return address
 
 
 def _shown(run: FollowedRun, title: str, *, json: bool) -> Callable[[News], None]:

@@ -44,7 +44,7 @@ from twin.run.activities import (
 from twin.run.events import Event
 from twin.run.gantt import team_colours
 from twin.run.trajectory import Placement, Trajectory
-from twin.run.viewer import TIMELINE, live_viewer
+from twin.run.viewer import TIMELINE
 
 _STATES = {
     "waiting": WAITING,
@@ -69,7 +69,7 @@ class LiveRecording:
         path: Path | None,
         *,
         name: str = "run",
-        view: bool = False,
+        viewer: str | None = None,
     ) -> None:
         """Begin a recording.
 
@@ -77,11 +77,10 @@ class LiveRecording:
             run: that is followed.
             path: of the ``.rrd`` file; None keeps none.
             name: of the recording.
-            view: show it in a viewer while it grows.
+            viewer: address of one that shows it while it grows.
 
         Raises:
             OutputError: the file cannot be written.
-            ViewerError: there is no viewer, or no display for it.
         """
         tpg = run.tpg
         self._run, self._tpg = run, tpg
@@ -96,7 +95,7 @@ class LiveRecording:
             "assembly-twin", recording_id=f"follow-{name}", make_default=False
         )
         self._rec.set_log_time_enabled(False)
-        self._connect(path, view=view)
+        self._connect(path, viewer)
         self._begin()
 
     def __call__(self, news: News) -> None:
@@ -152,15 +151,15 @@ class LiveRecording:
             self._at(event.t_ns)
             self._rec.log(self._lanes[event.robot], rr.StateChange(state=state))
 
-    def _connect(self, path: Path | None, *, view: bool) -> None:
+    def _connect(self, path: Path | None, viewer: str | None) -> None:
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         try:
             if path is not None:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(b"")
                 sinks.append(rr.FileSink(path))
-            if view:
-                sinks.append(rr.GrpcSink(live_viewer()))
+            if viewer is not None:
+                sinks.append(rr.GrpcSink(viewer))
             self._rec.set_sinks(
                 *sinks, default_blueprint=layout.follow_layout(self._tpg)
             )

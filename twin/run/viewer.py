@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
 import signal
@@ -14,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from planning.errors import OutputError, TwinError
 
@@ -63,18 +65,53 @@ def live_viewer() -> str:
     _require_display("leave --view out, and look at the recording later")
     port = _free_port()
     command = [_program(), "--bind", _HOST, "--port", str(port)]
-    process = subprocess.Popen(
+    _require_started(_started(command), port)
+    return _proxy(port)
+
+
+def web_viewer() -> tuple[str, str]:
+    """Serve a viewer to browsers of this machine; return where to send what it shows, and its page.
+
+    It is there until this program ends.
+
+    Raises:
+        ViewerError: there is no viewer, or it does not answer.
+    """
+    port, page = _free_port(), _free_port()
+    command = [_program(), "--serve-web", "--bind", _HOST, "--port", str(port)]
+    process = _started([*command, "--web-viewer-port", str(page)])
+    atexit.register(_end, process)
+    for own in (port, page):
+        _require_started(process, own)
+    return _proxy(port), f"http://{_HOST}:{page}/?url={quote(_proxy(port), safe='')}"
+
+
+def _proxy(port: int) -> str:
+    return f"rerun+http://{_HOST}:{port}/proxy"
+
+
+def _started(command: Sequence[str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
         command,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a program that is a script which starts another one."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGTERM)
+
+
+def _require_started(process: subprocess.Popen[bytes], port: int) -> None:
     until = time.monotonic() + _START_S
     while time.monotonic() < until and process.poll() is None:
         with socket.socket() as probe:
             probe.settimeout(0.3)
             if probe.connect_ex((_HOST, port)) == 0:
-                return f"rerun+http://{_HOST}:{port}/proxy"
+                return
         time.sleep(0.2)
     raise ViewerError("the viewer did not start")
 
