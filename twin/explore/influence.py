@@ -19,7 +19,7 @@ from twin.study.replications.statistics import Interval
 _BINS = 4
 """Ranges into which numbers are divided, with as many designs in each."""
 
-_FEWEST = 8
+_FEWEST = 16
 """Designs from which anything is said of what matters."""
 
 _RESAMPLES = 300

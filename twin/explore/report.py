@@ -114,7 +114,7 @@ def _answers(found: ExploreSummary) -> Pieces:
         yield f"<ul>{items}</ul>"
         yield paragraph(
             "Each change of the best design was undone alone, planned and replicated: gains of several"
-            " do not add up. Replications are none of those by which designs were chosen.",
+            " do not add up. Replications are none of those of the search, by which designs became finalists.",
             "note",
         )
 

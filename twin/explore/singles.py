@@ -93,7 +93,7 @@ def candidates(scenario: Scenario, folder: Path) -> list[CellChange]:
     """Return single changes of a scenario, a kind after the other in turns.
 
     Bases and what brings parts are moved by 50 mm along x and y, bases turned by 15 degrees; the first
-    joints of HOME by 15 degrees; neighbours in the list of steps trade places; grips have twice the
+    joints of HOME by 15 degrees, or 50 mm; neighbours in the list of steps trade places; grips have twice the
     positions, or half the ways to and from parts; skills take a fifth less time.
     """
     content = resolved(scenario)
@@ -147,16 +147,23 @@ def _homes(scenario: Scenario, folder: Path) -> Iterator[CellChange]:
         if robot.parked is not None or own.model.is_mobile:
             continue
         for joint in range(min(3, own.model.dof)):
-            for way in (-_JOINT_DEG, _JOINT_DEG):
+            slides = bool(own.model.chain.prismatic[joint])
+            step = _STEP_M if slides else float(np.deg2rad(_JOINT_DEG))
+            for way in (-step, step):
                 home = np.array(own.home, dtype=float)
-                home[joint] += np.deg2rad(way)
+                home[joint] += way
                 if not own.model.lower[joint] <= home[joint] <= own.model.upper[joint]:
                     continue
                 key, values = "home_rad_or_m", np.round(home, 9)
                 if robot.home_deg is not None:
                     key, values = "home_deg", np.round(np.rad2deg(home), 6)
                 at = f"cell.robots.{robot.name}.{key}"
-                words = f"HOME of {robot.name}: joint {joint + 1} by {way:+g} deg"
+                by = (
+                    f"{1000.0 * way:+.0f} mm"
+                    if slides
+                    else f"{np.rad2deg(way):+.0f} deg"
+                )
+                words = f"HOME of {robot.name}: joint {joint + 1} by {by}"
                 yield CellChange("home", at, values.tolist(), words)
 
 

@@ -48,13 +48,13 @@ def test_changes_gain_what_is_known_and_are_ranked_by_effort(tmp_path: Path) -> 
     finals = Finals(exploration, setting, report_nothing)
     best = judge_changes(exploration, finals, found, 10, report_nothing)
     told = {item.words: item for item in best}
-    # The left base, or its HOME, 50 mm or 15 degrees nearer to where it goes, at 0.5 m/s.
+    # The left base, or its HOME, 50 mm nearer to where it goes, at 0.5 m/s.
     base = told["left.base x by +50 mm"]
     assert base.gain.estimate == pytest.approx(0.1, abs=1e-6)
     assert base.rate == pytest.approx(0.05, abs=1e-6)
-    home = told["HOME of left: joint 1 by +15 deg"]
-    assert home.gain.estimate == pytest.approx(0.2, abs=1e-6)  # 0.6 s of the other
-    assert home.rate == pytest.approx(0.4, abs=1e-6)
+    home = told["HOME of left: joint 1 by +50 mm"]
+    assert home.gain.estimate == pytest.approx(0.1, abs=1e-6)
+    assert home.rate == pytest.approx(0.2, abs=1e-6)
     assert best[0] is home
     assert not any("right" in item.words for item in best)
     tried = len(bench.evaluated)
