@@ -103,3 +103,10 @@ def test_a_planner_of_others_enters(
         if "skill" not in motion
     ]
     assert max(rows) > 2  # it had to go around the post
+
+
+@pytest.mark.expensive
+def test_a_line_with_feeders_and_a_conveyor_enters(tmp_path: Path) -> None:
+    kits = load("kitting").varied({"assembly.products.count": 3})
+    found = told(own_plan(kits, ASYNCHRONOUS), kits, tmp_path, seeds=1)
+    assert found.clean

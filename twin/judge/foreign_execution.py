@@ -110,8 +110,10 @@ def execution(
     """
     found: list[Violation] = []
     robots = {}
+    lasts = [some[-1] for some in plan.motions.values()]
+    end = max((spans[motion.id].end(motion) for motion in lasts), default=0.0)
     for robot in world.cell.robots:
-        robots[robot.name] = _rows(plan, robot, spans, found)
+        robots[robot.name] = _rows(plan, robot, spans, end, found)
     hands = _Hands(world, robots, tools)
     events = sorted(
         (
@@ -124,11 +126,7 @@ def execution(
     for t, _, name, k, n in events:
         motion = plan.motions[name][k]
         hands.change(t, name, motion, motion.events[n])
-    ends = [float(rows.t[-1]) for rows in robots.values()]
-    ends += [spans[some[-1].id].end(some[-1]) for some in plan.motions.values() if some]
-    recording = Recording(
-        robots, tuple(hands.rows), max([*ends, *(e[0] for e in events)])
-    )
+    recording = Recording(robots, tuple(hands.rows), end)
     return ForeignExecution(
         recording, tuple(hands.changes), (*found, *hands.violations)
     )
@@ -138,9 +136,10 @@ def _rows(
     plan: OpenPlan,
     robot: PlacedRobot,
     spans: Mapping[str, MotionSpan],
+    end: float,
     found: list[Violation],
 ) -> RobotRows:
-    """Return the rows of a robot, which stands between its motions."""
+    """Return the rows of a robot, which stands between its motions and after them, to the end [s]."""
     own = plan.motions.get(robot.name, ())
     if not own:
         return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
@@ -160,6 +159,7 @@ def _rows(
             times = np.maximum(times, table.t[-1] + _JUMP_S)
         v = _rates(motion.v, columns, span.factor, rows)
         table.add(times, rows, v, _rates(motion.a, columns, span.factor**2, rows), k)
+    table.stand_until(end, len(own) - 1)
     return table.rows(smooth=any(motion.v is not None for motion in own))
 
 

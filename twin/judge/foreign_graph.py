@@ -61,7 +61,8 @@ def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
     """Yield the names in a plan that are none of the cell."""
     robots = {robot.name: robot for robot in cell.robots}
     machines = {item.name for item in cell.machines}
-    things = {*(o.name for o in cell.objects), *(f.name for f in cell.fixtures)}
+    named = (*(o.name for o in cell.objects), *(f.name for f in cell.fixtures))
+    things = sorted(set(named))
     for name, own in plan.robots.items():
         at: KeyPath = ("robots", name)
         yield from unless_known((*at, "[key]"), "robot", name, robots)
@@ -77,8 +78,7 @@ def _misfits(plan: OpenPlan, cell: Workcell) -> Found:
         )
     objects = sorted(item.name for item in cell.objects)
     for at, name, motion in plan.placed():
-        known = {*objects, *things}
-        yield from unless_known((*at, "object"), "object", motion.object, known)
+        yield from unless_known((*at, "object"), "object", motion.object, things)
         for k, touched in enumerate(motion.touches):
             yield from unless_known((*at, "touches", k), "thing", touched, things)
         for k, event in enumerate(motion.events):

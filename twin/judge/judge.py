@@ -219,8 +219,12 @@ class JudgedPlan:
     ) -> None:
         sections, self.plan = scenario.sections, plan
         self.engine = engine_named(engine)
-        self._wanted = assembly_kind(sections.assembly).wanted(sections.cell)
+        kind = assembly_kind(sections.assembly)
+        self._wanted = kind.wanted(sections.cell)
         cell = build_workcell(sections, scenario.folder)
+        there = {item.name for item in cell.objects}
+        more = (o for o in kind.all_objects(scenario.folder) if o.name not in there)
+        cell = replace(cell, objects=(*cell.objects, *more))
         cell = cell_for(plan, path, cell, sections.assembly)
         self.rules = WorkRules(sections, scenario.folder, cell)
         bare = graph_of(plan, cell)

@@ -112,6 +112,10 @@ class AssemblyKind(Protocol):
         """
         return ()
 
+    def all_objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
+        """Return the objects it brings, those of all products where plans repeat after the first ones."""
+        return self.objects(folder)
+
     def machines(self) -> tuple[str, ...]:
         """Return the names of the machines that bring parts and take products away."""
         return ()

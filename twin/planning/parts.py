@@ -91,9 +91,11 @@ class PartKind(AssemblyKind):
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        line = written_out(self.section)
-        parts = (_part(part, line, folder) for part in line.section.parts)
-        return (*parts, *_doors(line, folder))
+        return _objects(written_out(self.section), folder)
+
+    def all_objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
+        """Return the parts of all products where they are at the start."""
+        return _objects(written_out(self.section, whole=True), folder)
 
     def machines(self) -> tuple[str, ...]:
         """Return the machines of sources, those that work, and what takes products away."""
@@ -281,6 +283,11 @@ def _wanted_process(cell: CellSection, step: Work, known: Any) -> WantedProcess:
         hold=step.hold,
         **known,
     )
+
+
+def _objects(line: Line, folder: Path) -> tuple[CellObject, ...]:
+    parts = (_part(part, line, folder) for part in line.section.parts)
+    return (*parts, *_doors(line, folder))
 
 
 def _doors(line: Line, folder: Path) -> Iterator[CellObject]:

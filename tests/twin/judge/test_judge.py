@@ -8,6 +8,7 @@ import pytest
 
 from tests.shipped_runs import ShippedRuns
 from tests.twin.judge.judged import exported, judged, motion_with
+from twin.trial.trial import audit_execution
 
 
 def test_our_own_plan_is_clean_through_the_door_of_all(
@@ -20,6 +21,18 @@ def test_our_own_plan_is_clean_through_the_door_of_all(
     assert run.makespan_s > found.planned_s > 0.0
     own = shipped("lego/cliff").trial.makespan_s
     assert found.planned_s == pytest.approx(own, rel=0.05)
+
+
+def test_the_judge_says_of_our_plan_what_the_audit_says_of_its_run(
+    shipped: ShippedRuns, tmp_path: Path
+) -> None:
+    own = shipped("assembly/gearbox")
+    report = audit_execution(own.scenario, own.trial.files, ordered=True, finished=True)
+    found = judged(exported(shipped, "assembly/gearbox"), tmp_path)
+    assert report.violations == found.findings == ()
+    # Distances are those of a run whose skills take as long as planned.
+    assert found.min_distance_m == pytest.approx(report.min_distance_m, abs=0.002)
+    assert found.engine == report.engine
 
 
 def test_an_arm_that_dips_into_the_plate_between_two_rows_is_seen(
