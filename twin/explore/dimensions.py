@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from planning.errors import ScenarioError
@@ -16,6 +19,9 @@ from twin.scenario.variations import Variant, parse_variation, value_of
 
 Values = Mapping[str, Any]
 """What a design has at each key that is varied."""
+
+_MOST_DESIGNS = 5000
+"""That are counted up where all values are given."""
 
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})$")
@@ -258,3 +264,22 @@ def _require_number(key: str, value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | None):
         raise ScenarioError(f"{key} is no number, but {value!r}: give its values")
     return 0.0 if value is None else value
+
+
+def key_of(values: Values) -> str:
+    """Return values as a text, the same for the same design."""
+    return json.dumps(values, sort_keys=True)
+
+
+def all_designs(dimensions: Sequence[Dimension]) -> list[Values]:
+    """Return all designs that there are, where they can be counted up; else none."""
+    given: list[Sequence[Any]] = []
+    for one in dimensions:
+        if one.whole and one.low is not None and one.high is not None:
+            given.append(range(int(one.low), int(one.high) + 1))
+        else:
+            given.append(one.choices)
+    if not 0 < math.prod(map(len, given)) <= _MOST_DESIGNS:
+        return []
+    keys = [one.key for one in dimensions]
+    return [dict(zip(keys, values, strict=True)) for values in product(*given)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -17,6 +16,7 @@ from twin.explore.dimensions import (
     Dimension,
     Values,
     base_values,
+    key_of,
     variant_of,
 )
 from twin.explore.folder import PARCELS
@@ -35,11 +35,6 @@ _TIMES = frozenset({"makespan_s", "mean_s", "p50_s", "p90_s"})
 
 _ENOUGH = 8
 """Designs that are planned in full before any is left behind."""
-
-
-def key_of(values: Values) -> str:
-    """Return values as a text, the same for the same design."""
-    return json.dumps(values, sort_keys=True)
 
 
 class Exploration:

@@ -11,8 +11,7 @@ import numpy.typing as npt
 from scipy.stats import rankdata
 
 from planning.transforms import Array
-from twin.explore.dimensions import Dimension
-from twin.explore.exploration import key_of
+from twin.explore.dimensions import Dimension, key_of
 from twin.explore.journal import Tried
 from twin.study.replications.statistics import Interval
 

@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.explore.dimensions import Dimension, Values
+from twin.explore.dimensions import (
+    Dimension,
+    Values,
+    all_designs,
+    base_values,
+    key_of,
+)
 from twin.explore.journal import Tried
 from twin.host.extras import extra_module
 from twin.scenario.sections.exploration import SamplerName
@@ -59,16 +65,27 @@ class Search:
         self._space = _space(self._optuna, dimensions)
         self._study = self._optuna.create_study(directions=["minimize"] * goals)
         self._asked: dict[int, Any] = {}
+        self._left = {key_of(own): own for own in all_designs(dimensions)}
+        self._left.pop(key_of(base_values(dimensions)), None)
         self.told = 0
 
     def ask(self, number: int) -> Values:
-        """Return the values of a design; number 1 is the first, as 0 is the scenario as it is."""
+        """Return the values of a design; number 1 is the first, as 0 is the scenario as it is.
+
+        Where all designs can be counted up, none is chosen again before all of them were.
+        """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             self._study.sampler = self._sampler(number)
             trial = self._study.ask(fixed_distributions=self._space)
         self._asked[number] = trial
-        return _values(self._dimensions, trial.params)
+        values = _values(self._dimensions, trial.params)
+        if self._left and key_of(values) not in self._left:
+            words = np.random.SeedSequence([self._seed, number, 1])
+            among = list(self._left.values())
+            values = among[int(np.random.default_rng(words).integers(len(among)))]
+        self._left.pop(key_of(values), None)
+        return values
 
     def tell(self, row: Tried) -> None:
         """Learn what became of a design; of one that was not asked for, if it can be one of them."""

@@ -13,7 +13,7 @@ from tests.twin.explore.bench import Bench, exploration_of, setting_of
 from tests.twin.explore.sliders import EXPLORE, slider_file
 from twin.explore.journal import JOURNAL, Journal
 from twin.explore.rungs import Climb, Evaluation, refused
-from twin.scenario.sections.exploration import SamplerName
+from twin.scenario.sections.exploration import SamplerName, VarySection
 
 LEFT, RIGHT = "cell.robots.left.base.xyz_m.0", "cell.robots.right.base.xyz_m.0"
 
@@ -44,6 +44,25 @@ def cheap(task: Any) -> Evaluation:
         return refused("check", f"left stands in the wall at {left:.3f}", left - 0.5)
     value = oracle_s(left, right)
     return Evaluation("done", "replications", goals=(value,), results={"m": value})
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "random"])
+def test_designs_that_can_be_counted_up_are_each_tried_once(
+    tmp_path: Path, sampler: SamplerName
+) -> None:
+    values = (-0.3, -0.1, 0.1)
+    vary = tuple(VarySection(key=key, values=values) for key in (LEFT, RIGHT))
+    section = setting_of(slider_file(tmp_path)).section
+    section = section.changed(vary=vary, sampler=sampler, designs=9)
+    setting = setting_of(slider_file(tmp_path), section)
+    exploration = exploration_of(setting, tmp_path / "out")
+    exploration.search(Bench(setting, evaluate=cheap), 9, None)
+    tried = [
+        (row.values[LEFT], row.values[RIGHT]) for row in exploration.journal.searched
+    ]
+    # The scenario as it is, whose right base is none of these, is one more.
+    assert tried[0] == (-0.3, 0.3)
+    assert len(set(tried)) == 9
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "cma-es", "random"])
