@@ -238,6 +238,10 @@ class CoordinatedPlans:
                 tpg = order_motions(slots.motion_plan, watch, slots.slot_of_task)
             else:
                 tpg = order_motions(self._motions.motion_plan, watch)
+            if not tpg.chains:
+                raise ScenarioError(
+                    "there is nothing to do: every robot stands where it is to be"
+                )
             self._made[name] = tpg, {**before, **watch.seconds}
         return self._made[name]
 

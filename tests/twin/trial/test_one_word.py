@@ -10,6 +10,8 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+import twin
+from planning.errors import ScenarioError
 from tests.twin.planning.test_pipeline import SCENARIO
 from tests.twin.program import invoke
 
@@ -141,3 +143,21 @@ def test_run_says_how_a_policy_with_another_plan_is_had(file: Path) -> None:
     assert (
         f"policy '{SHORTCUTS}' is asynchronous of the plan shortened" in result.stderr
     )
+
+
+STILL = """
+version: 1
+name: still
+cell:
+  robots:
+    - {name: left, model: panda, base: {xyz_m: [-0.6, 0, 0]}}
+assembly:
+  kind: goals
+  moves: [{robot: left, to_deg: [0, -45, 0, -135, 0, 90, 45]}]
+"""
+
+
+def test_where_nobody_moves_there_is_nothing_to_plan(tmp_path: Path) -> None:
+    (tmp_path / "still.yaml").write_text(STILL)
+    with pytest.raises(ScenarioError, match="every robot stands where it is to be"):
+        twin.plan(tmp_path / "still.yaml")
