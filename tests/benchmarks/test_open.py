@@ -84,6 +84,7 @@ def test_a_fixed_clock_has_its_margin(task: LoadedScenario, tmp_path: Path) -> N
     assert not slow.waits
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("finder", "package"), [(ompl_path, "ompl"), (klampt_path, "klampt")]
 )

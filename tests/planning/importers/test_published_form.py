@@ -109,7 +109,7 @@ def test_published_files_are_read_as_they_were_meant(
 @pytest.mark.parametrize(
     "tool",
     [
-        pytest.param("dual-arm", marks=pytest.mark.expensive),
+        pytest.param("dual-arm", marks=pytest.mark.nightly),
         pytest.param("slim", marks=pytest.mark.nightly),
     ],
 )

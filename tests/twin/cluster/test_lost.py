@@ -102,7 +102,7 @@ class _Killing(Executor):
         return self.executor.submit(fn, *args, **kw)
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_a_killed_worker_of_a_cluster_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ def test_our_own_plan_is_clean_through_the_door_of_all(
     assert found.planned_s == pytest.approx(own, rel=0.05)
 
 
+@pytest.mark.nightly
 def test_the_judge_says_of_our_plan_what_the_audit_says_of_its_run(
     shipped: ShippedRuns, tmp_path: Path
 ) -> None:

@@ -108,6 +108,7 @@ def test_what_is_in_a_hand_and_rests_on_what_is_dropped_is_taken_out(
     require_kept(done)
 
 
+@pytest.mark.nightly
 def test_the_program_says_what_is_dropped(tmp_path: Path) -> None:
     file = tmp_path / "stack.yaml"
     section = "  changes: [{at_s: 10, drop: [3]}]\n"

@@ -171,6 +171,7 @@ def test_robots_within_limits_find_nothing_either(
         assert done.record.wait_ns(k) >= 0
 
 
+@pytest.mark.nightly
 def test_the_program_operates_draws_audits_and_resumes(tmp_path: Path) -> None:
     file = tmp_path / "stack.yaml"
     section = "  late: [{part: right_a, at_s: 30}, {part: left_a, at_s: 30}]\n"

@@ -124,6 +124,7 @@ def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
     assert told(known.problem) == told(whole)
 
 
+@pytest.mark.nightly
 def test_it_is_resumed_after_a_kill(stack_file: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     said = ("--set", "window={steps: 2, least: 1}", "--failures", "0.3")

@@ -17,7 +17,7 @@ CRANE = (SCENARIOS / "construction" / "handover.yaml").read_text(encoding="utf-8
 EAST = "model: panda, base: {xyz_m: [0.62, 0, 0]"
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_all_is_planned_with_the_errors_that_are_given(tmp_path: Path) -> None:
     error = PoseError(0.002, 0.003)
     text = "base_error: {m: 0.002, rad: 0.003}"

@@ -115,6 +115,7 @@ def test_a_construction_is_proved_safe_and_no_slower_than_planned(
     assert {(a, b) for a, b in pairwise(places)} <= edges
 
 
+@pytest.mark.nightly
 @both
 def test_nothing_touches_whatever_is_delayed(
     make: Callable[[], ConstructionPlan], tmp_path: Path

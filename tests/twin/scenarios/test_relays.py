@@ -94,6 +94,7 @@ def test_a_part_is_laid_down_in_between_and_the_audit_is_clean(
     ]
 
 
+@pytest.mark.nightly
 def test_across_a_gap_parts_are_handed_over_and_the_audit_is_clean(
     tmp_path: Path,
 ) -> None:

@@ -143,6 +143,7 @@ def test_who_does_what_on_the_board_is_by_the_tools(shipped: ShippedRuns) -> Non
     assert all(len(found) == 1 for found in kinds.values())
 
 
+@pytest.mark.nightly
 def test_the_order_of_the_board_is_one_in_which_it_can_be_built(
     shipped: ShippedRuns,
 ) -> None:

@@ -108,6 +108,7 @@ def jointly() -> tuple[Scenario, PlanResult]:
     return scenario, plan_scenario(scenario, LEGO)
 
 
+@pytest.mark.nightly
 def test_joint_paths_pass_the_proof_apart(jointly: tuple[Scenario, PlanResult]) -> None:
     assert verify_plan(jointly[1].tpg).problems == ()
 

@@ -114,7 +114,7 @@ def test_two_ur3e_with_grippers_of_schunk(tmp_path: Path) -> None:
     done(tmp_path, tools, arms(ur3e, 0.36, HOME))
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_the_panda_of_pybullet_as_anyone_has_it(tmp_path: Path) -> None:
     """Its fingers belong to the arm's description: 'joints' holds them, and no tool is mounted."""
     data = pytest.importorskip("pybullet_data")

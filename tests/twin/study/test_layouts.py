@@ -248,6 +248,7 @@ def test_a_study_is_of_the_plan_that_is_run(
     assert first["makespan_s"] == twin.simulate(plan).makespan_s
 
 
+@pytest.mark.nightly
 def test_lists_words_and_nothing_are_values_too(tmp_path: Path) -> None:
     vary = {
         "cell.robots.right.base.xyz_m": [[0.6, 0, 0], [0.7, 0, 0]],

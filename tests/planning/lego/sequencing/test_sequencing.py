@@ -272,7 +272,7 @@ def test_random_towers_are_built_or_refused_with_a_reason(structure):
     assert any(f"'{item.name}'" in reason for item in structure)
 
 
-@pytest.mark.expensive
+@pytest.mark.nightly
 def test_a_wall_of_120_bricks():
     structure = []
     layer = 1

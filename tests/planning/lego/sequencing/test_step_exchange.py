@@ -108,6 +108,7 @@ def test_exchanges_lead_to_every_order_that_can_be_built(
     assert len(orders) == 2 * 10  # 1 and 2 before 3; 4 before 5
 
 
+@pytest.mark.nightly
 def test_candidates_are_those_of_a_fresh_search(candidates: LegoCandidates) -> None:
     for order, work in _orders(movable_work(candidates, RULES)).items():
         fresh = find_candidates(candidates.world.cell, work.assembly)
