@@ -82,9 +82,11 @@ def write_report(
 
 
 def _answers(found: ExploreSummary) -> Pieces:
+    behind = sum(rung.behind for rung in found.rungs)
+    left = f", and {behind} were left behind as too long" if behind else ""
     yield paragraph(
         f"{found.tried} designs were tried; {len(found.ranked)} of {len(found.rows)} different ones are"
-        f" possible. Looked for: {', '.join(g.words for g in found.section.goals)}."
+        f" possible{left}. Looked for: {', '.join(g.words for g in found.section.goals)}."
     )
     if not found.ranked:
         yield paragraph("No design is possible; further down is why.", "warning")
