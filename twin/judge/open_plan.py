@@ -31,7 +31,7 @@ FORMAT: Literal["assembly-twin open plan"] = "assembly-twin open plan"
 VERSION: Literal[1] = 1
 
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
-_Joint = Annotated[float, Field(ge=-1e3, le=1e3)]
+_Joint = Annotated[float, Field(ge=-100, le=100)]
 _Rate = Annotated[float, Field(ge=-1e6, le=1e6)]
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
 

@@ -79,7 +79,7 @@ WRONG: dict[str, tuple[tuple[str | int, ...], Any, tuple[str, ...]]] = {
     "joint value": (
         ("robots", "west", "motions", 1, "q", 1, 2),
         1e5,
-        ("must be at most 1000",),
+        ("must be at most 100",),
     ),
 }
 
