@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from planning.errors import RequestError
+from pydantic import ValidationError
+
+from planning.errors import RequestError, ScenarioError
 from planning.parallel import usable_cores
 from twin.explore.crew import Crew
 from twin.explore.dimensions import dimensions_of, vary_section
@@ -112,9 +115,8 @@ def explore(
             )
         place = Path(resume)
         request = read_request(place)
-        if scenario is not None and load(scenario).sections != _whole(
-            request, load(scenario)
-        ):
+        now = None if scenario is None else load(scenario).sections
+        if now is not None and now.changed(explore=None) != request.scenario:
             raise RequestError(
                 f"{place} holds an exploration of scenario {request.scenario.name!r} as it was"
                 " then, not of this one"
@@ -137,7 +139,8 @@ def explore(
     dimensions_of(case.sections, section, case.document)  # before anything is written
     drawn = case.varied({} if seed is None else {"seed": seed})
     singles = single_changes or 0
-    request = ExploreRequest(_bare(drawn), case.folder, section, singles)
+    bare = drawn.sections.changed(explore=None)
+    request = ExploreRequest(bare, case.folder, section, singles)
     with run_folder(folder, f"explore-{case.name}") as place:
         write_request(place, request)
         return _run(place, request, count, None, None, progress)
@@ -184,26 +187,12 @@ def asked(
 
 
 def _validated(content: Mapping[str, Any]) -> ExploreSection:
-    import json
-
-    from pydantic import ValidationError
-
-    from planning.errors import ScenarioError
-
     try:
         return ExploreSection.model_validate_json(json.dumps(content))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
         raise ScenarioError(f"explore.{place}: {first['msg']}") from None
-
-
-def _bare(case: LoadedScenario) -> Any:
-    return case.sections.changed(explore=None)
-
-
-def _whole(request: ExploreRequest, case: LoadedScenario) -> Any:
-    return request.scenario.changed(explore=case.sections.explore)
 
 
 def _run(

@@ -15,10 +15,8 @@ from twin.explore.journal import JOURNAL
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.manifest import (
     MANIFEST,
-    manifest_base,
     read_manifest,
-    require_same_files,
-    require_same_versions,
+    unchanged_base,
     write_manifest,
 )
 from twin.scenario.sections.exploration import ExploreSection, as_said
@@ -67,9 +65,7 @@ def read_request(folder: Path) -> ExploreRequest:
     scenario, manifest = read_manifest(folder, "folder of an exploration")
     try:
         entry = manifest[_ENTRY]
-        base = manifest_base(folder, manifest)
-        require_same_files(folder, manifest, scenario, base)
-        require_same_versions(folder, manifest)
+        base = unchanged_base(folder, manifest, scenario)
         if entry["packages"] != _packages():
             raise RequestError(
                 f"{folder} was begun with other versions: {entry['packages']}, now {_packages()}"

@@ -27,7 +27,7 @@ from twin.uncertainty.node_times import NodeTimeSampler
 MOTIONS = "motions"
 """What all is called that takes the time of its path."""
 
-_FEWEST = 8
+FEWEST = 8
 """Of the last times that something was done: fewer say nothing."""
 
 _STRANGE = 4.5
@@ -123,7 +123,7 @@ class DriftWatch:
         self._series = []
         for (what, k), own in times.items():
             took = [[f[k][nodes].sum() for f in futures] for nodes in own]
-            if len(own) >= _FEWEST:
+            if len(own) >= FEWEST:
                 each = np.array(took, float)
                 scores = _scores(each, each)
                 self._series.append(_Series(what, k, tuple(own), each, scores))
@@ -147,7 +147,7 @@ class DriftWatch:
                 break
             if np.all(robot.took_ns[nodes] >= 0):
                 known.append(n)
-        if len(known) < _FEWEST:
+        if len(known) < FEWEST:
             return None
         futures = series.futures[known]
         took = np.array([robot.took_ns[series.nodes[n]].sum() for n in known], float)
@@ -157,7 +157,7 @@ class DriftWatch:
         counts = np.arange(1, len(known) + 1)
         spread = np.maximum(others.std(axis=1, ddof=1), np.sqrt(counts))
         off = np.abs(sums) / spread
-        off[: _FEWEST - 1] = 0.0
+        off[: FEWEST - 1] = 0.0
         last = int(np.argmax(off)) + 1
         mean = futures.mean(axis=1)
         ratio = float(took[-last:].sum() / mean[-last:].sum())

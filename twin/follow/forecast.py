@@ -21,7 +21,7 @@ from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nan
 from twin.engine.bulk.holding import held_back
 from twin.engine.bulk.max_plus import Past, end_times, policy_graph
 from twin.engine.execution_model import ExecutionModel
-from twin.follow.drift import Drift, DriftWatch
+from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
@@ -107,7 +107,8 @@ class Forecaster:
 
     def drifts(self, run: FollowedRun) -> tuple[Drift, ...]:
         """Return what drifts in a run by now, what is furthest off its plan first."""
-        return self._watch.look(run)
+        # Making the watch takes a while, in which a run may just have begun.
+        return self._watch.look(run) if run.nodes_done >= FEWEST else ()
 
     @cached_property
     def _watch(self) -> DriftWatch:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import TwinError
-from twin.judge.foreign_execution import MotionSpan
+from twin.judge.foreign_execution import MotionSpan, planned_spans
 from twin.judge.open_plan import OpenMotion, OpenPlan
 
 _STILL = 1e-9
@@ -87,17 +87,10 @@ def nominal_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
     Raises:
         CircularWaitsError: motions wait for each other.
     """
-    ids = [motion.id for _, _, motion in plan.placed()]
+    planned = planned_spans(plan)
     if not plan.waits:
-        return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
-    return _by_waits(plan, dict.fromkeys(ids, 1.0), dict.fromkeys(ids, 0.0))
-
-
-def makespan_s(plan: OpenPlan, spans: Mapping[str, MotionSpan]) -> float:
-    """Return when the last motion is over [s]."""
-    return max(
-        (spans[motion.id].end(motion) for _, _, motion in plan.placed()), default=0.0
-    )
+        return planned
+    return _by_waits(plan, dict.fromkeys(planned, 1.0), dict.fromkeys(planned, 0.0))
 
 
 def _by_waits(

@@ -54,6 +54,13 @@ def planned_spans(plan: OpenPlan) -> dict[str, MotionSpan]:
     return {motion.id: MotionSpan(motion.t_s[0]) for _, _, motion in plan.placed()}
 
 
+def makespan_s(plan: OpenPlan, spans: Mapping[str, MotionSpan]) -> float:
+    """Return when the last motion is over [s]."""
+    return max(
+        (spans[motion.id].end(motion) for _, _, motion in plan.placed()), default=0.0
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class ForeignChange:
     """An object that changes hands in an execution.
@@ -110,8 +117,7 @@ def execution(
     """
     found: list[Violation] = []
     robots = {}
-    lasts = [some[-1] for some in plan.motions.values()]
-    end = max((spans[motion.id].end(motion) for motion in lasts), default=0.0)
+    end = makespan_s(plan, spans)
     for robot in world.cell.robots:
         robots[robot.name] = _rows(plan, robot, spans, end, found)
     hands = _Hands(world, robots, tools)

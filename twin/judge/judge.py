@@ -21,11 +21,12 @@ from twin.audit.worlds.engines import (
 )
 from twin.host.guard import finite
 from twin.host.progress import Report, report_nothing
-from twin.judge.delays import CircularWaitsError, delayed_spans, makespan_s
+from twin.judge.delays import CircularWaitsError, delayed_spans
 from twin.judge.foreign_execution import (
     ForeignExecution,
     MotionSpan,
     execution,
+    makespan_s,
     planned_spans,
 )
 from twin.judge.foreign_graph import cell_for, graph_of

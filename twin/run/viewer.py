@@ -100,7 +100,7 @@ def _started(command: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a program that is a script which starts another one."""
+    """End a viewer: the program is a shim, the viewer proper is its child, in the same group."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGTERM)
 
@@ -215,9 +215,7 @@ def _headless_viewer(recording: Path) -> Iterator[Any]:
                 f" as Mesa's lavapipe (mesa-vulkan-drivers) is enough. It said: {said}"
             ) from error
         finally:
-            # The program is a shim: the viewer proper is its child, in the same group.
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGTERM)
+            _end(process)
             process.wait(timeout=20)
 
 

@@ -155,6 +155,21 @@ def require_same_versions(folder: Path, manifest: Mapping[str, Any]) -> None:
         raise RequestError(f"{folder} was begun with other versions: {listed(changed)}")
 
 
+def unchanged_base(
+    folder: Path, manifest: Mapping[str, Any], scenario: Scenario
+) -> Path:
+    """Return where relative paths of what was begun start, if it can be gone on with as it began.
+
+    Raises:
+        RequestError: a file that the scenario names, or a version, has changed since.
+        OutputError: a file cannot be read.
+    """
+    base = manifest_base(folder, manifest)
+    require_same_files(folder, manifest, scenario, base)
+    require_same_versions(folder, manifest)
+    return base
+
+
 def scenario_sha256(content: Mapping[str, Any]) -> str:
     """Return the hash of a resolved scenario: of its compact JSON with sorted keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))

@@ -13,10 +13,8 @@ from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
 from twin.scenario.manifest import (
     MANIFEST,
-    manifest_base,
     read_manifest,
-    require_same_files,
-    require_same_versions,
+    unchanged_base,
     write_manifest,
 )
 from twin.scenario.sections.scenario import Scenario
@@ -121,9 +119,7 @@ def read_request(folder: Path) -> StudyRequest:
     scenario, manifest = read_manifest(folder, "folder of a study")
     try:
         study = manifest["study"]
-        base = manifest_base(folder, manifest)
-        require_same_files(folder, manifest, scenario, base)
-        require_same_versions(folder, manifest)
+        base = unchanged_base(folder, manifest, scenario)
         return StudyRequest(
             scenario,
             base,

@@ -24,6 +24,7 @@ import twin
 from planning.errors import RequestError, TwinError
 from tests.twin.live.test_execution import PACE, placed, plan, require_order
 from tests.twin.live.test_messages import START, some_nodes
+from tests.twin.sockets import listening
 from twin.cluster.certificates import Certificates, make_certificates
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
@@ -195,20 +196,6 @@ def test_it_listens_on_this_machine_unless_both_sides_have_certificates(
         channel_to("10.0.0.7:50551", None)
     with pytest.raises(RequestError, match=f"listen: 127.0.0.1:{service.port}"):
         Service(f"127.0.0.1:{service.port}")
-
-
-def listening() -> set[tuple[str, int]]:
-    """Return the addresses and ports at which processes of this machine listen, as its kernel says."""
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path("/proc/net", table).read_text().splitlines()[1:]:
-            _, local, _, state, *_ = line.split()
-            if state == "0A":
-                host, port = local.split(":")
-                # An address of version 4 is the end of one of version 6.
-                number = socket.inet_ntoa(bytes.fromhex(host[-8:])[::-1])
-                found.add((number, int(port, 16)))
-    return found
 
 
 def test_what_is_no_message_is_left_aside_and_changes_nothing(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 import urllib.request
-from pathlib import Path
+
+from tests.twin.sockets import listening
 
 CODE = """
 import sys, time, urllib.request
@@ -14,18 +15,6 @@ address, page = web_viewer()
 print(address, page, flush=True)
 sys.stdin.readline()
 """
-
-
-def listening() -> set[tuple[str, int]]:
-    """Addresses and ports at which somebody listens on this machine, as the kernel writes them."""
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path("/proc/net", table).read_text().splitlines()[1:]:
-            _, local, _, state, *_ = line.split()
-            if state == "0A":
-                host, port = local.rsplit(":", 1)
-                found.add((host, int(port, 16)))
-    return found
 
 
 def test_the_viewer_is_served_to_this_machine_only_and_ends_with_the_program() -> None:
@@ -42,7 +31,7 @@ def test_the_viewer_is_served_to_this_machine_only_and_ends_with_the_program() -
         ports.add(int(page.split(":")[2].split("/")[0]))
         assert len(ports) == 2
         hosts = {host for host, port in listening() if port in ports}
-        assert hosts == {"0100007F"}
+        assert hosts == {"127.0.0.1"}
         with urllib.request.urlopen(page, timeout=20) as answer:
             assert b"<html" in answer.read().lower()
         process.stdin.write("\n")

@@ -12,7 +12,7 @@ import operator
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeGuard
+from typing import Any, Self, TypeGuard
 
 _LONGEST = 500
 
@@ -49,8 +49,8 @@ class ExpressionError(ValueError):
 
 
 @dataclass(frozen=True)
-class Expression:
-    """Arithmetic over some names.
+class _Written:
+    """What somebody has written over some names.
 
     Attributes:
         text: as it is written.
@@ -61,23 +61,29 @@ class Expression:
     names: tuple[str, ...]
 
     @cached_property
-    def _tree(self) -> ast.expr:
-        return _parsed(self.text)
+    def _trees(self) -> tuple[ast.expr, ...]:
+        """The arithmetic in it."""
+        return (_parsed(self.text),)
 
     @cached_property
     def used(self) -> frozenset[str]:
         """The names in it."""
-        return _names(self._tree)
+        return frozenset().union(*map(_names, self._trees))
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
         """The keys of the scenario that it asks for."""
-        return _keys(self._tree)
+        return tuple(key for tree in self._trees for key in _keys(tree))
 
-    def check(self) -> Expression:
-        """Return it as it is; an ExpressionError where it is no arithmetic over the names."""
-        _check(self._tree, self.names)
+    def check(self) -> Self:
+        """Return it as it is; an ExpressionError where it cannot be read, or takes other names."""
+        for tree in self._trees:
+            _check(tree, self.names)
         return self
+
+
+class Expression(_Written):
+    """Arithmetic over some names."""
 
     def value(self, given: Mapping[str, float], key: KeyValue) -> float:
         """Return its value.
@@ -89,23 +95,15 @@ class Expression:
         Raises:
             ExpressionError: it has none, such as after a division by 0.
         """
-        return _number(self.text, self._tree, given, key)
+        return _number(self.text, self._trees[0], given, key)
 
 
-@dataclass(frozen=True)
-class Inequality:
-    """A comparison of two expressions, such as ``late <= 0.05``.
-
-    Attributes:
-        text: as it is written.
-        names: that it may take, for messages.
-    """
-
-    text: str
-    names: tuple[str, ...]
+class Inequality(_Written):
+    """A comparison of two expressions, such as ``late <= 0.05``."""
 
     @cached_property
-    def _sides(self) -> tuple[ast.expr, ast.expr, int]:
+    def _comparison(self) -> tuple[ast.Compare, int]:
+        """The comparison, and 1 where the left side is to be the smaller one, else -1."""
         tree = _parsed(self.text)
         if not isinstance(tree, ast.Compare) or len(tree.ops) != 1:
             raise ExpressionError(
@@ -116,25 +114,12 @@ class Inequality:
             raise ExpressionError(
                 f"{self.text!r} is no comparison by one of <=, <, >= and >"
             )
-        return tree.left, tree.comparators[0], sign
+        return tree, sign
 
     @cached_property
-    def used(self) -> frozenset[str]:
-        """The names in it."""
-        left, right, _ = self._sides
-        return _names(left) | _names(right)
-
-    @cached_property
-    def keys(self) -> tuple[str, ...]:
-        """The keys of the scenario that it asks for."""
-        left, right, _ = self._sides
-        return (*_keys(left), *_keys(right))
-
-    def check(self) -> Inequality:
-        """Return it as it is; an ExpressionError where it is no comparison over the names."""
-        for side in self._sides[:2]:
-            _check(side, self.names)
-        return self
+    def _trees(self) -> tuple[ast.expr, ...]:
+        tree, _ = self._comparison
+        return tree.left, tree.comparators[0]
 
     def excess(self, given: Mapping[str, float], key: KeyValue) -> float:
         """Return by what share of its right side it is missed; 0 where it holds.
@@ -142,8 +127,8 @@ class Inequality:
         Raises:
             ExpressionError: a side has no value.
         """
-        left, right, sign = self._sides
-        more, bound = (_number(self.text, side, given, key) for side in (left, right))
+        _, sign = self._comparison
+        more, bound = (_number(self.text, side, given, key) for side in self._trees)
         over = sign * (more - bound)
         return max(0.0, over) / (abs(bound) or 1.0)
 
