@@ -275,6 +275,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Execute some runs, and print what came of each."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--runs", type=int, default=len(FAULTS))
+    parser.add_argument("--fault", choices=FAULTS, help="this one in every run")
     parser.add_argument("--scenario", default="scenarios/lego/cliff.yaml")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pace", type=float, default=1.0)
@@ -286,7 +287,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wrong = 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.jobs, context, max_tasks_per_child=1) as pool:
-        given = options.scenario, options.seed, options.pace, options.spread
+        faults = (options.fault,) if options.fault else FAULTS
+        given = faults, options.scenario, options.seed, options.pace, options.spread
         for found in pool.map(partial(_one, *given), range(options.runs)):
             bad = found["cleared twice"] or found["beyond"] or found["violations"]
             wrong += bool(bad)
@@ -297,10 +299,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _one(
-    scenario: str, seed: int, pace: float, spread_s: float, k: int
+    faults: Sequence[str],
+    scenario: str,
+    seed: int,
+    pace: float,
+    spread_s: float,
+    k: int,
 ) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
-        fault = FAULTS[k % len(FAULTS)]
+        fault = faults[k % len(faults)]
         return run(scenario, fault, seed + k, pace, spread_s, Path(folder))
 
 

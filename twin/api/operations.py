@@ -17,7 +17,7 @@ from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
 from twin.page.attended_execution import AttendedSession
 from twin.page.panel import Panel
-from twin.run.folder import run_folder
+from twin.run.folder import EVENTS, run_folder
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant, layout_of, varied
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
@@ -92,7 +92,9 @@ def operate(
             session = replace(session, name=folder.name)
         with ExitStack() as stack:
             if session is not None and page is not None:
-                panel = stack.enter_context(_page(made.scenario, page, opened))
+                panel = stack.enter_context(
+                    _page(made.scenario, page, folder / EVENTS, opened)
+                )
                 session = AttendedSession(
                     session.name, session.drivers, session.folder, panel=panel
                 )
@@ -112,7 +114,7 @@ def operate(
 
 @contextmanager
 def _page(
-    case: LoadedScenario, port: int, opened: Callable[[str], None] | None
+    case: LoadedScenario, port: int, log: Path, opened: Callable[[str], None] | None
 ) -> Iterator[Panel]:
     """Serve a page beside a run, and yield what both share."""
     from twin.page.server import PageServer
@@ -121,7 +123,7 @@ def _page(
     # What fails is reported by drivers, and foreseen by nobody.
     model = replace(model, disturbances=Disturbances())
     panel = Panel(case.steps)
-    server = PageServer(panel, model, port, case.name)
+    server = PageServer(panel, model, port, case.name, log)
     with server.serving():
         if opened is not None:
             opened(server.address)

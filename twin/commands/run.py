@@ -259,7 +259,7 @@ export = command(
 
 def follow_events(
     plan: Path,
-    events: Path,
+    events: str,
     *,
     every: float = 2.0,
     samples: int = 200,
@@ -277,7 +277,8 @@ def follow_events(
 
     Args:
         plan: folder with the plan, such as that of a run.
-        events: event log of the run, a file that grows; - for standard input.
+        events: event log of the run: a file that grows, the address http://.../events.jsonl of the page
+            of a run, or - for standard input.
         every: time of the run between forecasts, in seconds.
         samples: futures that are drawn.
         scenario: scenario that durations and disturbances are taken from; default: that of
@@ -289,7 +290,7 @@ def follow_events(
         as_json: print JSON lines: forecasts, violations, end.
     """
     from twin.follow.follow import follow as follow_run
-    from twin.follow.follow import growing_file, piped
+    from twin.follow.follow import growing_file, piped, served
     from twin.follow.forecast import Forecaster
     from twin.follow.state import FollowedRun
     from twin.trial.plan_result import plan_of_run
@@ -305,9 +306,12 @@ def follow_events(
 
         viewer = _viewer(web=web) if view or web else None
         listeners.append(LiveRecording(run, recording, name=name, viewer=viewer))
-    lines = growing_file(events, wait=not once)
-    if str(events) == "-":
+    if events == "-":
         lines = piped(sys.stdin.buffer)
+    elif events.startswith("http://"):
+        lines = served(events)
+    else:
+        lines = growing_file(Path(events), wait=not once)
     follow_run(lines, run, forecaster, listeners, every_s=every)
     bad = bool(run.violations) or run.outcome == "failed"
     return FAILED if bad else COMPLETED

@@ -42,6 +42,16 @@ class ClearedNode:
     act: str = ""
     object: str = ""
 
+    def passed_s(self, leg: int, share: float) -> float:
+        """Return when a point of its path is passed as planned, since the node began [s].
+
+        Args:
+            leg: the leg that ends at the waypoint of that number.
+            share: how far along it the point is, from 0 to 1.
+        """
+        begin = float(self.seconds[leg - 1]) if leg else 0.0
+        return begin + share * (float(self.seconds[leg]) - begin)
+
 
 def cleared_node(
     tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]

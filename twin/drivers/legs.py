@@ -8,6 +8,7 @@ import numpy as np
 
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode
+from twin.drivers.near_path import near_path
 
 STRAIGHT = 2e-3
 """Farthest that a joint of a path may be from the leg that is passed in its place [rad or m]."""
@@ -121,13 +122,7 @@ class ClearedPath:
             begin, end: points of the path.
             q: joint positions, shape (n,).
         """
-        points = self.points(begin, end)
-        if len(points) == 1:
-            return float(np.abs(q - points[0]).max())
-        ways = np.diff(points, axis=0)
-        squares = np.maximum((ways**2).sum(axis=1), 1e-18)
-        share = np.clip(((q - points[:-1]) * ways).sum(axis=1) / squares, 0.0, 1.0)
-        return float(np.abs(points[:-1] + share[:, None] * ways - q).max(axis=1).min())
+        return float(near_path(self.points(begin, end), q[None]).off[0])
 
     def nearest(self, q: Array) -> tuple[int, float]:
         """Return the first point behind which the path is nearest to where a robot is, and how near.

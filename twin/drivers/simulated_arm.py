@@ -9,6 +9,7 @@ import numpy as np
 
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.near_path import near_path
 
 
 class SimulatedArm:
@@ -63,15 +64,9 @@ class SimulatedArm:
         found = []
         for k, node in enumerate(self._nodes):
             corners = np.vstack([self._before(k), node.waypoints])
-            times = np.array([0.0, *node.seconds])
-            for a, b, t, u in zip(corners, corners[1:], times, times[1:], strict=False):
-                way = b - a
-                part = float(
-                    np.dot(self._stands - a, way) / max(np.dot(way, way), 1e-12)
-                )
-                part = min(max(part, 0.0), 1.0)
-                off = float(np.abs(a + part * way - self._stands).max())
-                found.append((off, k, t + part * (u - t)))
+            near = near_path(corners, self._stands[None])
+            gone = node.passed_s(int(near.leg[0]), float(near.share[0]))
+            found.append((float(near.off[0]), k, gone))
         off, k, gone = min(found, default=(0.0, 0, 0.0))
         if off > self._reach:
             self._words = f"stands {off:.3f} rad away from what is left of its path"

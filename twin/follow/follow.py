@@ -6,9 +6,13 @@ import os
 import queue
 import threading
 import time
+import urllib.parse
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from http import HTTPStatus
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 from planning.errors import OutputError
 from twin.durations.model import NANOSECONDS
@@ -19,6 +23,9 @@ from twin.run.events import Event, EventLogError, parse_event
 
 POLL_S = 0.1
 """Polling interval [s]."""
+
+_CONNECT_S = 10.0
+"""How long a server may take to answer [s]."""
 
 _PIECE = 1 << 20
 """Bytes read at once."""
@@ -73,7 +80,7 @@ def _read_from(path: Path, position: int, inode: int) -> tuple[bytes, int]:
         return file.read(_PIECE), about.st_ino
 
 
-def piped(stream: BinaryIO) -> Iterator[str | None]:
+def piped(stream: Iterable[bytes]) -> Iterator[str | None]:
     """Yield the lines that come through a pipe; None whenever there is no more yet.
 
     What is left without a newline at the end was torn, and is dropped.
@@ -84,8 +91,9 @@ def piped(stream: BinaryIO) -> Iterator[str | None]:
     lines: queue.Queue[bytes | None] = queue.Queue(maxsize=10_000)
 
     def read() -> None:
-        for line in stream:
-            lines.put(line)
+        with suppress(OSError, HTTPException):  # the server is gone
+            for line in stream:
+                lines.put(line)
         lines.put(None)
 
     threading.Thread(target=read, daemon=True).start()
@@ -99,6 +107,34 @@ def piped(stream: BinaryIO) -> Iterator[str | None]:
             return
         if line.endswith(b"\n"):
             yield line[:-1].decode("utf-8", errors="replace")
+
+
+def served(address: str) -> Iterator[str | None]:
+    """Yield the lines that a server passes on; None whenever there is no more yet.
+
+    Args:
+        address: such as ``http://127.0.0.1:8321/events.jsonl``, of the page of a run.
+
+    Raises:
+        OutputError: there is no such log.
+    """
+    url = urllib.parse.urlsplit(address)
+    with ExitStack() as stack:
+        try:
+            server = HTTPConnection(url.netloc, timeout=_CONNECT_S)
+            stack.callback(server.close)
+            server.request("GET", url.path or "/")
+            answer = server.getresponse()
+        except (OSError, ValueError, HTTPException) as error:
+            raise OutputError(f"{address}: cannot be read: {error}") from error
+        kind = answer.headers.get_content_type()
+        if answer.status != HTTPStatus.OK or kind != "application/jsonl":
+            raise OutputError(
+                f"{address}: no log of events: {answer.status} {answer.reason}, {kind}"
+            )
+        assert server.sock is not None
+        server.sock.settimeout(None)  # hours may pass between two events
+        yield from piped(answer)
 
 
 class UnreadableLine(NamedTuple):

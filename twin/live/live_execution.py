@@ -22,7 +22,7 @@ import simpy
 
 from planning.errors import RequestError
 from scheduling.graph.task_edges import actuation_nodes
-from twin.drivers.driver import ClearedNode, DriverState, cleared_node
+from twin.drivers.driver import ClearedNode, DriverState, Sample, cleared_node
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
 from twin.live.history import ANEW, History
@@ -30,6 +30,7 @@ from twin.live.link import Link
 from twin.live.measured_log import MeasuredLog
 from twin.live.measured_rows import MeasuredRows
 from twin.live.messages import Report
+from twin.live.unseen_motion import samples_between
 from twin.live.wire import Wire
 from twin.operate.rolling import RollingExecution, Version
 from twin.run.events import EventKind, Measured, Outcome
@@ -245,12 +246,21 @@ class LiveExecution(RollingExecution):
         for sample in samples:
             own_s = link.when(sample.at_s) - self._begin_s
             own_ns = round(own_s * self._pace * NANOSECONDS)
-            if rows.add(own_ns, sample):
-                self._log.write(name, own_ns, sample)
+            for t_ns, own in (*self._unseen(name, own_ns, sample), (own_ns, sample)):
+                if rows.add(t_ns, own):
+                    self._log.write(name, t_ns, own)
         # Of what no sample tells, as the driver was started anew, only that it has happened is known.
         now = self._passed_ns()
         rows.begin_ns += [now] * (state.begun - len(rows.begin_ns))
         rows.end_ns += [now] * (state.done - len(rows.end_ns))
+
+    def _unseen(self, name: str, t_ns: int, sample: Sample) -> list[tuple[int, Sample]]:
+        """Return what is taken to have been between a sample and the one before it, if that was lost."""
+        link, rows = self._links[name], self._rows[name]
+        if rows.last is None or not rows.is_new(sample):
+            return []
+        path = link.cleared, rows.cleared_ns, link.start
+        return samples_between(rows.last, (t_ns, sample), *path)
 
     def _now(self, act: Callable[..., None], *about: Any) -> None:
         """Let something happen in the simulation at the time that it is."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +20,7 @@ class MeasuredRows:
             that which it then begins.
         begin_ns, end_ns: when it began each of its nodes, and was through with it.
         cleared_ns: when it was cleared for them; whatever its clock says, it began none before.
+        last: the last sample, and when it was taken in the run [ns]; None before the first.
     """
 
     t_ns: list[int] = field(default_factory=list)
@@ -29,17 +29,26 @@ class MeasuredRows:
     begin_ns: list[int] = field(default_factory=list)
     end_ns: list[int] = field(default_factory=list)
     cleared_ns: list[int] = field(default_factory=list)
+    last: tuple[int, Sample] | None = None
     _stood: tuple[int, Array] | None = None
-    _last: tuple[float, int, int] = (-math.inf, 0, 0)
+
+    def is_new(self, state: Sample) -> bool:
+        """Tell whether a sample comes after all those that have been taken note of.
+
+        A driver that was started anew may have another clock, but it does not undo nodes.
+        """
+        if self.last is None:
+            return True
+        own = self.last[1]
+        return (state.done, state.begun, state.at_s) > (own.done, own.begun, own.at_s)
 
     def add(self, t_ns: int, state: Sample) -> bool:
         """Take note of a sample, and return whether that had not been done before."""
-        order = state.at_s, state.done, state.begun
-        if order <= self._last:
+        if not self.is_new(state):
             return False
-        self._last = order
         begun = self.cleared_ns[state.begun - 1 : state.begun]
         t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
+        self.last = t_ns, state
         self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
         self.end_ns += [t_ns] * (state.done - len(self.end_ns))
         if state.begun == state.done:

@@ -40,6 +40,9 @@ _MOST_BYTES = 1000
 _FORECAST_S, _SAMPLES = 2.0, 100
 """Least time between two forecasts [s], and futures drawn for each."""
 
+_POLL_S, _PIECE = 0.1, 1 << 20
+"""Time between looks at the log [s], and bytes of it that are read at once."""
+
 _PAGE = Path(__file__).with_name("page.html")
 _POLICY = (
     "default-src 'none'; style-src 'nonce-{0}'; script-src 'nonce-{0}'; connect-src 'self';"
@@ -60,13 +63,19 @@ class PageServer:
         model: how long what drivers do takes, as far as is known, for forecasts; None for none.
         port: of this machine, 0 for any that is free.
         title: of the page.
+        log: events of the run, which are passed on to who asks for them as they are written; None for nobody.
 
     Raises:
         RequestError: the port is taken.
     """
 
     def __init__(
-        self, panel: Panel, model: ExecutionModel | None, port: int = 0, title: str = ""
+        self,
+        panel: Panel,
+        model: ExecutionModel | None,
+        port: int = 0,
+        title: str = "",
+        log: Path | None = None,
     ) -> None:
         try:
             self._socket = socket.create_server((HOST, port))
@@ -76,7 +85,7 @@ class PageServer:
         self._socket.setblocking(False)
         self.port: int = self._socket.getsockname()[1]
         self.address = f"http://{HOST}:{self.port}/"
-        self.token, self.title = secrets.token_urlsafe(24), title
+        self.token, self.title, self.log = secrets.token_urlsafe(24), title, log
         self.hosts = {f"{name}:{self.port}" for name in (HOST, "localhost")}
         self.hosts |= {HOST, "localhost"} if self.port == 80 else set()
         self._forecast: Forecast | None = None
@@ -101,7 +110,8 @@ class PageServer:
 
     async def _serve(self) -> None:
         answers = (r"/(state|order|)", _Answers, {"server": self})
-        application = Application([answers], log_function=lambda _: None)
+        events = (r"/(events\.jsonl)", _Events, {"server": self})
+        application = Application([answers, events], log_function=lambda _: None)
         server = HTTPServer(
             application,
             max_body_size=_MOST_BYTES,
@@ -112,6 +122,7 @@ class PageServer:
         while not self._over.is_set():
             await asyncio.sleep(0.1)
         server.stop()
+        await asyncio.sleep(2 * _POLL_S)  # for the last events
         await server.close_all_connections()
 
     def _foresee(self, model: ExecutionModel) -> None:
@@ -145,6 +156,11 @@ class PageServer:
             content["forecast"] = {"p50_s": finite(p50), "p90_s": finite(p90)}
         return content
 
+    @property
+    def over(self) -> bool:
+        """Whether nothing more will happen."""
+        return self._over.is_set()
+
     def take(self, body: bytes) -> None:
         """Pass an order on to the run.
 
@@ -172,8 +188,8 @@ class PageServer:
         self._panel.orders.put(Order(cast(Action, action), robot, asked))
 
 
-class _Answers(RequestHandler):
-    """Answers whoever has this page, and nobody else."""
+class _OwnPage(RequestHandler):
+    """Answers whoever has this page or is no browser, and nobody else."""
 
     def initialize(self, server: PageServer) -> None:
         self.server = server
@@ -191,6 +207,41 @@ class _Answers(RequestHandler):
         if host not in self.server.hosts or origin not in (None, *own):
             _log.warning("page: refused a request of %.80r for %.80r", origin, host)
             raise HTTPError(403)
+
+
+class _Events(_OwnPage):
+    """Passes on the log of the run, from its first event on, until the run is over."""
+
+    left = False
+
+    def on_connection_close(self) -> None:
+        self.left = True
+
+    async def get(self, _: str) -> None:
+        if self.server.log is None:
+            raise HTTPError(404)
+        self.set_header("Content-Type", "application/jsonl; charset=utf-8")
+        position, last = 0, False
+        while not self.left:
+            try:
+                with self.server.log.open("rb") as file:
+                    file.seek(position)
+                    more = file.read(_PIECE)
+            except FileNotFoundError:
+                more = b""  # it is planned first
+            position += len(more)
+            if more:
+                self.write(more)
+                await self.flush()
+                continue
+            if last:
+                return
+            last = self.server.over
+            await asyncio.sleep(_POLL_S)
+
+
+class _Answers(_OwnPage):
+    """Shows the page, and takes its orders."""
 
     def get(self, what: str) -> None:
         if what == "state":

@@ -10,6 +10,7 @@ import numpy as np
 from planning.kinematics.kinematics import frame_pose
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from twin.drivers.near_path import near_path
 from twin.durations.model import Nanoseconds
 from twin.run.events import Measured
 
@@ -43,14 +44,7 @@ def nearest_on_path(chain: NodeChain, q: Array, node: Nanoseconds) -> Array:
         low, high = max(n - 1, 0), min(max(n, 0) + 2, len(chain))
         rows, own = node == n, chain.waypoints[chain.first[low] : chain.first[high]]
         before = chain.waypoints[chain.first[low] - 1] if low else chain.start
-        points = np.vstack([before, own])
-        ways = np.diff(points, axis=0)
-        squares = np.maximum((ways**2).sum(axis=1), 1e-18)
-        here = q[rows, None]
-        share = np.clip(((here - points[:-1]) * ways).sum(axis=2) / squares, 0.0, 1.0)
-        near = points[:-1] + share[:, :, None] * ways
-        best = np.abs(near - here).max(axis=2).argmin(axis=1)
-        found[rows] = near[np.arange(len(best)), best]
+        found[rows] = near_path(np.vstack([before, own]), q[rows]).q
     return found
 
 

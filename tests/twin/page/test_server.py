@@ -21,10 +21,11 @@ import hypothesis.strategies as st
 import pytest
 
 import twin
-from planning.errors import RequestError
+from planning.errors import OutputError, RequestError
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK
+from twin.follow.follow import served
 from twin.page.panel import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
 
@@ -230,6 +231,24 @@ def test_whatever_comes_is_an_order_or_refused_with_words(given: bytes | str) ->
         }
 
 
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("http://127.0.0.1:{}/events.jsonl", "404"),
+        ("http://127.0.0.1:{}/nothing", "404"),
+        ("http://127.0.0.1:{}", "text/html"),
+        ("http://127.0.0.1:1/events.jsonl", "refused"),
+        ("http://127.0.0.1:port/events.jsonl", "port"),
+        ("http://", "cannot be read"),
+    ],
+)
+def test_a_log_that_nobody_passes_on_is_refused(
+    server: PageServer, address: str, words: str
+) -> None:
+    with pytest.raises(OutputError, match=words):
+        list(served(address.format(server.port)))
+
+
 def test_a_page_is_for_robots_that_drivers_move(tmp_path: Path) -> None:
     (tmp_path / "stack.yaml").write_text(STACK)
     with pytest.raises(RequestError, match="a page is for robots that drivers move"):
@@ -240,6 +259,11 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
     (tmp_path / "stack.yaml").write_text(STACK)
     (tmp_path / "drivers.yaml").write_text("pace: 20\n")
     seen: list[dict[str, Any]] = []
+    followed: list[str] = []
+
+    def follow(address: str) -> None:
+        log = served(f"{address}events.jsonl")
+        followed.extend(line for line in log if line is not None)
 
     def beside(address: str) -> None:
         port = int(address.rstrip("/").rsplit(":", 1)[1])
@@ -272,8 +296,9 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
     threads: list[threading.Thread] = []
 
     def opened(address: str) -> None:
-        threads.append(threading.Thread(target=beside, args=[address], daemon=True))
-        threads[0].start()
+        for own in (beside, follow):
+            threads.append(threading.Thread(target=own, args=[address], daemon=True))
+            threads[-1].start()
 
     done = twin.operate(
         tmp_path / "stack.yaml",
@@ -284,7 +309,9 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
         recording=False,
         audit=False,
     )
-    threads[0].join(timeout=30)
+    for thread in threads:
+        thread.join(timeout=30)
+    assert followed == (tmp_path / "run" / "events.jsonl").read_text().splitlines()
     assert done.outcome == "completed"
     assert not verify_plan(load_plan(tmp_path / "run")).problems
     kinds = [e.kind for e in done.history]

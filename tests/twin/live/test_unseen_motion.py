@@ -1,0 +1,73 @@
+"""Samples that were lost, against an arm that was watched all the time."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.drivers.driver import ClearedNode, Sample
+from twin.drivers.near_path import near_path
+from twin.drivers.simulated_arm import SimulatedArm
+from twin.live.measured_rows import MeasuredRows
+from twin.live.unseen_motion import samples_between
+
+EVERY_S = 0.01
+
+
+def some_nodes(rng: np.random.Generator) -> list[ClearedNode]:
+    nodes = []
+    for k in range(rng.integers(2, 7)):
+        count = rng.integers(1, 4)
+        corners = rng.uniform(-1.0, 1.0, (count, 2))
+        seconds = np.cumsum(rng.uniform(0.1, 0.6, count))
+        nodes.append(ClearedNode(k, k, "transit", "go", corners, seconds))
+    return nodes
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_what_nobody_heard_of_is_where_the_path_leads(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    nodes, start = some_nodes(rng), np.zeros(2)
+    whole_s = sum(float(node.seconds[-1]) for node in nodes)
+    now = 0.0
+    arm = SimulatedArm(lambda: now)
+    arm.begin(start, 0)
+    cleared_s = np.sort(rng.uniform(0.0, whole_s, len(nodes)))
+    given_to, seen = 0, list[tuple[int, Sample]]()
+    while now < 2 * whole_s + 0.5:
+        more = [n for n in nodes[given_to:] if cleared_s[n.node] <= now]
+        arm.take(more)
+        given_to += len(more)
+        seen += [(round(s.at_s * 1e9), s) for s in arm.state().samples]
+        now += EVERY_S
+    begin_s = rng.uniform(0.0, now)
+    end_s = begin_s + rng.uniform(0.12, now)
+    kept = [own for own in seen[:-1] if not begin_s < own[1].at_s < end_s] + seen[-1:]
+
+    rows = MeasuredRows()
+    rows.cleared_ns = [round(t * 1e9) for t in cleared_s]
+    for t_ns, sample in kept:
+        if rows.last is not None and rows.is_new(sample):
+            path = nodes, rows.cleared_ns, start
+            for own in samples_between(rows.last, (t_ns, sample), *path):
+                assert rows.add(*own)
+        rows.add(t_ns, sample)
+    found = rows.measured()
+    # No corner is cut, and of no node is missing when it was passed.
+    line = found.q[np.r_[True, np.any(np.diff(found.q, axis=0), axis=1)]]
+    off = near_path(line, np.array([s.q for _, s in seen])).off
+    assert off.max() < 1e-6
+    assert np.all(np.diff(found.t_ns) >= 0)
+    assert len(rows.end_ns) == len(nodes)
+    assert all(b >= c for b, c in zip(rows.begin_ns, rows.cleared_ns, strict=True))
+
+
+def test_a_driver_with_another_clock_goes_on() -> None:
+    rows = MeasuredRows()
+    rows.cleared_ns = [0, 0]
+    assert rows.add(10, Sample(1000.0, np.array([0.5]), 1, 0))
+    assert not rows.add(10, Sample(1000.0, np.array([0.5]), 1, 0))
+    # The machine of the driver was started anew, and counts from zero.
+    assert rows.add(20, Sample(1.0, np.array([1.0]), 1, 1))
+    assert rows.end_ns == [20]
