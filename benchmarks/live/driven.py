@@ -13,7 +13,7 @@ from benchmarks.live.scene import OPENING, Scene
 from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array, Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.drivers.driver import ClearedNode, Driver, DriverState
+from twin.drivers.driver import ClearedNode, Driver, DriverState, ToolOrder
 from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.live.measured_log import MeasuredLog
@@ -59,6 +59,10 @@ class OneAfterAnother:
             self._sent += len(own)
             self._driver.take(own)
         return state
+
+    def act(self, order: ToolOrder) -> None:
+        """Close or open the tool; see Driver."""
+        self._driver.act(order)
 
     def hold(self, held: bool) -> None:
         """Stand as soon as it can, or go on; see Driver."""

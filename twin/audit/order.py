@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.errors import OutputError
 from planning.transforms import Array
@@ -85,7 +86,8 @@ def moved_spans(
         begin = np.full(len(chain), np.inf)
         end = np.full(len(chain), np.inf)
         end[: min(int(rows.node.max(initial=-1)) + 1, len(chain))] = 0.0
-        steps = np.flatnonzero(np.any(np.diff(rows.q, axis=0) != 0.0, axis=1))
+        way = np.abs(np.diff(rows.q, axis=0)).max(axis=1, initial=0.0)
+        steps = np.flatnonzero((way > 0.0) & ~_standing(rows, way))
         nodes = rows.node[steps + 1]
         inside = (nodes >= 0) & (nodes < len(chain))
         steps, nodes = steps[inside], nodes[inside]
@@ -94,6 +96,20 @@ def moved_spans(
         np.maximum.at(end, nodes, rows.t[steps + 1])
         out[chain.robot] = NodeSpans(begin, end)
     return out
+
+
+def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
+    """Tell which steps from row to row are those of a robot that stands and is pushed, shape (k - 1,).
+
+    Such a step leads to a row that comes again at once, as that of the node that then begins.
+
+    Args:
+        rows: of the robot.
+        way: greatest way of a joint in each step, shape (k - 1,).
+    """
+    again = (np.diff(rows.t) == 0.0) & (np.diff(rows.node) != 0)
+    found = np.append(again[1:], False)[: len(way)]
+    return np.asarray(found & (way <= rows.still))
 
 
 def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:

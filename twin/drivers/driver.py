@@ -10,12 +10,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+import numpy as np
+
 from planning.tasks.task import Actuation
 from planning.transforms import Array
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 
 Mode = Literal["standing", "moving", "held", "fault"]
 """What a robot does: it stands as it is cleared for no more, it moves, it is held, or it can do no more."""
+
+
+@dataclass(frozen=True)
+class ToolOrder:
+    """What the tool of a robot that stands is to do, as another robot brings it something.
+
+    Attributes:
+        name: of the order; one of the same name is done once.
+        act: ``close`` or ``open``.
+        seconds: how long that takes as planned [s].
+        object: what it is about.
+    """
+
+    name: str
+    act: str
+    seconds: float
+    object: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +72,24 @@ class ClearedNode:
         return begin + share * (float(self.seconds[leg]) - begin)
 
 
+def order_of(
+    tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]
+) -> tuple[str, ToolOrder] | None:
+    """Return which other robot's tool closes or opens in a node and how, None where none does."""
+    own, act = tpg.chains[chain], acts.get(node)
+    if act is None or act.robot == own.robot:
+        return None
+    about = tpg.tasks[int(own.task[node])].object or ""
+    name = f"{own.robot}:{node}"
+    return act.robot, ToolOrder(name, act.act, float(own.duration[node]), about)
+
+
 def cleared_node(
     tpg: TemporalPlanGraph, chain: int, node: int, acts: Mapping[int, Actuation]
 ) -> ClearedNode:
     """Return a node of a plan as its driver knows it.
+
+    One in which another robot's tool acts takes no time, as it is passed once that has been done.
 
     Args:
         tpg: the plan.
@@ -66,14 +99,16 @@ def cleared_node(
     own = tpg.chains[chain]
     rows = slice(int(own.first[node]), int(own.first[node + 1]))
     task, act = tpg.tasks[int(own.task[node])], acts.get(node)
+    mine = act is not None and act.robot == own.robot
+    seconds = own.fraction[rows] * own.duration[node]
     return ClearedNode(
         node,
         task.index,
         task.kind,
         task.label,
         own.waypoints[rows],
-        own.fraction[rows] * own.duration[node],
-        act.act if act is not None and act.robot == own.robot else "",
+        seconds if act is None or mine else np.zeros_like(seconds),
+        act.act if act is not None and mine else "",
         task.object or "",
     )
 
@@ -108,6 +143,7 @@ class DriverState:
         failed: the node of a skill that has failed, -1 for none; the robot is back where that began.
         words: why it has failed or can do no more, for people.
         samples: where it was since the last time that it was asked, in order; none where only ``q`` is known.
+        acted: name of the last order of its tool that is done, empty for none.
     """
 
     begun: int
@@ -119,6 +155,7 @@ class DriverState:
     failed: int = -1
     words: str = ""
     samples: tuple[Sample, ...] = ()
+    acted: str = ""
 
 
 class Driver(Protocol):
@@ -142,6 +179,10 @@ class Driver(Protocol):
 
     def state(self) -> DriverState:
         """Return how far it is."""
+        ...
+
+    def act(self, order: ToolOrder) -> None:
+        """Close or open the tool; the robot stands at the end of all that it has."""
         ...
 
     def hold(self, held: bool) -> None:

@@ -14,19 +14,17 @@ import atexit
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import PlacedRobot
-from planning.errors import TwinError
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
 from twin.drivers.drivers_file import FrankaArm
+from twin.drivers.franka_hand import FrankaError, FrankaHand, HandGrip, franky
 from twin.drivers.legs import ClearedPath
-from twin.host.extras import extra_module
 
 _LEAST_SHARE = 0.01
 """Limits of joints that hardly move, over those of the one with the longest way."""
@@ -51,47 +49,6 @@ _STILL = 2e-3
 
 _LOOKS = 5
 """How many times in a row a robot has to be seen where it is to stand."""
-
-
-class FrankaError(TwinError):
-    """A Franka robot cannot be driven."""
-
-
-@dataclass(frozen=True)
-class HandGrip:
-    """How a hand grips what it handles.
-
-    Attributes:
-        width: of what is gripped, between the fingers [m].
-        within: by how much that may differ; else the grasp has failed [m].
-        opening: to which it opens [m].
-        force: with which it presses [N].
-        speed: of the fingers [m/s].
-        goal: width to which it is told to close, where that is not ``width``: fingers that are springs,
-            as simulated ones are, press by what they are kept from [m].
-    """
-
-    width: float = 0.04
-    within: float = 0.005
-    opening: float = 0.06
-    force: float = 30.0
-    speed: float = 0.05
-    goal: float | None = None
-
-
-def franky() -> Any:
-    """Return the package of Franka robots, which is an extra.
-
-    Raises:
-        FrankaError: it is not installed.
-    """
-    return extra_module(
-        "franky",
-        package="franky-control",
-        extra="franka",
-        needs="a Franka robot",
-        error=FrankaError,
-    )
 
 
 class FrankaDriver:
@@ -127,11 +84,14 @@ class FrankaDriver:
             self._robot = self._franky.Robot(
                 address, realtime_config=config.Enforce if realtime else config.Ignore
             )
-            self._hand = self._franky.Gripper(address)
+            self._hand = FrankaHand(
+                self._franky.Gripper(address),
+                grip or HandGrip(),
+                self._franky.CommandException,
+            )
         except Exception as error:
             raise FrankaError(f"no robot at {address!r}: {error}") from error
         self._address = address
-        self._grip = grip or HandGrip()
         self._corner, self._settle, self._stray = corner, settle, stray
         self._limits = tuple(
             (limit, np.minimum(given, np.array(limit.max)))
@@ -156,7 +116,9 @@ class FrankaDriver:
         self._stopping = self._stands = self._seeks = False
         self._since, self._near = 0.0, 0
         self._clock_s = self._told_s = 0.0
-        self._hand_at_work: Any = None
+        # What the hand does for another robot, and whether that is under way or done.
+        self._order: ToolOrder | None = None
+        self._ordered, self._acted = False, ""
         self._samples: deque[Sample] = deque(maxlen=_MOST_SAMPLES)
         self._thread: threading.Thread | None = None
         atexit.register(self._close)
@@ -204,7 +166,13 @@ class FrankaDriver:
                 self._failed,
                 self._words,
                 samples,
+                self._acted,
             )
+
+    def act(self, order: ToolOrder) -> None:
+        """Close or open the hand once the robot stands at the end of all that it has; see Driver."""
+        with self._lock:
+            self._order = order
 
     def hold(self, held: bool) -> None:
         """Stand as soon as it can, on the path, or go on."""
@@ -239,7 +207,7 @@ class FrankaDriver:
                         self._mode = self._doing()
                     at_s = self._time_of(state)
                     self._samples.append(Sample(at_s, self._q, self._begun, self._done))
-                    standing = self._end < 0 and self._hand_at_work is None
+                    standing = self._end < 0 and not self._hand.is_at_work
                     if self._left and (standing or self._mode == "fault"):
                         return
             except Exception as error:  # whatever libfranka has to say
@@ -263,7 +231,7 @@ class FrankaDriver:
         return self._clock_s
 
     def _doing(self) -> Mode:
-        if self._hand_at_work is not None:
+        if self._hand.is_at_work:
             return "moving"
         if self._held and (self._end < 0 or self._stands):
             return "held"
@@ -285,12 +253,16 @@ class FrankaDriver:
         """Go on with what is under way, or begin what comes next."""
         if self._end >= 0:
             self._follow(state)
-        elif self._hand_at_work is not None:
+        elif self._hand.is_at_work:
             self._act()
         elif self._failing >= 0 and self._at + 1 == len(self._path.stops):
             self._failed, self._failing = self._failing, -1
             self._done = self._begun = self._failed + 1
-        if self._end >= 0 or self._hand_at_work is not None or self._held:
+        if self._end >= 0 or self._hand.is_at_work or self._held:
+            return
+        if self._order is not None and self._at + 1 == len(self._path.stops):
+            self._ordered = True
+            self._hand.begin(self._order.act)
             return
         if self._at + 1 < len(self._path.stops):
             if self._seeks:
@@ -307,7 +279,7 @@ class FrankaDriver:
         self._begun = max(self._begun, self._path.stops[self._at].done + 1)
         self._since = time.monotonic()
         if stop.stands:
-            self._hand_at_work = self._hand_to(stop.act)
+            self._hand.begin(stop.act, stop.seconds)
             return
         self._end = self._path.leg_end(self._at)
         way = self._path.stops[self._end].q - self._path.stops[self._at].q
@@ -386,33 +358,20 @@ class FrankaDriver:
         self._done = max(self._done, self._path.stops[k].done)
         self._begun = max(self._begun, self._done + (k < self._end))
 
-    def _hand_to(self, act: str) -> Any:
-        """Begin what the tool does and return when it is over, as a future or as True."""
-        grip = self._grip
-        if act == "close":
-            goal = grip.width if grip.goal is None else grip.goal
-            low = goal - grip.width + grip.within
-            high = grip.width + grip.within - goal
-            return self._hand.grasp_async(goal, grip.speed, grip.force, low, high)
-        if act == "open":
-            return self._hand.move_async(grip.opening, grip.speed)
-        return True
-
     def _act(self) -> None:
         """See whether the tool has done what it was to do."""
-        stop = self._path.stops[self._at + 1]
-        if self._hand_at_work is True:
-            if time.monotonic() - self._since < stop.seconds:
-                return
-            good = True
-        elif not self._hand_at_work.wait(0.0):
+        if (good := self._hand.ended()) is None:
             return
-        else:
-            try:
-                good = bool(self._hand_at_work.get())
-            except self._franky.CommandException:  # so some hands tell of a failure
-                good = False
-        self._hand_at_work = None
+        if self._ordered:
+            assert self._order is not None
+            if not good:
+                width = 1000 * self._hand.width
+                raise FrankaError(
+                    f"the hand did not {self._order.act} at {self._order.object}: it is {width:.1f} mm open"
+                )
+            self._acted, self._order, self._ordered = self._order.name, None, False
+            return
+        stop = self._path.stops[self._at + 1]
         if self._failing >= 0 and good:
             self._path, self._at = self._path.back(self._at + 1), 0
         elif good:
@@ -422,7 +381,7 @@ class FrankaDriver:
             # Open again, and go back to where the skill began.
             self._failing = stop.first
             self._words = f"the hand closed to {1000 * self._hand.width:.1f} mm"
-            self._hand_at_work = self._hand_to("open")
+            self._hand.begin("open")
         else:
             raise FrankaError("the hand does not open")
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
 import numpy as np
 
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
 from twin.drivers.near_path import near_path
 
 
@@ -41,6 +42,7 @@ class SimulatedArm:
         self._failed, self._gone, self._at = -1, 0.0, clock()
         self._held, self._words = False, ""
         self._samples: list[Sample] = []
+        self._order, self._acted_s = ToolOrder("", "", 0.0), -math.inf
 
     def begin(self, start: Array, done: int) -> None:
         """Be told where the plan has it stand; see Driver."""
@@ -94,7 +96,13 @@ class SimulatedArm:
             self._failed,
             self._words,
             samples,
+            self._order.name if self._at >= self._acted_s else "",
         )
+
+    def act(self, order: ToolOrder) -> None:
+        """Close or open the tool; see Driver."""
+        self._order = order
+        self._acted_s = self._clock() + order.seconds / self._pace
 
     def hold(self, held: bool) -> None:
         """Stand, or go on."""

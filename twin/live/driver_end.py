@@ -35,7 +35,7 @@ class DriverEnd:
         self._clock = clock
         self._session = ""
         self._number = self._seen = self._version = self._have = 0
-        self._held = False
+        self._held, self._ordered = False, ""
         self._samples = Unheard()
         self._turn = threading.RLock()
         self._left = False
@@ -63,6 +63,9 @@ class DriverEnd:
         self._seen = command.number
         self._samples.heard(command.heard)
         self._take(command)
+        if command.tool is not None and command.tool.name != self._ordered:
+            self._ordered = command.tool.name
+            self._driver.act(command.tool)
         if command.held != self._held:
             self._held = command.held
             self._driver.hold(command.held)

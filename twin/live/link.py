@@ -7,11 +7,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, DriverState, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
 from twin.live.messages import Command, Report
 
 _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""
+
+
+@dataclass(frozen=True)
+class AwaitedAct:
+    """A node that a robot passes once another one's tool has closed or opened.
+
+    Attributes:
+        node: its number among those of the robot.
+        robot: whose tool it is.
+        order: what that is to do.
+    """
+
+    node: int
+    robot: str
+    order: ToolOrder
 
 
 @dataclass
@@ -32,6 +47,8 @@ class Link:
             they are the same [s].
         near: whether its driver may be on this machine; where it then has the same clock, that is seen by its
             first report.
+        awaited: what tools of other robots are to have done before further nodes are told.
+        tool: the last order of its own tool, None for none.
         held, leave: whether it is to stand; whether nothing more will come.
         state: what it said last, None before it has.
         problem: what it has said that cannot be, empty for nothing: it is not to be relied on any more.
@@ -48,6 +65,8 @@ class Link:
     version: int = 1
     ahead_s: float | None = math.inf
     near: bool = False
+    awaited: list[AwaitedAct] = field(default_factory=list)
+    tool: ToolOrder | None = None
     held: bool = False
     leave: bool = False
     state: DriverState | None = None
@@ -112,7 +131,32 @@ class Link:
         """Go on with another graph, in which it may pass so many nodes."""
         self.version = version
         del self.cleared[count:]
+        self.awaited = [own for own in self.awaited if own.node < count]
         self._news = True
+
+    def order(self, order: ToolOrder) -> None:
+        """Have its tool close or open."""
+        if self.tool != order:
+            self.tool, self._news = order, True
+
+    @property
+    def is_acting(self) -> bool:
+        """Whether its tool has not done what was ordered last."""
+        acted = "" if self.state is None else self.state.acted
+        return self.tool is not None and acted != self.tool.name
+
+    def is_due(self, awaited: AwaitedAct) -> bool:
+        """Tell whether its robot stands where another one's tool is to act next."""
+        return self.done >= awaited.node
+
+    def go_on_after(self, awaited: AwaitedAct) -> None:
+        """Tell of the nodes from one on in which another tool was awaited."""
+        self.awaited.remove(awaited)
+        self._news = True
+
+    def has(self, node: int) -> bool:
+        """Tell whether its driver has said that it knows a node."""
+        return self._have is not None and self._have > node
 
     def hold(self, held: bool) -> None:
         """Let the robot stand, or go on."""
@@ -189,8 +233,9 @@ class Link:
             stands,
             self.done,
             self.version,
-            tuple(self.cleared[have:]),
+            tuple(self.cleared[have : self.awaited[0].node if self.awaited else None]),
             self._taken or 0,
             self.held,
             self.leave,
+            self.tool,
         )

@@ -22,11 +22,11 @@ import simpy
 
 from planning.errors import RequestError
 from scheduling.graph.task_edges import actuation_nodes
-from twin.drivers.driver import ClearedNode, DriverState, Sample, cleared_node
+from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
 from twin.live.history import ANEW, History
-from twin.live.link import Link
+from twin.live.link import AwaitedAct, Link
 from twin.live.measured_log import MeasuredLog
 from twin.live.measured_rows import MeasuredRows
 from twin.live.messages import Report
@@ -102,7 +102,8 @@ class LiveExecution(RollingExecution):
             if k in history.finished:
                 self._finished[k] = len(chain)
             if (link := self._links.get(chain.robot)) is not None:
-                link.clear([self._cleared(k, node) for node in range(len(cleared))])
+                for node in range(len(cleared)):
+                    self._clear(link, k, node, passed=node < len(done))
                 link.go_on(history.starts, len(done))
                 link.hold(chain.robot in history.held)
                 self._rows[chain.robot].cleared_ns = list(cleared)
@@ -276,6 +277,7 @@ class LiveExecution(RollingExecution):
             self._broken = f"{name} {words}"
             for link in self._links.values():
                 link.hold(True)
+        self._see_to_tools()
         news, self._news[name] = self._news[name], self.env.event()
         news.succeed()
         if name in self._silent:
@@ -316,7 +318,10 @@ class LiveExecution(RollingExecution):
         if name in self._out or self._broken:
             return
         state, k = self._states.get(name), self.tpg.chain_index.get(name)
-        if k is None or (state and state.begun == self.released[k] > 0):
+        at_border = (
+            state and state.begun == self.released[k] > 0 if k is not None else True
+        )
+        if at_border and not self._links[name].is_acting:
             self.outage(name, self.now_ns)
         else:
             self._broken = f"{name} {words}"
@@ -365,10 +370,31 @@ class LiveExecution(RollingExecution):
         if link is not None:
             rows = self._rows[link.robot]
             rows.cleared_ns[node:] = [self._passed_ns()]
-            link.clear([self._cleared(chain, node)])
+            self._clear(link, chain, node)
 
-    def _cleared(self, chain: int, node: int) -> ClearedNode:
-        return cleared_node(self.tpg, chain, node, self._acts[chain])
+    def _clear(
+        self, link: Link, chain: int, node: int, *, passed: bool = False
+    ) -> None:
+        """Let a robot pass a node, once the tool of another one has done what it does there."""
+        about = self.tpg, chain, node, self._acts[chain]
+        if not passed and (other := order_of(*about)) is not None:
+            link.awaited.append(AwaitedAct(node, *other))
+        link.clear([cleared_node(*about)])
+
+    def _see_to_tools(self) -> None:
+        """Order what robots that stand ready for it await of others' tools, and let them go on after it."""
+        for name, link in self._links.items():
+            for awaited in link.awaited[:1]:
+                other, rows = self._links[awaited.robot], self._rows[name]
+                ordered = other.tool == awaited.order
+                if link.has(awaited.node) or (ordered and not other.is_acting):
+                    link.go_on_after(awaited)
+                elif link.is_due(awaited):
+                    # The skill goes on meanwhile, as planned.
+                    rows.begin_ns += [self._passed_ns()] * (
+                        awaited.node + 1 - len(rows.begin_ns)
+                    )
+                    other.order(awaited.order)
 
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, DriverState
+from twin.drivers.driver import ClearedNode, DriverState, ToolOrder
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,7 @@ class Command:
         heard: how many samples have come, counted from the driver's first one on.
         held: whether it is to stand.
         leave: whether nothing more will come.
+        tool: the last order of its tool, None for none.
     """
 
     session: str
@@ -42,6 +43,7 @@ class Command:
     heard: int = 0
     held: bool = False
     leave: bool = False
+    tool: ToolOrder | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.errors import RequestError
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.cluster.certificates import on_this_machine
 from twin.drivers.driver import Driver
 from twin.drivers.drivers_file import DriversSection, FrankaArm, ServiceDriver
@@ -53,21 +51,6 @@ class Session:
         """Return the session of a manifest."""
         drivers = DriversSection.model_validate_json(json.dumps(content["drivers"]))
         return cls(name, drivers, Path(content["folder"]))
-
-    def require_drivable(self, tpg: TemporalPlanGraph) -> None:
-        """Refuse a plan in which a hand of a real robot would have to close while another robot moves.
-
-        Raises:
-            RequestError: names the task.
-        """
-        for task in tpg.tasks:
-            others = {act.robot for act in task.actuations} - {task.robot}
-            for name in (task.robot, *sorted(others)) if others else ():
-                if isinstance(self.drivers.driver_of(name), FrankaArm):
-                    raise RequestError(
-                        f"{task.label}: {name} hands over directly, which its driver cannot; put the part down"
-                        " in between (a relay)"
-                    )
 
     def execution(
         self,

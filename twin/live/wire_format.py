@@ -11,7 +11,7 @@ import numpy as np
 
 from planning.errors import TwinError
 from planning.transforms import Array
-from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample
+from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
 from twin.host.extras import extra_module
 from twin.live.messages import Command, Report
 
@@ -66,6 +66,7 @@ def command_bytes(command: Command) -> bytes:
         for node in command.nodes
     ]
     plain = vars(command) | {"start": command.start.tolist(), "nodes": nodes}
+    plain["tool"] = None if command.tool is None else vars(command.tool)
     return cast(bytes, kind(**plain).SerializeToString())
 
 
@@ -89,7 +90,17 @@ def read_command(content: bytes) -> Command:
         told.heard,
         told.held,
         told.leave,
+        _order(told.tool) if told.HasField("tool") else None,
     )
+
+
+def _order(told: Any) -> ToolOrder:
+    (seconds,) = _numbers("seconds", [told.seconds])
+    if told.act not in _ACTS[1:]:
+        raise MessageError(f"tool: unknown act {told.act!r}", choices=_ACTS[1:])
+    if not told.name or seconds < 0.0:
+        raise MessageError("tool: an order has a name and takes time")
+    return ToolOrder(told.name, told.act, float(seconds), told.object)
 
 
 def _node(told: Any, joints: int) -> ClearedNode:
@@ -161,6 +172,7 @@ def read_report(content: bytes, joints: int | None = None) -> Report:
         told.failed if told.HasField("failed") else -1,
         told.words,
         samples,
+        told.acted,
     )
     return Report(
         told.session,

@@ -123,7 +123,6 @@ def try_plan(
         log = JsonlRecorder(folder / EVENTS)
         live = None
         if session is not None:
-            session.require_drivable(tpg)
             live = session.execution(tpg.cell, log.sync, folder / MEASURED)
         done = _executed(plan, about, (log, memory), says, live)
         log.require_whole()

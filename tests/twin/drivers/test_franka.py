@@ -21,9 +21,10 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
 from twin.drivers import franka
-from twin.drivers.driver import ClearedNode, DriverState
+from twin.drivers.driver import ClearedNode, DriverState, ToolOrder
 from twin.drivers.drivers_file import FrankaArm, read_drivers
-from twin.drivers.franka import FrankaDriver, FrankaError, HandGrip, franka_driver
+from twin.drivers.franka import FrankaDriver, franka_driver
+from twin.drivers.franka_hand import FrankaError, HandGrip
 from twin.scenario.document.validation import InvalidScenarioError
 
 LIMITS = MotionLimits(np.full(7, 4.0), np.full(7, 60.0), np.full(7, 5000.0))
@@ -177,7 +178,7 @@ def robot(driver: FrankaDriver) -> Robot:
 
 
 def hand(driver: FrankaDriver) -> Hand:
-    found: Hand = driver._hand
+    found: Hand = driver._hand._gripper
     return found
 
 
@@ -334,6 +335,30 @@ def test_two_robots_have_a_thread_each(driver: FrankaDriver) -> None:
     assert "franka other" not in {t.name for t in threading.enumerate()}
 
 
+def test_a_hand_closes_for_another_robot_once_its_own_stands(
+    driver: FrankaDriver,
+) -> None:
+    driver.begin(np.zeros(7), 0)
+    driver.take([node(0, 0.2)])
+    driver.act(ToolOrder("left:4", "close", 0.8, "bar"))
+    seen = when(driver, lambda s: s.acted == "left:4")
+    assert all(s.done == 1 for s in seen if s.acted)
+    assert hand(driver).acts == ["close"]
+    driver.take([node(1, 0.0)])
+    assert when(driver, lambda s: s.done == 2)[-1].acted == "left:4"
+    assert hand(driver).acts == ["close"]
+
+
+def test_a_hand_that_takes_nothing_from_another_robot_is_a_fault(
+    driver: FrankaDriver,
+) -> None:
+    driver.begin(np.zeros(7), 0)
+    hand(driver).misses = 1
+    driver.act(ToolOrder("left:4", "close", 0.8, "bar"))
+    words = when(driver, lambda s: s.mode == "fault")[-1].words
+    assert words == "the hand did not close at bar: it is 0.0 mm open"
+
+
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "franky", None)
     with pytest.raises(FrankaError, match=r"assembly-twin\[franka\]"):
@@ -353,7 +378,7 @@ def test_a_drivers_file_names_a_franka_robot(
     model = robot_model("fr3")
     arm = PlacedRobot("arm", model, identity(), model.home, limits=limits_of(model))
     driver = franka_driver(chosen, arm)
-    assert driver._grip == HandGrip(width=0.05, goal=0.0)
+    assert driver._hand.grip == HandGrip(width=0.05, goal=0.0)
     np.testing.assert_array_equal(driver._limits[0][1], np.minimum(model.velocity, 4.0))
     driver._close()
     with pytest.raises(FrankaError, match="speed_model: limits"):

@@ -18,6 +18,7 @@ const seconds = () => Number(process.hrtime.bigint()) / 1e9;
 const instance = Date.now();
 let session = "", number = 0, seen = 0, version = 0, have = 0, done = 0, left = false;
 let again = 0, kept = 0, told = 0, q = [], nodes = [], gone = 0, at = seconds(), samples = [];
+let ordered = "", actedAt = Infinity;
 
 function sample(time, begun) {
   samples.push({ at_s: time, q, begun, done });
@@ -89,6 +90,10 @@ stream.on("data", (command) => {
     nodes.push(node);
     have += 1;
   }
+  if (command.tool && command.tool.name !== ordered) {
+    ordered = command.tool.name;
+    actedAt = seconds() + command.tool.seconds / pace;
+  }
   version = Math.max(version, command.version);
   left = command.leave;
 });
@@ -96,6 +101,7 @@ stream.on("data", (command) => {
 const timer = setInterval(() => {
   advance();
   const begun = done + (gone > 0 ? 1 : 0);
+  const acted = at >= actedAt ? ordered : "";
   if (session) sample(at, begun);
   number += 1;
   if (at - again > 0.5) [told, again] = [kept, at];
@@ -104,7 +110,7 @@ const timer = setInterval(() => {
   told = kept + samples.length;
   stream.write({
     session, robot, instance, number, at_s: at, seen, version, have, begun, done,
-    mode: nodes.length ? "moving" : "standing", q, dq: q.map(() => 0), samples: fresh, first, kept,
+    mode: nodes.length ? "moving" : "standing", q, dq: q.map(() => 0), samples: fresh, first, kept, acted,
   });
   if (left) {
     clearInterval(timer);

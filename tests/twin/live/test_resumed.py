@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,14 +15,18 @@ import pytest
 import twin
 from planning.errors import TwinError
 from scheduling.graph.plan_files import load_plan
-from tests.twin.live.test_execution import STACK
+from scheduling.graph.task_edges import actuation_nodes
+from tests.twin.live.handed_bar import BAR
+from tests.twin.operate.operated import STACK
 from twin.live.history import ANEW, history_of
 from twin.run.events import Event
 from twin.trial.trial import resume_run
 
 pytest.importorskip("grpc")
 
-PACE = 20.0
+NIGHTLY = pytest.mark.nightly
+
+Lines = list[dict[str, object]]
 
 
 def started(*words: object) -> subprocess.Popen[str]:
@@ -29,29 +34,53 @@ def started(*words: object) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
 
-def lines(log: Path) -> list[dict[str, object]]:
+def lines(log: Path) -> Lines:
     text = log.read_text() if log.exists() else ""
     return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
 
 
+def completed(events: Lines) -> int:
+    return sum(event["kind"] == "completed" for event in events)
+
+
+def closing(events: Lines, out: Path) -> bool:
+    """Whether the giver has begun the node in which the hand of the other robot closes."""
+    begun = {
+        e["node"] for e in events if (e["kind"], e["robot"]) == ("started", "left")
+    }
+    if not begun:
+        return False
+    tpg = load_plan(out)
+    acts = actuation_nodes(tpg)[tpg.chain_index["left"]]
+    return any(node in begun for node, act in acts.items() if act.robot == "right")
+
+
+@pytest.mark.parametrize(
+    ("text", "pace", "until"),
+    [
+        (STACK, 20.0, lambda events, _: completed(events) > 100),
+        # While a hand closes for another robot.
+        pytest.param(BAR, 2.0, lambda *so_far: closing(*so_far), marks=NIGHTLY),
+    ],
+)
 def test_a_dispatcher_that_was_killed_goes_on_and_clears_nothing_twice(
-    tmp_path: Path,
+    tmp_path: Path, text: str, pace: float, until: Callable[[Lines, Path], bool]
 ) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
     scenario, out = tmp_path / "stack.yaml", tmp_path / "run"
-    scenario.write_text(STACK)
+    scenario.write_text(text)
     (tmp_path / "drivers.yaml").write_text(
-        f"pace: {PACE}\nlisten: {address}\n"
+        f"pace: {pace}\nlisten: {address}\n"
         "robots: {left: {kind: grpc}, right: {kind: grpc}}\n"
     )
-    arms = [started("drive", address, n, "--pace", PACE) for n in ("left", "right")]
+    arms = [started("drive", address, n, "--pace", pace) for n in ("left", "right")]
     files = ("--drivers", tmp_path / "drivers.yaml", "--out", out, "--no-recording")
     first = started("operate", scenario, *files)
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
-        if sum(e["kind"] == "completed" for e in lines(out / "events.jsonl")) > 100:
+        if until(lines(out / "events.jsonl"), out):
             break
         time.sleep(0.02)
     first.kill()

@@ -26,6 +26,7 @@ from tests.twin.live.test_execution import PACE, placed, plan, require_order
 from tests.twin.live.test_messages import START, some_nodes
 from tests.twin.sockets import listening
 from twin.cluster.certificates import Certificates, make_certificates
+from twin.drivers.driver import ToolOrder
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
@@ -238,6 +239,8 @@ def test_messages_are_the_same_after_they_were_bytes(seed: int, count: int) -> N
     rng = random.Random(seed)
     link = Link("run", "left", START, number=rng.randrange(2**40))
     link.clear(some_nodes(rng, count))
+    if rng.random() < 0.5:
+        link.order(ToolOrder("right:7", "close", rng.random(), "bar"))
     command = link.command(0.0)
     assert command is not None
     again = read_command(command_bytes(command))
@@ -246,7 +249,9 @@ def test_messages_are_the_same_after_they_were_bytes(seed: int, count: int) -> N
     end.receive(again)
     report = end.report()
     if rng.random() < 0.5:
-        state = replace(report.state, failed=rng.randint(0, 9), words="no grip")
+        state = replace(
+            report.state, failed=rng.randint(0, 9), words="no grip", acted="right:7"
+        )
         report = replace(report, state=state)
     assert same(read_report(report_bytes(report), 2), report)
 
@@ -268,6 +273,10 @@ def same(one: Any, other: Any) -> bool:
         {"start": np.array([0.0, np.nan])},
         {"start": np.array([0.0, 1e300])},
         {"start": np.zeros(3)},
+        {"tool": ToolOrder("right:7", "turn", 1.0)},
+        {"tool": ToolOrder("", "close", 1.0)},
+        {"tool": ToolOrder("right:7", "close", -1.0)},
+        {"tool": ToolOrder("right:7", "close", np.nan)},
     ],
 )
 def test_numbers_that_no_robot_has_are_refused(wrong: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -86,14 +87,13 @@ def _beside(
     if rows.v is not None:
         new["v"] = rows.states(t)[1] + np.gradient(off, t, axis=0)
         new["a"] = np.gradient(new["v"], t, axis=0)
-    return RobotRows(
-        **{
-            name: np.concatenate(
-                [getattr(rows, name)[:first], own, getattr(rows, name)[last + 1 :]]
-            )
-            for name, own in new.items()
-        }
-    )
+    changed: dict[str, Any] = {
+        name: np.concatenate(
+            [getattr(rows, name)[:first], own, getattr(rows, name)[last + 1 :]]
+        )
+        for name, own in new.items()
+    }
+    return replace(rows, **changed)
 
 
 def _beside_at(robot: PlacedRobot, q: Array, twist: Array) -> Array:

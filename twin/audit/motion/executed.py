@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,9 @@ WORLD = "world"
 STANDING = 1e-9
 """Joints that move by less than this stand: rounding [rad or m]."""
 
+SETTLING = 5e-3
+"""Joints of a measured robot that stands are pushed by what meets it, or settle, by up to this [rad or m]."""
+
 _SAMPLE_S = 0.01
 """So often a robot is looked at, at least, while it moves [s]."""
 
@@ -39,6 +42,7 @@ class RobotRows:
         v: joint speeds, shape (k, n), in a run whose robots keep to limits of acceleration; the
             motion between two rows is the cubic of time that has them at both.
         a: accelerations, likewise.
+        still: joints that move by less than this stand [rad or m].
     """
 
     t: Array
@@ -46,6 +50,7 @@ class RobotRows:
     node: Indices
     v: Array | None = None
     a: Array | None = None
+    still: float = field(default=STANDING, kw_only=True)
 
     def at(self, times: Array) -> Array:
         """Return configurations at some times, shape (m, n)."""
@@ -85,13 +90,13 @@ class RobotRows:
         """Tell whether the robot stands from one time to another [s]."""
         inside = self.t[(self.t > begin) & (self.t < end)]
         q = self.at(np.concatenate([[begin], inside, [end]]))
-        return bool(np.all(np.abs(q - q[0]) <= STANDING))
+        return bool(np.all(np.abs(q - q[0]) <= self.still))
 
     def leaves(self, begin: float) -> float:
         """Return when the robot, which stands at a time, begins to move [s]; never is infinity."""
         here = self.at(np.array([begin]))[0]
         after = np.flatnonzero(self.t > begin)
-        moved = np.any(np.abs(self.q[after] - here) > STANDING, axis=1)
+        moved = np.any(np.abs(self.q[after] - here) > self.still, axis=1)
         if not moved.any():
             return float("inf")
         first = int(after[int(np.argmax(moved))])
@@ -277,8 +282,14 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
     moves = _read(folder / "trajectory.parquet")
     names = moves["robot"].to_numpy()
     _reject(folder, set(names.tolist()) - known, "robot", known)
+    measured = (moves.schema.metadata or {}).get(b"measured", b"").decode().split(",")
     robots = {
-        robot.name: _rows_of(folder, robot, moves.filter(names == robot.name))
+        robot.name: _rows_of(
+            folder,
+            robot,
+            moves.filter(names == robot.name),
+            SETTLING if robot.name in measured else STANDING,
+        )
         for robot in cell.robots
     }
     columns = ("t_s", "object", "parent", "xyz", "quat_wxyz")
@@ -295,12 +306,11 @@ def read_recording(folder: Path, cell: Workcell) -> Recording:
         rows.append(ObjectRow(t_s, name, holder, from_quat_wxyz(*pose)))
     rows.sort(key=lambda row: row.t)
     ends = [float(r.t[-1]) for r in robots.values()]
-    measured = (moves.schema.metadata or {}).get(b"measured", b"").decode()
     end = max(*ends, *(row.t for row in rows))
-    return Recording(robots, tuple(rows), end, frozenset(measured.split(",")))
+    return Recording(robots, tuple(rows), end, frozenset(measured))
 
 
-def _rows_of(folder: Path, robot: PlacedRobot, table: Any) -> RobotRows:
+def _rows_of(folder: Path, robot: PlacedRobot, table: Any, still: float) -> RobotRows:
     """Return the rows of a robot, as a table of pyarrow has them."""
     if not len(table):
         return RobotRows(np.zeros(1), robot.home[None, :], np.full(1, -1))
@@ -319,7 +329,7 @@ def _rows_of(folder: Path, robot: PlacedRobot, table: Any) -> RobotRows:
     if np.any(jump):
         at = t[:-1][jump][0]
         raise OutputError(f"{folder}: robot {robot.name!r} jumps at {at:.6f} s")
-    return RobotRows(t, values[0], node, *values[1:])
+    return RobotRows(t, values[0], node, *values[1:], still=still)
 
 
 def _read(path: Path) -> Any:

@@ -1,0 +1,106 @@
+"""The hand of a Franka robot: closes upon what it is to hold, opens, and says whether it did."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from planning.errors import TwinError
+from twin.host.extras import extra_module
+
+
+class FrankaError(TwinError):
+    """A Franka robot cannot be driven."""
+
+
+@dataclass(frozen=True)
+class HandGrip:
+    """How a hand grips what it handles.
+
+    Attributes:
+        width: of what is gripped, between the fingers [m].
+        within: by how much that may differ; else the grasp has failed [m].
+        opening: to which it opens [m].
+        force: with which it presses [N].
+        speed: of the fingers [m/s].
+        goal: width to which it is told to close, where that is not ``width``: fingers that are springs,
+            as simulated ones are, press by what they are kept from [m].
+    """
+
+    width: float = 0.04
+    within: float = 0.005
+    opening: float = 0.06
+    force: float = 30.0
+    speed: float = 0.05
+    goal: float | None = None
+
+
+def franky() -> Any:
+    """Return the package of Franka robots, which is an extra.
+
+    Raises:
+        FrankaError: it is not installed.
+    """
+    return extra_module(
+        "franky",
+        package="franky-control",
+        extra="franka",
+        needs="a Franka robot",
+        error=FrankaError,
+    )
+
+
+class FrankaHand:
+    """A hand that does one thing at a time.
+
+    Args:
+        gripper: of franky, that has been connected.
+        grip: how it grips.
+        failure: what franky raises where a command has failed.
+    """
+
+    def __init__(self, gripper: Any, grip: HandGrip, failure: type[Exception]) -> None:
+        self._gripper, self.grip, self._failure = gripper, grip, failure
+        self._work: Any = None
+        self._until_s = -1.0
+
+    @property
+    def is_at_work(self) -> bool:
+        """Whether it has begun with something whose end has not been told."""
+        return self._work is not None
+
+    @property
+    def width(self) -> float:
+        """How far it is open [m]."""
+        return float(self._gripper.width)
+
+    def begin(self, act: str, seconds: float = 0.0) -> None:
+        """Begin to ``close`` or to ``open``; with neither, to do nothing for so many seconds."""
+        grip = self.grip
+        if act == "close":
+            goal = grip.width if grip.goal is None else grip.goal
+            low = goal - grip.width + grip.within
+            high = grip.width + grip.within - goal
+            self._work = self._gripper.grasp_async(
+                goal, grip.speed, grip.force, low, high
+            )
+        elif act == "open":
+            self._work = self._gripper.move_async(grip.opening, grip.speed)
+        else:
+            self._work, self._until_s = "", time.monotonic() + seconds
+
+    def ended(self) -> bool | None:
+        """Return whether it has done what it was to do; None while it is at work."""
+        if self._work == "":
+            good = None if time.monotonic() < self._until_s else True
+        elif not self._work.wait(0.0):
+            good = None
+        else:
+            try:
+                good = bool(self._work.get())
+            except self._failure:  # so some hands tell of a failure
+                good = False
+        if good is not None:
+            self._work = None
+        return good
