@@ -128,12 +128,14 @@ def check_numbers(root: Element, path: Path) -> None:
     """Require every number of the geometry to be one, and of a magnitude that bodies have."""
     for joint in root.findall("joint"):
         where = f"{path}: joint {joint.get('name')!r}"
-        _check_values(joint.find("origin"), _PLACES, where)
-        _check_values(joint.find("axis"), _PLACES, where)
+        # Also of a second one, though only the first counts.
+        for element in (*joint.findall("origin"), *joint.findall("axis")):
+            _check_values(element, _PLACES, where)
     for link in root.findall("link"):
         where = f"{path}: link {link.get('name')!r}"
         for body in link.findall("collision"):
-            _check_values(body.find("origin"), _PLACES, where)
+            for origin in body.findall("origin"):
+                _check_values(origin, _PLACES, where)
             for shape in body.findall("geometry/*"):
                 _require_keys(shape, where)
                 _check_values(shape, _SIZES, where)
@@ -163,12 +165,10 @@ def _require_keys(shape: Element, where: str) -> None:
 
 
 def _check_values(
-    element: Element | None,
+    element: Element,
     ranges: Mapping[str, tuple[float, float, int]],
     owner: str,
 ) -> None:
-    if element is None:
-        return
     for key in sorted(ranges.keys() & set(element.keys())):
         least, most, count = ranges[key]
         where, text = f"{owner}: {key} of a <{element.tag}>", element.get(key, "")

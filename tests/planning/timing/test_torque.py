@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from planning.cell.robot_model import limits_of
@@ -69,6 +69,7 @@ def test_a_stretch_is_slowed_as_much_as_need_be(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 @settings(deadline=None, max_examples=15)
+@example(269988, True)
 @given(st.integers(0, 10**6), st.booleans())
 def test_so_is_a_skill(name: str, seed: int, gentle: bool) -> None:
     drawn = Drawn(name, seed)
@@ -82,9 +83,9 @@ def test_so_is_a_skill(name: str, seed: int, gentle: bool) -> None:
     motion = smooth_path(drawn.limits, path)
     found = drawn.dynamics.along_skill(motion, slice(0, len(motion.t)))
     assume(found.overloaded < 0)
-    q, v, a = cubic_at(
-        motion.t, motion.q, motion.v, np.linspace(0.0, motion.seconds, 2000)
-    )
+    # Jerk may make an acceleration a peak at a row, too narrow for samples beside it.
+    often = np.union1d(np.linspace(0.0, motion.seconds, 2000), motion.t)
+    q, v, a = cubic_at(motion.t, motion.q, motion.v, often)
     a[[0, -1]] = 0.0
 
     def worst(factor: float) -> float:

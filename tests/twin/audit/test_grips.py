@@ -199,6 +199,9 @@ def test_what_shapes_do_not_tell_is_measured_by_distance(tmp_path: Path) -> None
     assert found(tmp_path / "cup", mute, below, by_suction=held) == []
 
 
+BESIDE = 9e-4
+"""So far beside a pad planning may find what the audit finds at it, and the other way round [m]."""
+
 near = st.floats(-0.02, 0.02)
 angle = st.floats(-np.pi, np.pi)
 
@@ -224,6 +227,7 @@ def grasp(request: pytest.FixtureRequest) -> Iterator[Callable[[Transform], _Gra
 @example((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 @example((0.0, 0.02, 0.0), (1.0, 0.0, 0.0))
 @example((0.0, 0.0, 0.015), (0.0078125, 0.0, 0.0))
+@example((0.0, 0.0, 0.015044546987349226), (0.00390625, 0.0, 0.0))
 def test_planning_and_audit_measure_the_same(
     grasp: Callable[[Transform], _Grasp],
     at: tuple[float, float, float],
@@ -243,12 +247,12 @@ def test_planning_and_audit_measure_the_same(
         miss = audited._miss(*nearest, sign)
         if pad.way is None:
             gap = float(np.linalg.norm(pad.miss))
-            assert way is None or gap < 0.0009
+            assert way is None or gap < BESIDE
             assert np.linalg.norm(miss) == pytest.approx(gap, abs=3e-4)
             if gap > 0.003:
                 assert miss == pytest.approx(pad.miss, abs=4e-3)
         elif way is None:
-            assert np.linalg.norm(miss) < 0.0009
+            assert np.linalg.norm(miss) < BESIDE
         elif (
             np.linalg.norm(miss) < 1e-4
             and pad.way > -0.02
@@ -265,7 +269,7 @@ def ways_beside(pose: Transform, sign: float) -> list[float | None]:
     model = hand()
     tip = frame_in_last_joint(model, "tool")
     for own in (*np.eye(3), *-np.eye(3)):
-        pads = pads_at(model, tip, PEG, inverse(translation(*(3e-4 * own)) @ pose))
+        pads = pads_at(model, tip, PEG, inverse(translation(*(BESIDE * own)) @ pose))
         assert pads is not None
         found.append(pads.sides[0 if sign < 0 else 1].way)
     return found

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning.cell.robot_model import MotionLimits
@@ -35,6 +35,7 @@ from twin.uncertainty.skill_durations import SkillDurations
 
 CALM = Disturbances()
 KINDS = ("joint-speed", "joint-acceleration", "joint-jerk")
+UNITS = {"joint-speed": "", "joint-acceleration": "^2", "joint-jerk": "^3"}
 KEYS = ("velocity", "acceleration", "jerk")
 
 
@@ -147,6 +148,7 @@ def limited(cell: Workcell, limits: MotionLimits) -> Workcell:
 
 
 @settings(max_examples=60, deadline=None)
+@example(13625, "joint-acceleration", 0, 0.9999)
 @given(
     st.integers(0, 10**6),
     st.sampled_from(KINDS),
@@ -166,10 +168,12 @@ def test_a_limit_is_exceeded_where_looking_often_says_so(
     found = found_in(cell, {"robot_0": rows})
     seen = {(v.kind, v.first, v.second) for v in found}
     assert seen == ({(kind, "robot_0", f"joint_{joint}")} if share < 1.0 else set())
+    # It may be exceeded more than once, by the greatest value in one of them.
+    top, limit = tops[kind][joint], wide[kind][joint]
+    told = [float(v.detail.split()[0]) for v in found]
+    assert not found or max(told) == float(f"{top:.6g}")
     for v in found:
-        top, limit = tops[kind][joint], wide[kind][joint]
-        assert v.detail.startswith(f"{top:.6g} rad/s")
-        assert f", its limit is {limit:.6g} rad/s" in v.detail
+        assert f" rad/s{UNITS[kind]}, its limit is {limit:.6g} rad/s" in v.detail
         assert 0.0 <= v.t_start < v.t_end <= rows.t[-1]
 
 

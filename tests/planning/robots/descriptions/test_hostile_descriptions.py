@@ -98,3 +98,12 @@ def test_a_chain_of_very_many_links_is_no_harm(tmp_path: Path, depth: int) -> No
     tool = Tool(name="t", description=path, tcp=np.eye(4))
     root = fitted_description(ARM, UrdfOptions(), Fitting(tool=tool), ())
     assert len(root.findall("link")) > depth
+
+
+def test_a_second_place_of_a_shape_has_numbers_too(tmp_path: Path) -> None:
+    path = tmp_path / "tool.urdf"
+    first = '<collision><origin xyz="0 0 0.05"/>'
+    path.write_text(GRIPPER.replace(first, f'{first}<origin xyz="nan"/>'))
+    tool = Tool(name="t", description=path, tcp=np.eye(4))
+    with pytest.raises(RobotModelError, match="link 'palm'"):
+        fitted_description(ARM, UrdfOptions(), Fitting(tool=tool), ())
