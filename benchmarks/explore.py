@@ -1,11 +1,12 @@
 """What learning from designs is worth: TPE against random designs with the same budget, and what rungs cost.
 
-    python -m benchmarks.explore [CELL ...] [--seeds 2]
+    python -m benchmarks.explore [CELL ...] [--seeds 5] [--designs N]
 
-Of each cell the bases of both arms are moved along x and y; as many designs are tried by either sampler, one
-worker, by the mean makespan of 50 replications with the same draws. Seeds are those of the sampler: plan and
-draws of a design are the same for all. Writes benchmarks/results/explore.md; what was measured is kept in
-benchmarks/.measured/.
+As many designs of each cell are tried by either sampler, one worker, by the mean makespan of 50 replications with the
+same draws. Seeds are those of the sampler: plan and draws of a design are the same for all. The best of each
+search is told apart with new draws, which are the same for all searches of a cell too, so that searches
+and the scenario as it is are compared replication by replication. Writes benchmarks/results/explore.md. Explorations
+and what was measured are kept in benchmarks/.measured/explore/: what was stopped goes on.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ import argparse
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -25,80 +26,130 @@ from benchmarks.store import Row, RowStore
 from twin.explore.crew import Crew
 from twin.explore.dimensions import dimensions_of
 from twin.explore.exploration import Exploration
+from twin.explore.finals import Finals
+from twin.explore.influence import front
 from twin.explore.rungs import CONSTRAINT, RUNGS, Setting
 from twin.host.progress import report_nothing
-from twin.scenario.sections.exploration import ExploreSection, SamplerName, VarySection
+from twin.scenario.sections.exploration import (
+    ExploreSection,
+    GoalSection,
+    SamplerName,
+    VarySection,
+)
+from twin.study.replications.statistics import Interval, paired_interval
 from twin.trial.loaded_scenario import load
 
 ROOT = Path(__file__).parents[1]
-SAMPLERS: tuple[SamplerName, ...] = ("tpe", "random")
+KEPT = ROOT / "benchmarks" / ".measured" / "explore"
+LEARNS: tuple[SamplerName, SamplerName] = ("tpe", "nsga-ii")
+"""What is compared with random designs: with one goal, with two."""
+
+REFERENCE = 1.25
+"""Compromises are judged by what they gain on this multiple of both goals of the scenario as it is."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A cell, how far its bases may move along each axis [m], and how many designs are tried."""
+    """A cell, and what is varied.
 
-    reach: float
-    designs: int
+    Attributes:
+        scenario: its name.
+        reach: how far the base of each robot may move along x and y [m].
+        vary: ranges of other keys.
+        goals: more than the mean makespan that are to be small.
+        most_replications: of a finalist.
+    """
+
+    scenario: str
+    reach: float = 0.0
+    vary: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    goals: tuple[str, ...] = ()
+    most_replications: int = 2000
 
 
 CASES: Mapping[str, Case] = {
-    "tray": Case(0.2, 20),
-    "cliff": Case(0.1, 16),
-    "gearbox": Case(0.08, 8),
+    "tray": Case("tray", 0.2),
+    "cliff": Case("cliff", 0.1),
+    "kitting": Case("kitting", 0.1, most_replications=200),
+    "kitting, two goals": Case(
+        "kitting", 0.1, goals=("floor_area_m2",), most_replications=200
+    ),
+    "tower": Case(
+        "tower",
+        vary={
+            "cell.team.ring.radius_m": (4.0, 7.0),
+            "assembly.supply.radius_m": (2.0, 4.0),
+            "assembly.supply.growth_m": (0.0, 0.1),
+            "assembly.supply.turn_rad": (0.3, 0.8),
+        },
+    ),
+    "gearbox": Case("gearbox", 0.08),
 }
+"""The first is the cell of ``twin init``."""
 
 
 def main() -> int:
     """Measure what is not in the store, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cells", nargs="*", help=f"of {', '.join(CASES)}; all of them")
-    parser.add_argument("--seeds", type=int, default=2, metavar="N")
+    parser.add_argument("--seeds", type=int, default=5, metavar="N")
+    parser.add_argument("--designs", type=int, default=200, metavar="N")
+    parser.add_argument("--stored", action="store_true", help="measure nothing")
     options = parser.parse_args()
-    store = RowStore(ROOT / "benchmarks" / ".measured" / "explore", ROOT)
-    measured: dict[str, list[Row]] = {}
-    for cell in options.cells or CASES:
+    store = RowStore(KEPT, ROOT, any_version=True)
+    for cell in () if options.stored else options.cells or CASES:
         for seed in range(options.seeds):
-            for sampler in SAMPLERS:
-                key = f"{cell}-{CASES[cell].designs}-{sampler}-{seed}"
-                row = store.load(key) or store.save(key, measure(cell, sampler, seed))
-                measured.setdefault(cell, []).append(row)
-                sys.stderr.write(f"{key}: {row['best_s']}\n")
-                target = ROOT / "benchmarks" / "results" / "explore.md"
-                target.write_text("\n".join(report(measured)) + "\n", "utf-8")
+            for sampler in samplers(CASES[cell]):
+                key = f"{cell}-{options.designs}-{sampler}-{seed}"
+                if store.load(key) is None:
+                    folder = KEPT / "journals" / f"{cell}-{sampler}-{seed}"
+                    row = measure(cell, sampler, seed, options.designs, folder)
+                    sys.stderr.write(f"{key}: {row['best_s']}\n")
+                    store.save(key, row)
+    target = ROOT / "benchmarks" / "results" / "explore.md"
+    target.write_text("\n".join(report(tuple(store.rows()))) + "\n", "utf-8")
     return 0
 
 
-def measure(cell: str, sampler: SamplerName, seed: int) -> Row:
+def samplers(case: Case) -> tuple[SamplerName, SamplerName]:
+    """Return what learns, and what does not."""
+    return LEARNS[len(case.goals)], "random"
+
+
+def measure(
+    cell: str, sampler: SamplerName, seed: int, designs: int, folder: Path
+) -> Row:
     """Return what one search found, and what it cost."""
-    case, loaded, before = CASES[cell], load(cell), os.getloadavg()[0]
-    content = loaded.resolved()
-    vary = []
-    for robot in content["cell"]["robots"]:
-        for axis in (0, 1):
-            at = robot["base"]["xyz_m"][axis]
-            key = f"cell.robots.{robot['name']}.base.xyz_m.{axis}"
-            low, high = round(at - case.reach, 6), round(at + case.reach, 6)
-            vary.append(VarySection(key=key, low=low, high=high))
-    section = ExploreSection(vary=tuple(vary), sampler=sampler, designs=case.designs)
+    case, before = CASES[cell], os.getloadavg()[0]
+    loaded = load(case.scenario)
+    section = section_of(case, loaded.resolved(), sampler, designs)
     scenario = loaded.sections.changed(explore=None)
     dimensions = dimensions_of(scenario, section, loaded.document)
-    with TemporaryDirectory() as name:
-        exploration = Exploration(Path(name), section, dimensions, seed, report_nothing)
-        setting = Setting(scenario, loaded.folder, section)
-        with Crew(setting, 1, section.design_limit_s) as crew:
-            exploration.search(crew, case.designs, None)
-        rows = exploration.journal.searched
+    folder.mkdir(parents=True, exist_ok=True)
+    exploration = Exploration(folder, section, dimensions, seed, report_nothing)
+    setting = Setting(scenario, loaded.folder, section)
+    with Crew(setting, 1, section.design_limit_s) as crew:
+        exploration.search(crew, designs, None)
+    rows = exploration.journal.searched[:designs]
     done = [row for row in rows if row.done]
-    base = rows[0].evaluation
+    base = rows[0].evaluation.goals
+    one = replace(setting, section=section.changed(goals=section.goals[:1]))
+    finals = Finals(exploration, one, report_nothing)
+    best = finals.race()[0]
+    count = len(best.makespans_s)
+    gain = finals.difference(rows[0], best.row, count, section.confidence)
     return {
+        "cell": cell,
         "sampler": sampler,
         "seed": seed,
         "load": [before, os.getloadavg()[0]],
         "designs": len(rows),
-        "base_s": base.goals[0] if base.goals else None,
-        "best_s": min((row.evaluation.goals[0] for row in done), default=None),
-        "median_s": float(np.median([r.evaluation.goals[0] for r in done])),
+        "base": list(base),
+        "best_s": best.goal,
+        "makespans_s": best.makespans_s.tolist(),
+        "gain": gain and gain.content(),
+        "course_s": [r.evaluation.goals[0] if r.done else None for r in rows],
+        "front": [list(row.evaluation.goals) for row in front(rows)],
         "done": len(done),
         "behind": sum(row.evaluation.outcome == "behind" for row in rows),
         "refused": {
@@ -112,54 +163,174 @@ def measure(cell: str, sampler: SamplerName, seed: int) -> Row:
             rung: [
                 row.evaluation.cpu_s[rung]
                 for row in rows[1:]  # the first one loads kernels
-                if rung in row.evaluation.cpu_s
+                if rung in row.evaluation.cpu_s and row.same_as is None
             ]
             for rung in RUNGS
         },
     }
 
 
-def report(measured: Mapping[str, Sequence[Row]]) -> list[str]:
+def section_of(
+    case: Case, content: Mapping[str, Any], sampler: SamplerName, designs: int
+) -> ExploreSection:
+    """Return what is asked of a cell: content is that of its scenario, resolved."""
+    vary = [VarySection(key=k, low=a, high=b) for k, (a, b) in case.vary.items()]
+    for robot in content["cell"]["robots"] if case.reach else ():
+        for axis in (0, 1):
+            at = robot["base"]["xyz_m"][axis]
+            key = f"cell.robots.{robot['name']}.base.xyz_m.{axis}"
+            low, high = round(at - case.reach, 6), round(at + case.reach, 6)
+            vary.append(VarySection(key=key, low=low, high=high))
+    return ExploreSection(
+        vary=tuple(vary),
+        goals=tuple(GoalSection(minimise=goal) for goal in ("mean_s", *case.goals)),
+        sampler=sampler,
+        designs=designs,
+        most_replications=case.most_replications,
+    )
+
+
+def report(rows: Sequence[Row]) -> list[str]:
     """Return the page."""
-    loads = [(row["load"][0], row["load"][1]) for r in measured.values() for row in r]
-    out = [
+    order = {cell: place for place, cell in enumerate(CASES)}
+    rows = sorted(
+        rows, key=lambda r: (order[r["cell"]], r["seed"], r["sampler"] == "random")
+    )
+    measured: dict[str, list[Row]] = {}
+    for row in rows:
+        measured.setdefault(row["cell"], []).append(row)
+    programs = ", ".join(sorted({row["commit"] for row in rows}))
+    return [
         "# Exploring designs",
         "",
-        "`python -m benchmarks.explore`: the bases of both arms are moved along x and y, the goal is the mean makespan of 50"
-        " replications with the same draws. Design 0 is the scenario as it is. Few designs and few seeds: what is"
-        " here tells what a design costs and where designs are refused; it ranks no samplers.",
+        "`python -m benchmarks.explore`: the bases of both arms are moved along x and y; of the tower, where robots"
+        " start and where beams lie. The goal is the mean makespan of 50 replications with the same draws. Design 0 is"
+        " the scenario as it is. `tray` is the cell of `twin init`. Means and intervals (95 %) are of new"
+        " replications, the same for all searches of a cell, compared one by one.",
         "",
-        f"{machine_line()} {date_line()} {load_line(loads)}",
+        f"{machine_line()} {date_line()} {load_line([tuple(row['load']) for row in rows])}; measured with {programs}",
         "",
-        "| cell | sampler | seed | designs | as it is [s] | best found [s] | median [s] | possible | behind |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|",
+        *_found(measured),
+        *_fronts(measured),
+        *_costs(measured),
     ]
+
+
+def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
+    """Return what learned and what did not, of the same seed and as many designs."""
+    return [
+        (one, other)
+        for one in rows
+        for other in rows
+        if one["sampler"] != "random" == other["sampler"]
+        and (one["seed"], one["designs"]) == (other["seed"], other["designs"])
+    ]
+
+
+def _found(measured: Mapping[str, Sequence[Row]]) -> list[str]:
+    """Return what is found by one goal."""
+    out = [
+        "## One goal",
+        "",
+        "| cell | seed | designs | gain on the cell as it is, TPE [s] | random [s] | TPE better than random by [s] |"
+        " as good as random after |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    told = []
     for cell, rows in measured.items():
-        for row in rows:
-            base = "refused" if row["base_s"] is None else f"{row['base_s']:.2f}"
+        pairs = _pairs(rows)
+        if CASES[cell].goals or not pairs:
+            continue
+        better = 0
+        for tpe, random in pairs:
+            count = min(len(row["makespans_s"]) for row in (tpe, random))
+            samples = [np.array(r["makespans_s"][:count]) for r in (random, tpe)]
+            by = paired_interval(*samples)
+            assert by is not None
+            better += by.estimate > 0
+            goal = min(v for v in random["course_s"] if v is not None)
+            there = [k for k, v in enumerate(tpe["course_s"]) if v and v <= goal]
             out.append(
-                f"| {cell} | {row['sampler']} | {row['seed']} | {row['designs']} | {base} |"
-                f" {row['best_s']:.2f} | {row['median_s']:.2f} | {row['done']} | {row['behind']} |"
+                f"| {cell} | {tpe['seed']} | {tpe['designs']} | {_gain(tpe)} | {_gain(random)} | {_words(by)} |"
+                f" {there[0] if there else 'never'} |"
             )
-    out += [
+        base = pairs[0][0]["base"][0]
+        told.append(
+            f"- {cell}, {base:.2f} s as it is: TPE is better with {better} of {len(pairs)} seeds."
+        )
+    return [*out, "", *told, ""]
+
+
+def _fronts(measured: Mapping[str, Sequence[Row]]) -> list[str]:
+    """Return what is found by two goals."""
+    out: list[str] = []
+    for cell, rows in measured.items():
+        if not CASES[cell].goals:
+            continue
+        for one, other in _pairs(rows):
+            out.append(
+                f"| {cell} | {one['seed']} | {one['designs']} | {len(one['front'])} | {len(other['front'])} |"
+                f" {dominated(one):.4f} | {dominated(other):.4f} |"
+            )
+    if not out:
+        return []
+    return [
+        "## Two goals",
+        "",
+        "Mean makespan and floor area. What compromises dominate is the area below"
+        f" {REFERENCE:g} times both goals of the cell as it is that is worse than one of them, over the product of both goals.",
+        "",
+        "| cell | seed | designs | compromises, NSGA-II | random | dominated, NSGA-II | random |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+        *out,
+        "",
+    ]
+
+
+def dominated(row: Row) -> float:
+    """Return the area that compromises dominate, in units of the cell as it is."""
+    points = np.array(sorted(row["front"])) / np.array(row["base"])
+    area, below = 0.0, REFERENCE
+    for across, up in points:
+        if across < REFERENCE and up < below:
+            area += (REFERENCE - across) * (below - up)
+            below = up
+    return float(area)
+
+
+def _costs(measured: Mapping[str, Sequence[Row]]) -> list[str]:
+    """Return what rungs cost, and what they refuse."""
+    out = [
+        "## What a design costs",
         "",
         "Processor seconds of a design at each rung, warm (median over all designs that came to it), and the share of all"
-        " designs that was refused there:",
+        " designs that was refused there. `mean` is over all designs, also those that were refused early.",
         "",
-        f"| cell | {' | '.join(RUNGS)} | first three |",
-        f"|---|{'---:|' * (len(RUNGS) + 1)}",
+        f"| cell | designs | {' | '.join(RUNGS)} | left behind | mean |",
+        f"|---|{'---:|' * (len(RUNGS) + 3)}",
     ]
     for cell, rows in measured.items():
-        total = sum(row["designs"] for row in rows)
-        cells, first = [], 0.0
+        total, whole = sum(row["designs"] for row in rows), 0.0
+        cells = []
         for rung in RUNGS:
             spent = [v for row in rows for v in row["cpu_s"][rung]]
+            whole += sum(spent)
             typical = float(np.median(spent)) if spent else 0.0
-            first += typical if rung in RUNGS[:3] else 0.0
             refused = sum(row["refused"][rung] for row in rows) / total
             cells.append(f"{typical:.2f} s, {100 * refused:.0f} %")
-        out.append(f"| {cell} | {' | '.join(cells)} | {first:.2f} s |")
+        behind = sum(row["behind"] for row in rows) / total
+        out.append(
+            f"| {cell} | {total} | {' | '.join(cells)} | {100 * behind:.0f} % | {whole / total:.2f} s |"
+        )
     return out
+
+
+def _gain(row: Row) -> str:
+    return _words(Interval(**row["gain"])) if row["gain"] else "none"
+
+
+def _words(found: Interval) -> str:
+    return f"{found.estimate:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
 if __name__ == "__main__":
