@@ -28,6 +28,7 @@ from planning.cell.cover import (
     capsule_cover,
     capsule_covers,
 )
+from planning.files import KeptAnswers
 from planning.transforms import Array, Indices, Transform, readonly
 
 
@@ -265,18 +266,33 @@ def box_shape(name: str, size: npt.ArrayLike) -> Shape:
     Raises:
         ValueError: an edge is not a positive finite number.
     """
-    body = box_body(name, size)
     x, y, z = (float(edge) for edge in np.asarray(size, dtype=np.float64))
-    return Shape((Element(Box((x, y, z)), _UPRIGHT),), (body,))
+    return _box_shape(name, (x, y, z))
+
+
+@lru_cache(maxsize=4096)
+def _box_shape(name: str, size: tuple[float, float, float]) -> Shape:
+    return Shape((Element(Box(size), _UPRIGHT),), (box_body(name, size),))
 
 
 def shape_of(name: str, elements: Sequence[Element]) -> Shape:
     """Return the shape that is made of some forms in their places.
 
+    What was asked before is the same shape: what is known of it, such as its grips, is known of all cells
+    that have it.
+
     Args:
         name: of what has the shape, for messages.
         elements: at least one.
     """
+    key = name, tuple((item.form, item.pose.tobytes()) for item in elements)
+    return _SHAPES.get(key, lambda: _shape_of(name, elements))
+
+
+_SHAPES: KeptAnswers[Shape] = KeptAnswers(2000)
+
+
+def _shape_of(name: str, elements: Sequence[Element]) -> Shape:
     bodies = [body for element in elements for body in _bodies(name, element)]
     if len(bodies) > 1:
         bodies = [

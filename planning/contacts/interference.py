@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -127,12 +128,26 @@ def depth_of_pieces(
     """
     deepest = 0.0
     for pose, direction, length in ways:
-        for away in np.linspace(0.0, length, int(np.ceil(length / _STEP)) + 1):
-            at = translation(*(-away * np.asarray(direction))) @ pose
-            if not near_to((item[0], at), {"": other}, 0.0):
-                continue
+        where = tuple(array.tobytes() for array in (other[1], pose, direction))
+        work = partial(_depth_on_way, item, other, pose, direction, length)
+        key = item[0].shape, other[0].shape, *where, length
+        deepest = max(deepest, _ON_WAYS.get(key, work))
+    return deepest
+
+
+_ON_WAYS: KeptAnswers[float] = KeptAnswers(50_000)
+
+
+def _depth_on_way(
+    item: Lying, other: Lying, pose: Transform, direction: Array, length: float
+) -> float:
+    """Return how deep the pieces of a thing are in those of another one on a straight way to a pose [m]."""
+    deepest = 0.0
+    met = [Element(e.form, other[1] @ e.pose) for e in other[0].shape.elements]
+    for away in np.linspace(0.0, length, int(np.ceil(length / _STEP)) + 1):
+        at = translation(*(-away * direction)) @ pose
+        if near_to((item[0], at), {"": other}, 0.0):
             own = [Element(e.form, at @ e.pose) for e in item[0].shape.elements]
-            met = [Element(e.form, other[1] @ e.pose) for e in other[0].shape.elements]
             found = max(pieces_depth(a, b) for a, b in product(own, met))
             deepest = max(deepest, found)
     return deepest

@@ -175,7 +175,9 @@ class Climb:
         self._begin(REACH)
         _require_none(reach_findings(subject, quick))
         self._begin(PLAN)
-        layout = varied(setting.scenario, layout_of(self._variant))
+        layout, part = own, layout_of(self._variant)
+        if part != self._variant:
+            layout = varied(setting.scenario, part)
         _, turns = _motions(Planned(layout, setting.folder))
         if turns is not None:
             turns_s = float(earliest_times(turns).makespan)
