@@ -145,7 +145,7 @@ def measure(
         "load": [before, os.getloadavg()[0]],
         "designs": len(rows),
         "base": list(base),
-        "best_s": best.goal,
+        "best_s": best.goals[0],
         "makespans_s": best.makespans_s.tolist(),
         "gain": gain and gain.content(),
         "course_s": [r.evaluation.goals[0] if r.done else None for r in rows],

@@ -227,7 +227,8 @@ def _run(
         else:
             exploration.search(crew, most, seconds or section.seconds)
             finalists = finals.race()
-            worths = finals.worths(finalists[0], crew) if finalists else ()
+            if finalists and len(section.goals) == 1:
+                worths = finals.worths(finalists[0], crew)
     found = summary_of(
         scenario.name, exploration, finalists, worths, scenario.seed, singles
     )

@@ -20,6 +20,7 @@ from twin.explore.dimensions import (
     variant_of,
 )
 from twin.explore.folder import PARCELS
+from twin.explore.influence import front
 from twin.explore.journal import SEARCH, Journal, Tried
 from twin.explore.rungs import Evaluation
 from twin.explore.search import Search
@@ -155,7 +156,7 @@ class Exploration:
         self.journal.append(row)
         self._remember(row)
         if row.purpose == SEARCH:
-            wanted = {0, *(r.design for r in self.best(self.section.finalists))}
+            wanted = {0, *(r.design for r in self.finalists())}
             for other in self.journal.searched:
                 if other.design not in wanted:
                     with suppress(OSError):
@@ -183,6 +184,12 @@ class Exploration:
         """Return the best designs by the first goal, each once, the best first."""
         done = [r for r in self.journal.searched if r.done and r.same_as is None]
         return sorted(done, key=lambda r: (r.evaluation.goals[0], r.design))[:most]
+
+    def finalists(self) -> Sequence[Tried]:
+        """Return the designs that are to be told apart: the best ones; with several goals, the compromises."""
+        if len(self.section.goals) > 1:
+            return front(self.journal.searched)
+        return self.best(self.section.finalists)
 
     def _by_time(self) -> Iterable[Tried]:
         """Return designs of which plans with and without shortcuts are known, where time is the only goal."""

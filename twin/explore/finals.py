@@ -6,8 +6,9 @@ search end, and designs are compared replication by replication.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from planning.transforms import Array
 from twin.explore.crew import Crew, DesignTask, parallel
 from twin.explore.dimensions import variant_of
 from twin.explore.exploration import Exploration
+from twin.explore.influence import spread
 from twin.explore.journal import UNDONE, Tried
 from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_results
 from twin.host.guard import replacing
@@ -34,6 +36,9 @@ _AT_ONCE = 500
 _BY_EVENTS = 200
 """Most replications of a finalist where only the event engine can execute it."""
 
+_COMPROMISES = 20
+"""Most compromises that are replicated further."""
+
 _RESAMPLES = 2000
 """Bootstrap resamples for the interval of what is no mean."""
 
@@ -45,16 +50,18 @@ class Finalist:
     Attributes:
         row: what the search knows of it.
         makespans_s: of new replications, NaN where one did not complete [s].
-        goal: value of the goal over these, as something to be small.
+        goals: values of the goals over these, as something to be small.
         behind: by how much it is worse than the best; None for that one, and where nothing is known.
-        apart: whether it is known to be worse.
+        apart: whether it is known to be worse; with several goals, than another one in all of them.
+        unsure: with several goals, whether it is open which of it and another one is a compromise.
     """
 
     row: Tried
     makespans_s: Array
-    goal: float
+    goals: tuple[float, ...]
     behind: Interval | None
     apart: bool
+    unsure: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,7 @@ class Worth:
 
 
 class Finals:
-    """The best designs of an exploration with one goal, replicated with new draws.
+    """The best designs of an exploration, replicated with new draws.
 
     Args:
         exploration: whose search is over.
@@ -92,26 +99,25 @@ class Finals:
     ) -> None:
         self._exploration, self._setting = exploration, setting
         self._section, self._progress = setting.section, progress
-        self._goal = setting.section.goals[0]
-        self._replicates = bool(self._goal.expression.used & REPLICATED)
+        self._goals = setting.section.goals
+        self._drawn = [bool(g.expression.used & REPLICATED) for g in self._goals]
         self._samples: dict[str, Array] = {}
+        self._resamples: dict[tuple[str, int, int, int], Array] = {}
 
     def race(self) -> tuple[Finalist, ...]:
         """Replicate the best designs until the best of them is known, or replications are enough."""
         section = self._section
-        rows = self._exploration.best(section.finalists)
-        if not rows or len(section.goals) > 1:
+        rows = list(self._exploration.finalists())
+        if not rows:
             return ()
-        targets, most = [section.replications], section.most_replications
-        if any(self._setting.scenario.execution.needs_event_engine()):
-            most = min(most, max(_BY_EVENTS, section.replications))
-        while self._replicates and len(rows) > 1 and targets[-1] < most:
-            targets.append(min(2 * targets[-1], most))
+        if len(section.goals) > 1:
+            return self._race_compromises(spread(rows, _COMPROMISES))
+        targets = self._targets(len(rows))
         risk = (1.0 - section.confidence) / (max(len(rows) - 1, 1) * len(targets))
-        racing, out = list(rows), dict[int, Finalist]()
+        racing, out = rows, dict[int, Finalist]()
         for look, count in enumerate(targets):
             self._progress(RACING, look, len(targets))
-            goals = {row.design: self._value(row, count) for row in racing}
+            goals = {row.design: self._values(row, count) for row in racing}
             best = min(racing, key=lambda row: (goals[row.design], row.design))
             for row in racing:
                 behind = None
@@ -126,7 +132,67 @@ class Finals:
             if len(racing) == 1:
                 break
         self._progress(RACING, len(targets), len(targets))
-        return tuple(sorted(out.values(), key=lambda f: (f.apart, f.goal)))
+        return tuple(sorted(out.values(), key=lambda f: (f.apart, f.goals)))
+
+    def _targets(self, racing: int) -> list[int]:
+        """Return numbers of replications after which designs are looked at, if so many are to be told apart."""
+        section = self._section
+        targets, most = [section.replications], section.most_replications
+        if any(self._setting.scenario.execution.needs_event_engine()):
+            most = min(most, max(_BY_EVENTS, section.replications))
+        while any(self._drawn) and racing > 1 and targets[-1] < most:
+            targets.append(min(2 * targets[-1], most))
+        return targets
+
+    def _race_compromises(self, rows: Sequence[Tried]) -> tuple[Finalist, ...]:
+        """Replicate compromises until it is known which of them another one is better than in every goal."""
+        unknown, beaten = list(combinations(rows, 2)), set[int]()
+        targets = self._targets(len(rows))
+        looks = max(len(unknown) * len(self._goals) * len(targets), 1)
+        confidence = 1.0 - (1.0 - self._section.confidence) / looks
+        last = dict.fromkeys((row.design for row in rows), targets[0])
+        for look, count in enumerate(targets):
+            self._progress(RACING, look, len(targets))
+            last |= {row.design: count for row in rows if row.design not in beaten}
+            left = []
+            for one, other in unknown:
+                if not beaten & {one.design, other.design}:
+                    better = self._better(one, other, count, confidence)
+                    if better is None:
+                        left.append((one, other))
+                    elif better:
+                        beaten.add((other if better > 0 else one).design)
+            unknown = [p for p in left if not beaten & {row.design for row in p}]
+            if not unknown:
+                break
+        self._progress(RACING, len(targets), len(targets))
+        unsure = {row.design for pair in unknown for row in pair}
+        out = []
+        for row in rows:
+            place, count = row.design, last[row.design]
+            sample, goals = self._sample(row, count), self._values(row, count)
+            told = place in beaten, place in unsure
+            out.append(Finalist(row, sample, goals, None, *told))
+        return tuple(sorted(out, key=lambda f: (f.apart, f.goals)))
+
+    def _better(
+        self, one: Tried, other: Tried, count: int, confidence: float
+    ) -> int | None:
+        """Return 1 if a design is better than another in every goal, or as good; -1 if worse; 0 if neither; or None.
+
+        None is where that is not known.
+        """
+        signs = set[int | None]()
+        for goal in range(len(self._goals)):
+            found = self.difference(one, other, count, confidence, goal)
+            if found is None or found.low <= 0.0 <= found.high:
+                exact = found is not None and found.low == found.high
+                signs.add(0 if exact else None)
+            else:
+                signs.add(1 if found.high < 0.0 else -1)
+        if signs >= {1, -1} or signs == {0}:
+            return 0
+        return None if None in signs else (1 if 1 in signs else -1)
 
     def worths(self, best: Finalist, crew: Crew) -> tuple[Worth, ...]:
         """Return what all changes of a design are worth, then each, the greatest first.
@@ -186,47 +252,63 @@ class Finals:
         return tuple(sorted(found, key=_greatest_first))
 
     def difference(
-        self, one: Tried, other: Tried, count: int, confidence: float
+        self,
+        one: Tried,
+        other: Tried,
+        count: int,
+        confidence: float,
+        goal: int = 0,
     ) -> Interval | None:
-        """Return by how much the goal of a design is greater than that of another, over new replications.
+        """Return by how much a goal of a design is greater than that of another, over new replications.
 
         That of a mean is Student's, of the differences in each replication; that of anything else is a
         bootstrap in which both see the same replications.
         """
         first, second = self._sample(one, count), self._sample(other, count)
-        if self._goal.expression.text.strip() == "mean_s":
+        section = self._goals[goal]
+        if section.expression.text.strip() == "mean_s":
             found = paired_interval(first, second, confidence=confidence)
-            return found if found is None or self._goal.sign > 0 else _turned(found)
-        value, against = self._judge(one), self._judge(other)
+            return found if found is None or section.sign > 0 else _turned(found)
+        value, against = self._judge(one, goal), self._judge(other, goal)
         estimate = value(first) - against(second)
-        if not self._replicates:
+        if not self._drawn[goal]:
             return Interval(estimate, estimate, estimate, 0)
-        rng = np.random.default_rng(self._setting.scenario.seed)
-        drawn = rng.integers(0, count, (_RESAMPLES, count))
-        spread = [value(first[i]) - against(second[i]) for i in drawn]
-        known = [v for v in spread if np.isfinite(v)]
-        if not known:
+        known = self._resampled(one, goal, count) - self._resampled(other, goal, count)
+        known = known[np.isfinite(known)]
+        if not len(known):
             return None
         tail = 0.5 * (1.0 - confidence)
         low, high = np.quantile(known, [tail, 1.0 - tail])
         return Interval(estimate, float(low), float(high), count)
 
-    def _value(self, row: Tried, count: int) -> float:
-        return self._judge(row)(self._sample(row, count))
+    def _resampled(self, row: Tried, goal: int, count: int) -> Array:
+        """Return a goal of a design over resamples of replications, the same for all designs."""
+        key = row.purpose, row.design, goal, count
+        if key not in self._resamples:
+            rng = np.random.default_rng(self._setting.scenario.seed)
+            drawn = rng.integers(0, count, (_RESAMPLES, count))
+            sample, value = self._sample(row, count), self._judge(row, goal)
+            with np.errstate(invalid="ignore"):
+                self._resamples[key] = np.array([value(sample[i]) for i in drawn])
+        return self._resamples[key]
 
-    def _judge(self, row: Tried) -> Callable[[Array], float]:
-        """Return what gives the goal of a design over some replications; infinite where it has none."""
+    def _values(self, row: Tried, count: int) -> tuple[float, ...]:
+        sample, goals = self._sample(row, count), range(len(self._goals))
+        return tuple(self._judge(row, goal)(sample) for goal in goals)
+
+    def _judge(self, row: Tried, goal: int) -> Callable[[Array], float]:
+        """Return what gives a goal of a design over some replications; infinite where it has none."""
         scenario = self._scenario(row)
         free, key = self._section.changed(constraints=()), keys_of(scenario)
 
         def value(makespans_s: Array) -> float:
             results = dict(row.evaluation.results)
-            if self._replicates:
+            if any(self._drawn):
                 if not np.isfinite(makespans_s).any():
                     return float(np.inf)
                 results |= replicated_results(scenario, free, makespans_s)
             found = judged(key, free, results=results)
-            return found.goals[0] if found.goals else float(np.inf)
+            return found.goals[goal] if found.goals else float(np.inf)
 
         return value
 
@@ -236,7 +318,7 @@ class Finals:
 
     def _sample(self, row: Tried, count: int) -> Array:
         """Return the first new replications of a design that is done; what was done before is in a file."""
-        if not self._replicates:
+        if not any(self._drawn):
             return np.empty(0)
         place = self._exploration.parcel_of(row).with_suffix(".npy")
         name = place.stem

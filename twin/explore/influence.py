@@ -124,3 +124,9 @@ def front(rows: Sequence[Tried]) -> tuple[Tried, ...]:
         if not any(np.all(np.array(o.evaluation.goals) <= own) for o in found):
             found.append(row)
     return tuple(found)
+
+
+def spread(rows: Sequence[Tried], most: int) -> tuple[Tried, ...]:
+    """Return some of many designs, from the first to the last."""
+    places = np.linspace(0, len(rows) - 1, min(most, len(rows)))
+    return tuple(rows[int(place)] for place in np.round(places))

@@ -7,6 +7,7 @@ from math import isfinite
 
 from twin.explore.finals import Worth
 from twin.explore.summary import ExploreSummary, RankedDesign
+from twin.scenario.sections.exploration import REPLICATED
 from twin.study.replications.statistics import Interval
 
 BEST_HEAD = ["#"]
@@ -60,6 +61,9 @@ def rung_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
 
 def verdict(found: ExploreSummary) -> Iterator[str]:
     """Yield whether the best designs are told apart."""
+    if len(found.section.goals) > 1:
+        yield from _compromise_words(found)
+        return
     finals = [item for item in found.ranked if item.behind is not None]
     if not finals:
         return
@@ -72,6 +76,21 @@ def verdict(found: ExploreSummary) -> Iterator[str]:
         yield f"#1 is not told apart from {same}{with_}, at {share}"
     else:
         yield f"#1 is better than the other finalists{with_}, at {share}"
+
+
+def _compromise_words(found: ExploreSummary) -> Iterator[str]:
+    """Yield what new replications say of the compromises of the search."""
+    if not any(goal.expression.used & REPLICATED for goal in found.section.goals):
+        return
+    count = max((i.mean_s.count for i in found.compromises if i.mean_s), default=0)
+    after = f"after {count} new replications, at {100 * found.section.confidence:g} %"
+    if beaten := [f"#{item.rank}" for item in found.ranked if item.apart]:
+        are = "is none: another one is" if len(beaten) == 1 else "are none: others are"
+        yield f"of the compromises of the search {', '.join(beaten)} {are} better in every goal {after}"
+    if unsure := [f"#{item.rank}" for item in found.ranked if item.unsure]:
+        yield f"which of {', '.join(unsure)} are compromises is not known {after}"
+    elif found.compromises and not beaten:
+        yield f"all compromises of the search are such {after}"
 
 
 def single_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:

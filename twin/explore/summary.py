@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,8 @@ class RankedDesign:
         results: what the search knows of it.
         mean_s: of the makespan of its replications [s], None where there are none.
         behind: of a finalist, by how much it is worse than the best; None for all others.
-        apart: of a finalist, whether it is known to be worse.
+        apart: of a finalist, whether it is known to be worse; with several goals, in each of them than another.
+        unsure: of a finalist of several goals, whether it is open which of it and another is a compromise.
         compromise: whether no other design is as good in every goal.
     """
 
@@ -88,6 +89,7 @@ class RankedDesign:
     mean_s: Interval | None
     behind: Interval | None = None
     apart: bool = False
+    unsure: bool = False
     compromise: bool = False
 
     @property
@@ -143,7 +145,9 @@ class ExploreSummary:
 
     @property
     def decided(self) -> bool:
-        """True if the best design is known to be better than all other finalists."""
+        """True if the best design is known to be better than all other finalists; or which are compromises."""
+        if len(self.section.goals) > 1:
+            return bool(self.ranked) and not any(item.unsure for item in self.ranked)
         others = [item for item in self.ranked[1:] if item.behind is not None]
         return bool(self.ranked) and all(item.apart for item in others)
 
@@ -194,7 +198,7 @@ def summary_of(
         (row for row in own if row.done and row.design not in final),
         key=lambda r: (r.evaluation.goals, r.design),
     )
-    best = {row.design for row in front(own)} if len(section.goals) > 1 else set()
+    best = _compromises(own, finalists) if len(section.goals) > 1 else set()
     ordered = [*(item.row for item in finalists), *known]
     ranked = tuple(
         ranked_design(
@@ -225,6 +229,17 @@ def summary_of(
     )
 
 
+def _compromises(rows: Sequence[Tried], finalists: Sequence[Finalist]) -> set[int]:
+    """Return the numbers of the compromises: of finalists by their new replications, of others by the search."""
+    new = [
+        replace(f.row, evaluation=replace(f.row.evaluation, goals=f.goals))
+        for f in finalists
+        if not f.apart
+    ]
+    others = {row.design for row in front(rows)} - {f.row.design for f in finalists}
+    return {row.design for row in front(new)} | others
+
+
 def ranked_design(
     rank: int,
     row: Tried,
@@ -236,7 +251,7 @@ def ranked_design(
 ) -> RankedDesign:
     """Return a design that is possible, in its place."""
     found = row.evaluation
-    goals = found.goals if final is None else (final.goal,)
+    goals = found.goals if final is None else final.goals
     sample = np.array(found.makespans_s)
     if final is not None and len(final.makespans_s):
         sample = final.makespans_s
@@ -251,6 +266,7 @@ def ranked_design(
         mean_interval(known, confidence=section.confidence) if len(known) else None,
         None if final is None else final.behind,
         final is not None and final.apart,
+        final is not None and final.unsure,
         compromise,
     )
 
