@@ -137,7 +137,9 @@ def draw_cell(subject: Subject, folder: Path) -> Path:
     return path
 
 
-def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
+def cell_figure(
+    subject: Subject, *, width_in: float = 15.0, detail: bool = True
+) -> Figure:
     """Return the picture of ``draw_cell``.
 
     It shows where things are and happen, not as far as robots reach; where things would be tiny they
@@ -146,6 +148,7 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
     Args:
         subject: the scenario and its cell.
         width_in: of the picture [in]; the narrower it is, the fewer names have room.
+        detail: whether what would be tiny is drawn again.
     """
     things = list(_things_drawn(subject))
     shapes = [*things, *_robots_drawn(subject)]
@@ -163,7 +166,9 @@ def cell_figure(subject: Subject, *, width_in: float = 15.0) -> Figure:
     scale = max(float(size[0]) / wide, float(max(size[1:])) / tall) / 72.0
     boxes = np.array([box[:, :2] for _, box, _ in _things(subject)]).reshape(-1, 2, 2)
     below = min(4.0, 0.45 * width_in)
-    larger = close_ups(boxes, size[:2], scale, (width_in, below - 0.7))
+    larger = (
+        close_ups(boxes, size[:2], scale, (width_in, below - 0.7)) if detail else []
+    )
     below = below if larger else 0.0
     picture = new_picture(width_in, tall + 1.3 + below, dpi=110)
     grid = picture.add_gridspec(

@@ -12,6 +12,9 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+_LONG = 17
+"""Letters of a word that may be broken: on a phone it would push what is beside it off the page."""
+
 
 def text(words: object) -> str:
     """Return words as HTML."""
@@ -19,8 +22,12 @@ def text(words: object) -> str:
 
 
 def breakable(words: object) -> str:
-    """Return words as HTML that may be broken behind dots and underscores."""
-    return re.sub(r"([._])", r"\1<wbr>", text(words))
+    """Return words as HTML; long ones may be broken behind dots and underscores."""
+    return re.sub(
+        rf"\S{{{_LONG},}}",
+        lambda long: re.sub(r"([._])", r"\1<wbr>", long[0]),
+        text(words),
+    )
 
 
 def heading(words: str, level: int = 2) -> str:

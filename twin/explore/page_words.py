@@ -18,6 +18,7 @@ _BEST = 5
 _MATTER = 6
 """Keys that are shown of those that matter."""
 
+_MEAN = "mean_s"
 _SECONDS = ("makespan_s", "mean_s", "p50_s", "p90_s")
 
 
@@ -31,18 +32,24 @@ def shown_designs(found: ExploreSummary) -> list[RankedDesign]:
 
 def best_rows(found: ExploreSummary) -> tuple[list[str], list[list[str]]]:
     """Return the head, behind the rank, and the rows of the table of the best designs."""
-    goals = [goal.expression.text for goal in found.section.goals]
+    goals = [goal.expression.text.strip() for goal in found.section.goals]
     finals = any(item.behind is not None for item in found.ranked)
+    # Where it is a goal, its interval is in that column.
+    apart = _MEAN not in goals
     head = [
         *goals,
-        "mean makespan [s]",
+        *(["mean makespan [s]"] if apart else []),
         *(["behind the best"] if finals else []),
         "design",
     ]
     rows = []
     for item in shown_designs(found):
-        row = [str(item.rank), *(f"{value:.5g}" for value in item.goals)]
-        row.append("-" if item.mean_s is None else span(item.mean_s))
+        mean = "-" if item.mean_s is None else span(item.mean_s)
+        values = (f"{value:.5g}" for value in item.goals)
+        told = zip(goals, values, strict=True)
+        row = [str(item.rank), *(mean if goal == _MEAN else v for goal, v in told)]
+        if apart:
+            row.append(mean)
         if finals:
             row.append("" if item.behind is None else signed(item.behind))
         rows.append([*row, item.label])

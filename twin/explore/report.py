@@ -43,6 +43,9 @@ _BLUE, _ORANGE, _RED, _GREY = "#2f6db5", "#d9822b", "#c23b54", "#a7afb9"
 _CSS = (
     ".cells{display:flex;flex-wrap:wrap;gap:8px}.cells>div{flex:1 1 360px;min-width:0}"
     ".best th:last-child,.best td:last-child{text-align:left}"
+    "@media(min-width:901px){.best td:not(:last-child){white-space:nowrap}}"
+    # Letters of a chart that is as narrow as a phone cannot be read: it is wider, and moved by a finger.
+    "@media(max-width:600px){figure{overflow-x:auto}figure svg{min-width:600px}}"
     ".why th:nth-child(3),.why td:nth-child(3){text-align:left}"
 )
 
@@ -135,7 +138,8 @@ def _cells(
     parts = []
     for item in shown:
         scenario = varied(setting.scenario, variant_of(dimensions, item.values))
-        figure = cell_figure(Subject(scenario, setting.folder), width_in=9.0)
+        subject = Subject(scenario, setting.folder)
+        figure = cell_figure(subject, width_in=9.0, detail=False)
         figure.suptitle(f"#{item.rank}", color=INK, fontsize=12)
         words = paragraph(f"#{item.rank}: {item.label}", "note")
         drawn = _drawn(figure, folder, f"cell-{item.rank}")
@@ -259,10 +263,24 @@ def _front(found: ExploreSummary) -> Figure:
     others = [item for item in found.ranked if not item.compromise]
     axes.scatter(*points(others), color=_GREY, s=16, label="other designs")
     best = sorted(found.compromises, key=lambda item: item.goals[:2])
-    axes.plot(*points(best), "o-", color=_BLUE, markersize=5, label="compromises")
+    # Between two compromises there is what the worse one has, nothing in the middle.
+    steps = "steps-post" if first.sign > 0 else "steps-pre"
+    axes.plot(
+        *points(best),
+        "o-",
+        drawstyle=steps,
+        color=_BLUE,
+        markersize=5,
+        label="compromises",
+    )
     for item in best:
         axes.annotate(
-            f" #{item.rank}", (item.goals[0], item.goals[1]), fontsize=8, color=INK
+            f"#{item.rank}",
+            (item.goals[0], item.goals[1]),
+            (5, 4),
+            textcoords="offset points",
+            fontsize=8,
+            color=INK,
         )
     if found.base is not None:
         axes.scatter(

@@ -7,9 +7,11 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.twin.explore.bench import setting_of
@@ -56,15 +58,37 @@ def test_a_design_that_kills_or_holds_its_process_is_refused(tmp_path: Path) -> 
 @pytest.mark.expensive
 def test_a_killed_program_has_lost_nothing(tmp_path: Path) -> None:
     """Killed at several moments, it finds the same as without, and evaluates no design twice."""
-    file, whole, parts = slider_file(tmp_path), tmp_path / "whole", tmp_path / "parts"
-    count = ("--designs", "12", "--workers", "1")
+    kill_and_go_on(tmp_path, 12, [(0, 0.0), (3, 0.0), (5, 0.0)])
+
+
+@pytest.mark.nightly
+def test_a_program_that_is_killed_twenty_times_has_lost_nothing(tmp_path: Path) -> None:
+    """Killed at drawn moments: as it begins, as it writes, as finalists are replicated."""
+    rng = np.random.default_rng(20)
+    moments = [(int(rng.integers(0, 4)), float(rng.uniform(0, 1))) for _ in range(20)]
+    kill_and_go_on(tmp_path, 40, moments)
+
+
+def kill_and_go_on(
+    folder: Path, designs: int, moments: Sequence[tuple[int, float]]
+) -> None:
+    """Compare an exploration that is killed again and again with one that is not.
+
+    Args:
+        folder: for both.
+        designs: of each.
+        moments: after so many more lines of the journal, and so much later [s], it is killed.
+    """
+    file, whole, parts = slider_file(folder), folder / "whole", folder / "parts"
+    count = ("--designs", str(designs), "--workers", "1")
     program = (sys.executable, "-m", "twin.cli", "explore")
     subprocess.run([*program, str(file), *count, "--out", str(whole), "-q"], check=True)
     first: tuple[str, ...] = (str(file), "--out", str(parts), "-q")
     seen: list[bytes] = []
-    for stop in (0, 3, 8):
+    for more, later_s in moments:
         process = subprocess.Popen([*program, *first, *count])
-        wait_for(parts, stop)
+        wait_for(parts, len(seen) + more, process)
+        time.sleep(later_s)
         process.kill()
         process.wait()
         if (parts / JOURNAL).exists():
@@ -73,24 +97,25 @@ def test_a_killed_program_has_lost_nothing(tmp_path: Path) -> None:
             seen = now
         if (parts / "manifest.json").exists():
             first = ("--resume", str(parts), "-q")
-            count = ("--designs", "12", "--workers", "1")
     subprocess.run([*program, *first, *count], check=True)
     assert told(parts) == told(whole)
+    keys = [(line["purpose"], line["design"]) for line in told(parts)]
+    assert len(set(keys)) == len(keys)
     summaries = [json.loads((p / "summary.json").read_text()) for p in (parts, whole)]
     for summary in summaries:
         del summary["rungs"]  # seconds
     assert summaries[0] == summaries[1]
 
 
-def wait_for(folder: Path, designs: int) -> None:
-    """Wait until the journal has so many lines; with none, until there is a folder."""
+def wait_for(folder: Path, designs: int, process: subprocess.Popen[bytes]) -> None:
+    """Wait until the journal has so many lines, with none until there is a folder, or the process ends."""
     end = time.monotonic() + 300.0
-    while time.monotonic() < end:
+    while time.monotonic() < end and process.poll() is None:
         path = folder / JOURNAL if designs else folder / "manifest.json"
         if path.exists() and path.read_bytes().count(b"\n") >= designs:
             return
         time.sleep(0.002)
-    raise AssertionError("it does not get anywhere")
+    assert process.returncode == 0, "it does not get anywhere"
 
 
 def told(folder: Path) -> list[dict[str, Any]]:
