@@ -41,7 +41,8 @@ _CELLS = 3
 _BLUE, _ORANGE, _RED, _GREY = "#2f6db5", "#d9822b", "#c23b54", "#a7afb9"
 
 _CSS = (
-    ".cells{display:flex;flex-wrap:wrap;gap:8px}.cells>div{flex:1 1 360px;min-width:0}"
+    ".cells{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(340px,100%),1fr));gap:8px}"
+    ".cells>div{min-width:0}"
     ".best th:last-child,.best td:last-child{text-align:left}"
     "@media(min-width:901px){.best td:not(:last-child){white-space:nowrap}}"
     # Letters of a chart that is as narrow as a phone cannot be read: it is wider, and moved by a finger.
@@ -139,7 +140,7 @@ def _cells(
     for item in shown:
         scenario = varied(setting.scenario, variant_of(dimensions, item.values))
         subject = Subject(scenario, setting.folder)
-        figure = cell_figure(subject, width_in=9.0, detail=False)
+        figure = cell_figure(subject, width_in=7.0, detail=False)
         figure.suptitle(f"#{item.rank}", color=INK, fontsize=12)
         words = paragraph(f"#{item.rank}: {item.label}", "note")
         drawn = _drawn(figure, folder, f"cell-{item.rank}")
