@@ -137,14 +137,14 @@ def _gain(item: Worth, text: str, unit: str) -> str:
         return f"is needed: without it refused at {item.reason}"
     gain = item.gain
     worth = (
-        f"is worth {gain.estimate:.2f}{unit}"
+        f"is worth {_fixed(gain.estimate)}{unit}"
         if unit
         else f"is worth {gain.estimate:.4g}"
     )
     if gain.low == gain.high or not isfinite(gain.low):
         return f"{worth} of {text}"
     nothing = " (it may be nothing)" if gain.low <= 0.0 <= gain.high else ""
-    return f"{worth} ({gain.low:.2f} to {gain.high:.2f}) of {text}{nothing}"
+    return f"{worth} ({_fixed(gain.low)} to {_fixed(gain.high)}) of {text}{nothing}"
 
 
 def importance_words(found: ExploreSummary) -> Iterator[str]:
@@ -161,8 +161,13 @@ def importance_words(found: ExploreSummary) -> Iterator[str]:
 def span(found: Interval) -> str:
     """Return an estimate with its interval."""
     if not isfinite(found.low):
-        return f"{found.estimate:.2f}"
-    return f"{found.estimate:.2f} ({found.low:.2f} to {found.high:.2f})"
+        return _fixed(found.estimate)
+    return f"{_fixed(found.estimate)} ({_fixed(found.low)} to {_fixed(found.high)})"
+
+
+def _fixed(value: float) -> str:
+    """Return a number to two digits, and what is nothing to two digits without a sign."""
+    return f"{round(value, 2) + 0.0:.2f}"
 
 
 def signed(found: Interval) -> str:

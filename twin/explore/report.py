@@ -108,7 +108,7 @@ def _answers(found: ExploreSummary) -> Pieces:
     yield table(
         f"{kind}, {share} intervals, same draws for all of them",
         [*BEST_HEAD, *head],
-        [map(text, row) for row in rows],
+        [[text(cell).replace(" mm", "&nbsp;mm") for cell in row] for row in rows],
         "best",
     )
     for line in verdict(found):
@@ -318,10 +318,14 @@ def _map(found: ExploreSummary, across: Dimension, up: Dimension) -> Figure:
     if done:
         values = np.array([row.evaluation.goals[0] for row in done])
         goal = found.section.goals[0]
+        # A tenth of them may be so bad that all others would look alike.
+        low, high = np.sort(goal.sign * np.quantile(values, [0.0, 0.9])).tolist()
         shown = axes.scatter(
             *points(done), c=goal.sign * values, s=30, cmap="viridis", label="possible"
         )
-        figure.colorbar(shown, ax=axes, label=goal.expression.text)
+        shown.set_clim(low, high)
+        beyond = "max" if goal.sign > 0 else "min"
+        figure.colorbar(shown, ax=axes, label=goal.expression.text, extend=beyond)
     rungs = dict.fromkeys(item.rung for item in found.refusals)
     marks = ("x", "+", "1", "2", "3", "4")
     for rung, mark in zip(rungs, marks, strict=False):
