@@ -158,8 +158,15 @@ class LiveExecution(RollingExecution):
             self._wires[name].send(replace(last, nodes=()))
 
     def _gather(self) -> None:
-        """Wait until all drivers have been heard of; the run's time begins then."""
+        """Wait until all drivers have been heard of; the run's time begins then.
+
+        Those of a run that was over by its log may have left.
+        """
         begin_s = time.monotonic()
+        over = self._history.finished if self._history else set()
+        if over.issuperset(map(self.tpg.chain_index.get, self._links)):
+            self._silent.clear()
+            return
         while missing := sorted(self._links.keys() - self._states.keys()):
             if time.monotonic() - begin_s > self._out_s:
                 raise RequestError(
