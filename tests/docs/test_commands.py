@@ -76,9 +76,9 @@ STORIES = {
     for page in dict.fromkeys(c.page for c in TWIN if c.mark == "story")
 }
 
-LONG = ("tutorial-wall", "tutorial-gearbox", "failures", "studies")
-"""Pages whose stories are for the night: the wall for three teams, a cell of vendors' files studied, studies
-of what fails and of the cliff."""
+LONG = ("tutorial-wall", "tutorial-gearbox", "failures", "layout", "studies")
+"""Pages whose stories are for the night: the wall for three teams, a cell of vendors' files studied, designs of a
+cell, studies of what fails and of the cliff."""
 
 
 @pytest.fixture(autouse=True)

@@ -55,12 +55,6 @@ def test_a_design_that_kills_or_holds_its_process_is_refused(tmp_path: Path) -> 
     assert found[1].goals[0] > found[3].goals[0] - 1e-9
 
 
-@pytest.mark.expensive
-def test_a_killed_program_has_lost_nothing(tmp_path: Path) -> None:
-    """Killed at several moments, it finds the same as without, and evaluates no design twice."""
-    kill_and_go_on(tmp_path, 12, [(0, 0.0), (3, 0.0), (5, 0.0)])
-
-
 @pytest.mark.nightly
 def test_a_program_that_is_killed_twenty_times_has_lost_nothing(tmp_path: Path) -> None:
     """Killed at drawn moments: as it begins, as it writes, as finalists are replicated."""
