@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from planning.errors import TwinError as TwinError
+    from twin.api.audits import Audit as Audit
+    from twin.api.audits import audit as audit
     from twin.api.explorations import Explored as Explored
     from twin.api.explorations import explore as explore
     from twin.api.operations import operate as operate
-    from twin.api.runs import Audit as Audit
     from twin.api.runs import Check as Check
-    from twin.api.runs import audit as audit
     from twin.api.runs import check as check
     from twin.api.runs import plan as plan
     from twin.api.runs import replay as replay

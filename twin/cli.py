@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from twin.commands.doctor import doctor
-from twin.commands.drive import drive
 from twin.commands.explore import explore
 from twin.commands.fit import fit
 from twin.commands.judge import judge
-from twin.commands.operate import operate
+from twin.commands.operate import drive, operate
+from twin.commands.plan import plan
 from twin.commands.robots import robots
 from twin.commands.run import export, follow, replay, resume, run
 from twin.commands.scenario_imports import app as import_app
@@ -58,6 +58,7 @@ def _program(version: Version = False) -> None:
 for _name, _function in {
     "init": init,
     "scenarios": scenarios,
+    "plan": plan,
     "run": run,
     "operate": operate,
     "drive": drive,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from planning.cell.cover import ConvexBody
 from planning.cell.robot_model import RobotModel
 from planning.cell.shape import Shape
 from planning.cell.workcell import (
+    Begun,
     CellObject,
     Clearances,
     Fixture,
@@ -24,7 +26,8 @@ _SAME = 1e-9  # poses and sizes that differ by less are equal but for rounding [
 def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
     """Return what is different in a cell than in the one that a plan was made for.
 
-    Objects that come up later, the next bricks of feeding stations, are the plan's own.
+    Objects that come up later, the next bricks of feeding stations, are the plan's own. Where a plan
+    that begins in the middle has objects, and robots that are out, is for it to say.
 
     Args:
         planned: cell of the plan.
@@ -33,14 +36,20 @@ def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
     Returns:
         One sentence a difference, each naming what differs; empty where the plan fits.
     """
+    begun = planned.begun
     out = [
-        *_compared("robot", planned.robots, given.robots, _robot),
+        *_compared(
+            "robot",
+            planned.robots,
+            given.robots,
+            partial(_robot, out=() if begun is None else begun.out),
+        ),
         *_compared("fixture", planned.fixtures, given.fixtures, _fixture),
         *_compared(
             "object",
-            [item for item in planned.objects if not item.later],
+            [item for item in planned.objects if _is_the_cells(item, given, begun)],
             [item for item in given.objects if not item.later],
-            _object,
+            partial(_object, starts=begun is None),
         ),
     ]
     if planned.clearances != given.clearances:
@@ -49,6 +58,13 @@ def cell_differences(planned: Workcell, given: Workcell) -> list[str]:
             f" {_metres(given.clearances)} here"
         )
     return out
+
+
+def _is_the_cells(item: CellObject, given: Workcell, begun: Begun | None) -> bool:
+    """Tell whether an object of a plan is one that its cell has at the start."""
+    if begun is None:
+        return not item.later
+    return any(item.name == own.name for own in given.objects)
 
 
 def _metres(clearances: Clearances) -> str:
@@ -81,12 +97,12 @@ def _compared(
                 yield f"{what} {item.name!r} {text}"
 
 
-def _robot(a: PlacedRobot, b: PlacedRobot) -> Iterator[str]:
+def _robot(a: PlacedRobot, b: PlacedRobot, out: Collection[str]) -> Iterator[str]:
     if a.model.name != b.model.name or a.model.joint_names != b.model.joint_names:
         yield f"is a {a.model.name} in the plan, a {b.model.name} here"
         return
     yield from _moved("its base", a.base, b.base)
-    if not np.allclose(a.home, b.home, rtol=0.0, atol=_SAME):
+    if a.name not in out and not np.allclose(a.home, b.home, rtol=0.0, atol=_SAME):
         yield "has another HOME"
     if sorted(a.model.frames) != sorted(b.model.frames):
         yield "has other tool frames"
@@ -126,11 +142,12 @@ def _fixture(a: Fixture, b: Fixture) -> Iterator[str]:
     yield from _moved("it", a.pose, b.pose)
 
 
-def _object(a: CellObject, b: CellObject) -> Iterator[str]:
+def _object(a: CellObject, b: CellObject, *, starts: bool) -> Iterator[str]:
     if a.kind != b.kind:
         yield f"is of type {a.kind!r} in the plan, {b.kind!r} here"
     yield from _reshaped(a.shape, b.shape)
-    yield from _moved("it", a.start, b.start)
+    if starts:
+        yield from _moved("it", a.start, b.start)
 
 
 def _reshaped(a: Shape, b: Shape) -> Iterator[str]:

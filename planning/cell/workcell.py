@@ -184,6 +184,21 @@ class Clearances:
 
 
 @dataclass(frozen=True)
+class Begun:
+    """What was done before plans of a cell begin that begin neither at HOME nor with all at its start.
+
+    Attributes:
+        after: what was executed, for people.
+        done: tasks that were done of each kind of process or skill, as often as they were.
+        out: robots that are out: their HOME is where they stand.
+    """
+
+    after: str
+    done: tuple[tuple[str, int], ...] = ()
+    out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Workcell:
     """Static description of a cell: all that does not change while it works.
 
@@ -196,6 +211,8 @@ class Workcell:
             chains in graphs as robots do, and no bodies.
         deviations: by skill, how far a robot's flange may be from the reference path while the
             skill is executed; none for skills that follow it.
+        begun: what was done before; None where plans begin with all robots at HOME and all objects at
+            their starts. Robots then begin where their chains do, objects where they lie by then.
     """
 
     robots: tuple[PlacedRobot, ...]
@@ -204,6 +221,7 @@ class Workcell:
     clearances: Clearances = field(default_factory=Clearances)
     machines: tuple[PlacedRobot, ...] = ()
     deviations: Mapping[str, PoseError] = field(default_factory=dict)
+    begun: Begun | None = None
 
     def robot(self, name: str) -> PlacedRobot:
         """Return the robot or machine called ``name``; KeyError lists the names."""

@@ -242,8 +242,11 @@ def _once(
 
 
 def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
-    """Yield the robots that stand somewhere with nothing to bring to an end there."""
+    """Yield the robots that stand somewhere with nothing to bring to an end there, and not at a goal."""
     going = {task.robot for item in left for task in item.tasks}
+    last = set(world.beginning.last_task.values())
+    tasks = (task for step in world.steps for task in step.tasks)
+    going |= {task.robot for task in tasks if task.goal and task.index in last}
     for robot in cell.robots:
         at = world.state.configurations[robot.name]
         stands = abs(at - robot.home).max() > 1e-9

@@ -58,11 +58,14 @@ class World:
                 yield name, at
 
     def begun(self) -> dict[int, StepTasks]:
-        """Return the steps of which a skill is complete, by number: they go on as they were planned."""
+        """Return the steps of which a skill is complete, or a goal reached, by number: they go on as planned."""
         return {
             step.step: step
             for step in self.steps
-            if any(t.kind != TRANSIT and t.index in self.complete for t in step.tasks)
+            if any(
+                (t.kind != TRANSIT or t.goal) and t.index in self.complete
+                for t in step.tasks
+            )
         }
 
 

@@ -160,8 +160,7 @@ class _Trace:
 
     def _held_from_the_start(self, event: NodeHandling) -> _Place | None:
         """Return who holds an object before its first node, None where that only takes it then."""
-        robot = self._tpg.chains[event.robot].robot
-        if (event.node, event.waypoint) != (0, 0) or event.holder != robot:
+        if not self._tpg.holds_before(event):
             return None
         return _Place(event.pose, event.robot, None, _BEFORE)
 

@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 from planning.cell.robot_model import MotionLimits, RobotModel
 from planning.cell.shape import (
@@ -24,6 +30,7 @@ from planning.cell.shape import (
 )
 from planning.cell.workcell import (
     NO_ERROR,
+    Begun,
     CellObject,
     Clearances,
     Fixture,
@@ -155,6 +162,12 @@ class _Clearance(Entry):
     contact_depth: Annotated[float, Field(ge=0, le=0.1, alias="contact_depth_m")]
 
 
+class _Begun(Entry):
+    after: str
+    done: tuple[tuple[str, Annotated[int, Field(ge=0)]], ...]
+    out: tuple[Name, ...]
+
+
 class CellEntry(Entry):
     """What plan.json says of a cell."""
 
@@ -163,6 +176,11 @@ class CellEntry(Entry):
     objects: tuple[_Object, ...]
     clearance: _Clearance
     machines: tuple[Name, ...]
+    begun: _Begun | None = None
+
+    @model_serializer(mode="wrap")
+    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if k != "begun" or v}
 
 
 def write_cell(cell: Workcell, arrays: Arrays) -> CellEntry:
@@ -179,6 +197,7 @@ def write_cell(cell: Workcell, arrays: Arrays) -> CellEntry:
         objects=tuple(_write_thing(_Object, o, arrays) for o in cell.objects),
         clearance=told(_Clearance, cell.clearances),
         machines=tuple(item.name for item in cell.machines),
+        begun=None if cell.begun is None else told(_Begun, cell.begun),
     )
 
 
@@ -253,6 +272,7 @@ def read_cell(
             for name in sorted(arrays)
             if name.startswith(_DEVIATION)
         },
+        None if document.begun is None else made(Begun, document.begun),
     )
 
 

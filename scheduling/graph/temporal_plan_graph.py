@@ -173,3 +173,8 @@ class TemporalPlanGraph:
     def chain_index(self) -> dict[str, int]:
         """Index in ``chains`` of each robot that has nodes."""
         return {chain.robot: i for i, chain in enumerate(self.chains)}
+
+    def holds_before(self, h: NodeHandling) -> bool:
+        """Tell whether by a handling a robot has in its hand what it had before its first node."""
+        begins = (h.node, h.waypoint) == (0, 0)
+        return begins and h.holder == self.chains[h.robot].robot

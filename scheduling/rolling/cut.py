@@ -12,8 +12,10 @@ from collections.abc import Collection, Sequence
 
 from planning.cell.workcell import WorldState, start_state
 from planning.tasks.task import (
+    FAILED,
     LEFT_OUT,
     PRESENT,
+    TAKEN_OUT,
     AllowedContact,
     Handling,
     StepTasks,
@@ -156,7 +158,7 @@ def state_at(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
     done = [
         Handling(h.object, h.waypoint, h.holder, h.pose)
         for h in handlings_in_order(tpg, planned_ranks(tpg.chains))
-        if h.node < counts[h.robot]
+        if h.node < counts[h.robot] or tpg.holds_before(h)
     ]
     return apply_handlings(state, done)
 
@@ -167,11 +169,14 @@ def stands_at(chain: NodeChain, count: int) -> Array:
 
 
 def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
-    """Return the tasks of a graph step by step, with what belongs to them; nothing of what is brought."""
+    """Return the tasks of a graph step by step, with what belongs to them.
+
+    Nothing of what is brought or taken out, and no attempts that failed.
+    """
     by_step: dict[int, list[Task]] = {}
     step_of: dict[int, int] = {}
     for task in tpg.tasks:
-        if task.kind not in (LEFT_OUT, PRESENT):
+        if task.kind not in (LEFT_OUT, PRESENT, FAILED, TAKEN_OUT):
             by_step.setdefault(task.step, []).append(task)
             step_of[task.index] = task.step
     waits: dict[int, list[tuple[int, int]]] = {}

@@ -96,7 +96,8 @@ def extended(
             then its own, and its robots begin with what they hold in their hands.
         cell: with all objects, as it was at the very start.
         dependencies: between tasks of both, shape (e, 2).
-        order: robots whose chains come first, in this order, by default that of the committed ones.
+        order: robots whose chains come first, in this order, by default that of the committed ones; one
+            without nodes has none.
 
     Raises:
         PlanInvariantError: a robot or an object that stands is in the way of a new motion.
@@ -104,7 +105,9 @@ def extended(
     names = [r.name for r in (*cell.robots, *cell.machines)]
     old, more = committed.chain_index, new.chain_index
     # Chains keep their numbers: who executes them is told by these.
-    every = dict.fromkeys([*order, *old, *(name for name in names if name in more)])
+    every = dict.fromkeys(
+        name for name in (*order, *old, *names) if name in old or name in more
+    )
     place = {name: k for k, name in enumerate(every)}
     begins = max((float(c.planned_start[-1]) for c in committed.chains), default=-1.0)
     parts: list[list[NodeChain]] = [[] for _ in every]
@@ -122,7 +125,7 @@ def extended(
     handlings += [
         _moved(h, place[new.chains[h.robot].robot], count)
         for h in new.handlings
-        if not _takes_up(h, new)
+        if not new.holds_before(h)
     ]
     union = TemporalPlanGraph(
         cell,
@@ -163,12 +166,6 @@ def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:
 
 def _moved(h: NodeHandling, chain: int, count: Sequence[int]) -> NodeHandling:
     return replace(h, robot=chain, node=h.node + count[chain])
-
-
-def _takes_up(h: NodeHandling, new: TemporalPlanGraph) -> bool:
-    """Tell whether by a handling a robot has in its hand what it had before."""
-    at_start = h.node == 0 and h.waypoint == 0
-    return at_start and h.holder == new.chains[h.robot].robot
 
 
 def _without_taking_up(task: Task) -> Task:

@@ -1,4 +1,4 @@
-"""What the nodes of a saved plan do is what its tasks say, from HOME on and at speeds that robots have.
+"""What the nodes of a saved plan do is what its tasks say, from where they begin on and at speeds that robots have.
 
 A transit may be another way than its task's, as shortcuts take. All other tasks are done on the very
 path that they have, and exactly what they say changes hands in them.
@@ -144,7 +144,7 @@ def _leaps(tpg: TemporalPlanGraph, index: int, speeds: Array) -> Iterator[Proble
     """Yield where a robot does not begin at HOME, and the nodes in which it is too fast."""
     chain = tpg.chains[index]
     away = np.abs(chain.start - tpg.cell.robot(chain.robot).home)
-    if len(chain) and away.max() > _SAME:
+    if tpg.cell.begun is None and len(chain) and away.max() > _SAME:
         text = (
             f"begins {away.max():.3g} rad or m away from HOME (joint {away.argmax()})"
         )

@@ -94,7 +94,7 @@ class Whereabouts:
     Attributes:
         holder: the robot that holds it, None at rest, GONE once it has left the cell.
         pose: of its centre in the holder's flange frame, or in the world.
-        put: chain, node and waypoint from which on it is there, None from the start on.
+        put: chain, node and waypoint from which on it is there, None from the start on, in a hand too.
         taken: those from which on it is elsewhere, None if it stays.
         there: False for what has not come up yet.
     """
@@ -118,7 +118,14 @@ def whereabouts(tpg: TemporalPlanGraph) -> dict[str, list[Whereabouts]]:
         events = handled[item.name]
         events.sort(key=lambda h: (*planned_key(tpg, h.robot, h.node), h.waypoint))
         when: list[_Moment | None] = [(h.robot, h.node, h.waypoint) for h in events]
-        at = [(None, item.start), *((h.holder, h.pose) for h in events)]
+        first: tuple[str | None, Transform] = None, item.start
+        if events and tpg.holds_before(events[0]):
+            first, events, when = (
+                (events[0].holder, events[0].pose),
+                events[1:],
+                when[1:],
+            )
+        at = [first, *((h.holder, h.pose) for h in events)]
         found[item.name] = [
             Whereabouts(*place, put, taken, there=put is not None or not item.later)
             for place, put, taken in zip(at, [None, *when], [*when, None], strict=True)
@@ -145,15 +152,15 @@ def object_histories(
         shape = tpg.cell.object(name).shape
         if at.holder == GONE or not at.there:
             continue
-        if at.holder is None or at.put is None:
+        if at.holder is None:
             resting.append(Resting(name, at.pose, shape, at.put, at.taken))
             continue
         chain = tpg.chain_index[at.holder]
         count = len(tpg.chains[chain])
-        start, end = at.put, at.taken or (chain, count, 0)
+        start, end = at.put or (chain, 0, 0), at.taken or (chain, count, 0)
         given, fetched = start[0] != chain, end[0] != chain
         if given:
-            start = stand_during(tpg, chain, at.put)
+            start = stand_during(tpg, chain, start)
             until = start if start[1] < count else None
             hand, tasks = flange(*start) @ at.pose, _tasks(tpg, chain, start[1])
             resting.append(Resting(name, hand, shape, at.put, until, tasks, at.holder))
@@ -206,6 +213,12 @@ def jumps(tpg: TemporalPlanGraph, flange: FlangeAt) -> Iterator[Problem]:
         flange: see ``FlangeAt``.
     """
     for name, places in whereabouts(tpg).items():
+        if (holder := places[0].holder) is not None:
+            item, chain = tpg.cell.object(name), tpg.chain_index[holder]
+            there = flange(chain, 0, 0) @ places[0].pose
+            if (apart := distance_of(item, item.start, there)) > JUMP:
+                text = f"{name!r} is {apart * 1e3:.2f} mm away from where {holder!r} has it at the start"
+                yield node_problem(tpg, "jump", (chain, 0), text)
         for before, after in pairwise(places):
             assert after.put is not None
             wrong = _wrong(tpg, tpg.cell.object(name), before, after, flange)

@@ -10,23 +10,22 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from planning.errors import OutputError, RequestError, ScenarioError
-from scheduling.graph.plan_files import save_plan
-from twin.audit.audit import AuditReport
 from twin.audit.worlds.engines import engine_named
 from twin.check.check import CheckReport, check_scenario, require_checked
 from twin.host.guard import replacing
 from twin.host.progress import Report, report_nothing
-from twin.recorders.observers import MemoryRecorder, write_motion
+from twin.recorders.observers import MemoryRecorder
 from twin.run.events import POLICIES
 from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
 from twin.run.viewer import open_viewer, render_stills
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
-from twin.trial.plan_result import PlanResult, require_plan_of
+from twin.trial.plan_from_run import Moment, plan_from_run
+from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
-from twin.trial.run_result import RunResult, any_run
+from twin.trial.run_result import RunResult
 from twin.trial.simulation import execute
-from twin.trial.trial import audit_execution, try_plan
+from twin.trial.trial import try_plan
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -130,20 +129,44 @@ AnyPlan = AnyScenario | PlanResult
 """A plan, or the scenario that is to be planned, or the path of its file."""
 
 
-def plan(scenario: AnyScenario, *, progress: Report = report_nothing) -> PlanResult:
-    """Check and plan a scenario.
+def plan(
+    scenario: AnyScenario | None = None,
+    *,
+    world: Moment | str | None = None,
+    out_of_service: Sequence[str] = (),
+    progress: Report = report_nothing,
+) -> PlanResult:
+    """Check and plan a scenario, or what is left of it from the middle of a run.
 
     Args:
-        scenario: a scenario, or the path of its file.
+        scenario: a scenario, or the path of its file; by default that of the run.
+        world: where the plan begins, as ``runs/cliff@42``: the folder of a run, and seconds since its
+            start; by default with all robots at HOME and all objects at their starts. Each robot goes on
+            to the first border at which it is at rest and within no skill; the plan begins there.
+        out_of_service: robots that do nothing from then on, and stand where they are.
         progress: told how far each stage has come.
 
     Raises:
         InvalidScenarioError: the file is not valid, or the check of the cell finds an error.
+        RequestError: something cannot go on from there, or nothing is left to do.
         TwinError: the assembly cannot be built as it is, or no plan was found.
     """
+    moment = Moment.named(world) if isinstance(world, str) else world
+    if scenario is None:
+        if moment is None:
+            raise RequestError("say what to plan: a scenario, or a time of a run")
+        scenario = scenario_of_run(moment.run.files)
+    if moment is None and out_of_service:
+        raise RequestError(
+            "robots are out of service from a time of a run on: name one, such as runs/cliff@0; for plans"
+            " from the start leave them out of the scenario"
+        )
     checked = check(scenario, progress=progress)
     checked.require_ok()
-    return _plan_checked(checked, progress)
+    if moment is None:
+        return _plan_checked(checked, progress)
+    made = plan_from_run(checked.scenario, moment, out_of_service, progress)
+    return replace(made, warnings=checked.warnings, fits=checked.fits)
 
 
 def _plan_checked(checked: Check, progress: Report) -> PlanResult:
@@ -274,104 +297,6 @@ def released(values: Mapping[str, Any]) -> Mapping[str, Any]:
         f"policy {name!r} is {release} of the plan {plan}: give --policy {release}; --shortcuts"
         " and the scenario's coordination say which plan it is"
     )
-
-
-@dataclass(frozen=True)
-class Audit:
-    """What an audit found.
-
-    Attributes:
-        report: distances, and what was executed though nothing allows it.
-    """
-
-    report: AuditReport
-
-    @property
-    def clean(self) -> bool:
-        """True if nothing was found."""
-        return not self.report.violations
-
-    @property
-    def min_distance_m(self) -> float:
-        """Least distance of any two robots with what they carry; infinite with fewer than two [m]."""
-        return self.report.min_distance_m
-
-    @property
-    def violations(self) -> pa.Table:
-        """A row each: kind, first, second, t_start_s, t_end_s, depth_m, detail."""
-        import pyarrow as pa
-
-        rows = self.report.violations
-        return pa.table(
-            {
-                "kind": pa.array([row.kind for row in rows], pa.string()),
-                "first": pa.array([row.first for row in rows], pa.string()),
-                "second": pa.array([row.second for row in rows], pa.string()),
-                "t_start_s": pa.array([row.t_start for row in rows], pa.float64()),
-                "t_end_s": pa.array([row.t_end for row in rows], pa.float64()),
-                "depth_m": pa.array([row.depth_m for row in rows], pa.float64()),
-                "detail": pa.array([row.detail for row in rows], pa.string()),
-            }
-        )
-
-    def _repr_html_(self) -> str:
-        from twin.drawing.markup import card
-
-        report = self.report
-        rows = [
-            ("configurations", str(report.configurations)),
-            ("least distance of two robots", f"{1000 * report.min_distance_m:.1f} mm"),
-            ("measured with", report.engine),
-        ]
-        rows += [
-            (v.kind, f"{v.first} - {v.second}, from {v.t_start:.3f} s {v.detail}")
-            for v in report.violations
-        ]
-        count = len(report.violations)
-        verdict = f"{count} violation{'s' * (count != 1)}" if count else "clean"
-        return card(f"Audit: {verdict}", rows)
-
-
-def audit(
-    run: RunResult | PathOrName,
-    *,
-    engine: str | None = None,
-    progress: Report = report_nothing,
-) -> Audit:
-    """Check what a run executed with code that the planner does not use.
-
-    Args:
-        run: a run, or its folder.
-        engine: pybullet or coal; by default PyBullet where it is installed, else coal.
-        progress: told how far the audit has come.
-
-    Raises:
-        RequestError: the engine is not installed.
-        OutputError: the folder is that of no run, or a file in it is damaged.
-    """
-    chosen = engine_named(engine)
-    judged = any_run(run)
-
-    def audited(folder: Path) -> Audit:
-        return Audit(
-            audit_execution(
-                judged.sections,
-                folder,
-                ordered="open-loop" not in judged.policy,
-                finished=judged.outcome == "completed",
-                engine=chosen,
-                progress=progress,
-            )
-        )
-
-    if judged.folder is not None:
-        return audited(judged.folder)
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        save_plan(judged.tpg, folder)
-        assert judged.record is not None
-        write_motion(folder, judged.tpg, judged.record)
-        return audited(folder)
 
 
 STILLS = "stills"

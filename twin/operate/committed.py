@@ -26,6 +26,19 @@ def not_executed(tpg: TemporalPlanGraph, incident: Incident) -> list[tuple[int, 
 
 
 @dataclass(frozen=True)
+class Recut:
+    """Where a plan is cut, and how it goes on there.
+
+    Attributes:
+        steps: whether robots bring their steps to an end before it; their tasks only otherwise.
+        aside: whether every robot goes HOME first with what it has to bring to an end, and comes back.
+    """
+
+    steps: bool
+    aside: bool = False
+
+
+@dataclass(frozen=True)
 class Judged:
     """What is done about failures.
 

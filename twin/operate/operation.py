@@ -19,8 +19,9 @@ from scheduling.motion_times import at_full_speed, is_driven
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel
+from twin.operate.committed import Recut
 from twin.operate.person import Ask, Person, Says
-from twin.operate.recovery import Recovery, Recut
+from twin.operate.recovery import Recovery
 from twin.operate.rolling import (
     RollingDrivenExecution,
     RollingExecution,

@@ -7,7 +7,7 @@ the integer program chooses; else the step is given up with what rests on it, an
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 
 import numpy as np
@@ -52,6 +52,7 @@ from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
     Judged,
+    Recut,
     cause_of,
     committed_at,
     not_executed,
@@ -71,19 +72,6 @@ from twin.uncertainty.node_times import NodeTimes
 
 Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
 """Returns the times of the nodes of a graph, given the names of the draws of tasks."""
-
-
-@dataclass(frozen=True)
-class Recut:
-    """Where a plan is cut, and how it goes on there.
-
-    Attributes:
-        steps: whether robots bring their steps to an end before it; their tasks only otherwise.
-        aside: whether every robot goes HOME first with what it has to bring to an end, and comes back.
-    """
-
-    steps: bool
-    aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,6 +106,7 @@ class Recovery:
         motions: what the first plan was made of.
         tpg: the first plan.
         draw: times of new nodes.
+        gone: objects that are lost already.
         person: who is asked before something is given up.
         cuts: that are tried, in this order, until nothing has to be given up; else that from which least is.
     """
@@ -127,24 +116,28 @@ class Recovery:
     tpg: InitVar[TemporalPlanGraph]
     draw: Draw
     person: Person
+    gone: InitVar[Collection[str]] = ()
     cuts: tuple[Recut, ...] = (Recut(steps=True), Recut(steps=False, aside=True))
     _known: KnownMotions = field(default_factory=KnownMotions)
 
-    def __post_init__(self, tpg: TemporalPlanGraph) -> None:
+    def __post_init__(self, tpg: TemporalPlanGraph, gone: Collection[str]) -> None:
         settings = self.motions.settings
         seconds = {TAKEN_OUT: self.scenario.execution.recovery.remove_s}
         settings = replace(
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )
         self.motions = replace(self.motions, settings=settings)
-        plan, chosen = self.motions.motion_plan, self.motions.task_plan
+        chosen = self.motions.task_plan
         self._window = StepWindow(self.scenario.execution.window, self.motions)
         self._executed = _Going(
             tpg.cell,
             chosen,
             planned_steps(tpg),
             Luck.of(tpg),
-            Ledger(resting_steps(plan.tasks, plan.allowed, chosen, self.work.needs)),
+            Ledger(
+                resting_steps(tpg.tasks, tpg.allowed, chosen, self.work.needs),
+                gone=set(gone),
+            ),
         )
         self._planned = self._executed
         self._restore(self._executed)
@@ -200,6 +193,8 @@ class Recovery:
         union, new, at = self._from_some_cut(tpg, incident, judged)
         self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
         counts = at.lengths
+        executed_by = tuple(chain.robot for chain in union.chains)
+        assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
         self._planned = self._state()
         return Version(
             union,
@@ -216,6 +211,19 @@ class Recovery:
             ),
             judged.words,
         )
+
+    def plan_alone(
+        self, tpg: TemporalPlanGraph, incident: Incident
+    ) -> tuple[TemporalPlanGraph, Committed]:
+        """Return what is new only, and what there was before; what was given up is told from then on.
+
+        The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
+        """
+        judging = Judging(self.scenario.execution, self._ledger, self.person)
+        judged = judging.judged(tpg, incident)
+        _, new, at = self._from_some_cut(tpg, incident, judged)
+        self._planned = self._executed = self._state()
+        return new, at
 
     def _state(self) -> _Going:
         return _Going(

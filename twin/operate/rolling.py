@@ -32,6 +32,10 @@ _AFTER_ALL = EventPriority(10)
 """Priority of what looks at all that has happened at a time."""
 
 
+OUT_FOR_GOOD = "is out for good"
+"""What the log says of a robot that is out."""
+
+
 @dataclass(frozen=True)
 class Failure:
     """A skill that has failed for good.
@@ -179,7 +183,7 @@ class RollingExecution(SuppliedExecution):
 
     def _tell_of_outage(self, chain: int) -> None:
         if self.narrator is not None:
-            self.narrator.emit("failed", chain, detail="is out for good")
+            self.narrator.emit("failed", chain, detail=OUT_FOR_GOOD)
 
     def _upcoming(self) -> float:
         upcoming = super()._upcoming()

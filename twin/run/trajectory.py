@@ -211,18 +211,25 @@ def _until(motion: Trajectory, end_ns: int) -> Trajectory:
 def object_placements(
     tpg: TemporalPlanGraph, run: ExecutionRecord
 ) -> tuple[Placement, ...]:
-    """Return the placements of every object: at the start, and from every change on, by time.
+    """Return the placements of every object: at the start, be it in a hand, and from every change on, by time.
 
     An object that comes up later has no row before it does.
     """
+    held = {h.object: h for h in tpg.handlings if tpg.holds_before(h)}
     placements = [
-        Placement(0, o.name, None, o.start) for o in tpg.cell.objects if not o.later
+        Placement(0, o.name, None, o.start)
+        if o.name not in held
+        else Placement(0, o.name, held[o.name].holder, held[o.name].pose)
+        for o in tpg.cell.objects
+        if not o.later
     ]
     offsets = [
         waypoint_offsets_ns(chain, duration)
         for chain, duration in zip(tpg.chains, run.duration_ns, strict=True)
     ]
     for item in tpg.handlings:
+        if tpg.holds_before(item):
+            continue
         start = int(run.start_ns[item.robot][item.node])
         if start < 0 or run.failed_nodes[item.robot] == item.node:
             continue

@@ -359,7 +359,7 @@ def standing_recording(tpg: TemporalPlanGraph, state: StandingState) -> Recordin
     objects = tuple(
         ObjectRow(0.0, h.object, h.holder, h.pose)
         for h in tpg.handlings
-        if h.node < counts[h.robot]
+        if h.node < counts[h.robot] or tpg.holds_before(h)
     )
     return Recording(robots, objects, 1.0)
 

@@ -76,6 +76,25 @@ class ResumeError(TwinError):
     """The resumed run differs from its log."""
 
 
+def write_plan(plan: PlanResult, folder: Path) -> None:
+    """Write a plan into a folder that it can be read back from, with the scenario that it is of.
+
+    Args:
+        plan: what is written.
+        folder: made by prepare_run_folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    case = plan.scenario
+    with new_results(folder):
+        about = asdict(prepare(plan))
+        write_manifest(folder, case.sections, plan.tpg.cell, case.folder, run=about)
+        save_plan(plan.tpg, folder)
+        if plan.turns is not None:
+            save_plan(plan.turns, folder / TURNS)
+
+
 def try_plan(
     plan: PlanResult,
     folder: Path,

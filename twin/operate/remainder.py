@@ -1,0 +1,179 @@
+"""What is left of a run from a time on, planned from the world that was executed up to there.
+
+Nothing is taken from what was planned and not executed: steps that have begun keep the robots, objects, grips
+and supports of their tasks, and all others are chosen anew.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.workcell import Begun, start_state
+from planning.errors import RequestError
+from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
+from planning.tasks.task import GONE, TAKEN_OUT, TRANSIT, StepTasks, Task
+from planning.tasks.work import AssemblyWork
+from planning.worlds.world import World
+from scheduling.graph.plan_files import plan_sha256
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.rolling.alone import alone
+from scheduling.rolling.cut import complete_tasks, cut_after, planned_steps
+from twin.operate.committed import Committed, Recut
+from twin.operate.person import Person
+from twin.operate.recovery import Recovery
+from twin.operate.rolling import Incident
+from twin.planning.kind import PlannedMotions
+from twin.planning.pipeline import planned_shortcuts
+from twin.scenario.sections.scenario import Scenario
+from twin.uncertainty.draws import TaskName
+from twin.uncertainty.node_times import NodeTimes
+
+_SAME = 1e-6
+"""Joint values of a task that differ by less are the same [rad or m]."""
+
+
+def plan_remainder(
+    scenario: Scenario,
+    motions: PlannedMotions,
+    tpg: TemporalPlanGraph,
+    begun: Sequence[int],
+    complete: Sequence[int],
+    out: Collection[str],
+    when: str,
+) -> TemporalPlanGraph:
+    """Return the plan of what is left, which begins in the world at the first borders at which robots rest.
+
+    Args:
+        scenario: what is built, and how it is planned.
+        motions: of a plan of all of it.
+        tpg: what was executed.
+        begun: how many nodes of each chain have begun at the time.
+        complete: how many of each were complete when the run ended.
+        out: robots that are out from then on.
+        when: the time, for people.
+
+    Raises:
+        RequestError: something cannot go on, or nothing is left.
+    """
+    counts = cut_after(tpg, begun, steps=False)
+    for chain, count, ended in zip(tpg.chains, counts, complete, strict=True):
+        if count > ended:
+            raise RequestError(
+                f"{chain.robot!r} does not come to rest between {when} and the end of the run"
+            )
+    assert motions.work is not None
+    done = complete_tasks(tpg, counts)
+    world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
+    chosen = _choices_of(motions.work, motions.task_plan, world.begun())
+    before = [h for h in tpg.handlings if h.node < counts[h.robot]]
+    planner = Recovery(
+        _with_shortcuts(scenario),
+        replace(motions, task_plan=chosen),
+        tpg,
+        _nobody_draws,
+        Person(None, scenario.seed),
+        {h.object for h in before if h.holder == GONE},
+        cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
+    )
+    incident = Incident((), frozenset(out), frozenset(), counts)
+    new, at = planner.plan_alone(tpg, incident)
+    first = len(at.committed.tasks)
+    _require_whole(planner, new, at)
+    if not len(new.tasks) > first:
+        raise RequestError(f"nothing is left to do at {when}")
+    kinds = Counter(tpg.tasks[k].kind for k in done)
+    after = f"{scenario.name} {plan_sha256(tpg)[:12]} at {when}"
+    counted = tuple(sorted(kinds.items()))
+    return alone(new, first, Begun(after, counted, tuple(sorted(out))))
+
+
+def _require_whole(planner: Recovery, new: TemporalPlanGraph, at: Committed) -> None:
+    """Refuse what cannot go on.
+
+    Raises:
+        RequestError: says what, and why.
+    """
+    for name, place in at.state.attachments.items():
+        if place.holder in at.out:
+            raise RequestError(
+                f"{place.holder!r} is out and has {name!r} in its hand: only a person can take it from there"
+            )
+    if planner.given_up:
+        steps = (f"step {k}: {why}" for k, why in sorted(planner.given_up.items()))
+        raise RequestError("not all can go on from there: " + "; ".join(steps))
+    for task in new.tasks[len(at.committed.tasks) :]:
+        if task.kind == TAKEN_OUT:
+            raise RequestError(
+                f"{task.robot!r} has {task.object!r} in its hand, which has nowhere to go"
+            )
+
+
+def _with_shortcuts(scenario: Scenario) -> Scenario:
+    """Return a scenario in which a plan is shortened as much as any other plan of it."""
+    own = scenario.execution
+    recovery = own.recovery.changed(shortcuts=planned_shortcuts(scenario))
+    return scenario.changed(execution=own.changed(recovery=recovery))
+
+
+def _nobody_draws(
+    _graph: TemporalPlanGraph, _names: Mapping[int, TaskName]
+) -> NodeTimes:
+    raise AssertionError("a plan is made and not executed")
+
+
+def _choices_of(
+    work: AssemblyWork, plan: TaskPlan, begun: Mapping[int, StepTasks]
+) -> TaskPlan:
+    """Return choices in which every step that has begun is done as it was.
+
+    Raises:
+        RequestError: one was done in another way than any that is known.
+    """
+    for number, step in sorted(begun.items()):
+        skills = [task for task in step.tasks if task.kind != TRANSIT or task.goal]
+        for choice in _choices(work.problem, plan, number, skills):
+            tried = plan.with_choice(choice)
+            needed = [
+                task
+                for task in work.expand(tried, number, 0).tasks
+                if task.kind != TRANSIT or task.goal
+            ]
+            if all(any(_alike(a, b) for b in skills) for a in needed):
+                plan = tried
+                break
+        else:
+            raise RequestError(
+                f"step {number} was done in a way that is none of those of its scenario"
+            )
+    return plan
+
+
+def _choices(
+    problem: AssignmentProblem, plan: TaskPlan, step: int, done: Sequence[Task]
+) -> Iterator[StepChoice]:
+    """Yield the ways to do a step with who did it, the planned one first."""
+    robots = {task.robot for task in done}
+    yield plan[step]
+    for p in problem.primaries_of.get(step, ()):
+        primary = problem.primaries[p]
+        if primary.robot not in robots:
+            continue
+        if not problem.needs_support[step - 1]:
+            yield StepChoice(primary)
+            continue
+        for s in problem.supports_of.get(step, ()):
+            support = problem.supports[s]
+            if support.robot in robots and problem.compatible(p, s):
+                yield StepChoice(primary, support)
+
+
+def _alike(one: Task, other: Task) -> bool:
+    """Tell whether two tasks are the same but for their numbers."""
+    return (
+        (one.robot, one.kind, one.object, one.path.shape)
+        == (other.robot, other.kind, other.object, other.path.shape)
+    ) and np.allclose(one.path, other.path, rtol=0.0, atol=_SAME)

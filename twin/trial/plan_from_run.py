@@ -1,0 +1,122 @@
+"""Plans that begin where a run was at some time: RUN@T, read from what was executed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from planning.errors import RequestError
+from twin.durations.model import NANOSECONDS
+from twin.host.progress import Report, StageWatch
+from twin.operate.operation import require_rolling
+from twin.operate.remainder import plan_remainder
+from twin.operate.rolling import OUT_FOR_GOOD
+from twin.planning.pipeline import plan_motions, planned_shortcuts
+from twin.run.policies import IN_TURNS, SHORTENED
+from twin.trial.loaded_scenario import LoadedScenario
+from twin.trial.plan_result import PlanResult
+from twin.trial.run_result import RunResult, read_run
+
+_AWAY = 0.02
+"""A robot that is further from where its plan has it at rest was moved by somebody else [rad or m]."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A time of a run.
+
+    Attributes:
+        run: what was executed.
+        t_s: time since its start [s].
+    """
+
+    run: RunResult
+    t_s: float
+
+    @classmethod
+    def named(cls, text: str) -> Moment:
+        """Return the moment that is called RUN@T: the folder of a run, and seconds.
+
+        Raises:
+            RequestError: there is no time in it, or it is not within the run.
+            OutputError: the folder is that of no run.
+        """
+        folder, _, seconds = text.rpartition("@")
+        try:
+            t_s = float(seconds)
+        except ValueError:
+            t_s = math.nan
+        if not folder or math.isnan(t_s):
+            raise RequestError(
+                f"{text!r} is no time of a run: RUN@T, such as runs/cliff@42 for 42 s"
+            )
+        return cls(read_run(folder), t_s)
+
+    def __str__(self) -> str:
+        """Return the time as people read it."""
+        return f"{self.t_s:g} s"
+
+    @property
+    def t_ns(self) -> int:
+        """The time [ns].
+
+        Raises:
+            RequestError: it is not within the run.
+        """
+        end = self.run.makespan_ns / NANOSECONDS
+        if not 0.0 <= self.t_s <= end:
+            raise RequestError(
+                f"{self} is not within the run {self.run.name!r}, which went from 0 to {end:.3f} s"
+            )
+        return round(self.t_s * NANOSECONDS)
+
+
+def plan_from_run(
+    case: LoadedScenario, moment: Moment, out: Collection[str], progress: Report
+) -> PlanResult:
+    """Plan what is left of a run at a time.
+
+    At that time every robot goes on to the first border at which it is at rest and within no skill; the plan
+    begins in the world there.
+
+    Args:
+        case: what was built, planned and executed as it now says.
+        moment: when.
+        out: robots that do nothing any more from then on.
+        progress: told how far each stage has come.
+
+    Raises:
+        RequestError: something cannot go on, or nothing is left.
+        TwinError: the scenario has no plan; see ``twin.plan``.
+    """
+    require_rolling(case.sections)
+    run, t_ns = moment.run, moment.t_ns
+    for name in out:
+        if name not in case.robots:
+            raise RequestError(f"there is no robot {name!r}", choices=case.robots)
+    for section in ("cell", "assembly"):
+        if getattr(run.sections, section) != getattr(case.sections, section):
+            raise RequestError(f"{section} is not that of the run {run.name!r}")
+    tpg = run.tpg
+    if tpg.cell.begun is not None:
+        raise RequestError(
+            f"the run {run.name!r} itself began in the middle, after {tpg.cell.begun.after}: what was done"
+            " before is not in it"
+        )
+    if tpg.cell.machines:
+        raise RequestError("what somebody brought in a run is not known to a new plan")
+    times = run.node_times_ns
+    begun = [int(np.count_nonzero((s >= 0) & (s < t_ns))) for s, _ in times]
+    complete = [int(np.count_nonzero(e >= 0)) for _, e in times]
+    gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
+    watch = StageWatch(progress)
+    motions = plan_motions(case.sections, case.folder, watch)
+    with watch.stage("motion"):
+        found = plan_remainder(
+            case.sections, motions, tpg, begun, complete, {*out, *gone}, str(moment)
+        )
+    name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
+    return PlanResult(case, found, name, planning_s=watch.seconds)
