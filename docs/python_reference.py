@@ -24,7 +24,7 @@ FUNCTIONS = (
 )
 RESULTS = (
     *("LoadedScenario", "Check", "PlanResult", "RunResult", "Audit", "Study"),
-    *("Comparison", "Explored", "Precision"),
+    *("Comparison", "Explored", "Precision", "RunMoment"),
 )
 
 _SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")

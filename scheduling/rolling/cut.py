@@ -158,7 +158,7 @@ def state_at(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
     done = [
         Handling(h.object, h.waypoint, h.holder, h.pose)
         for h in handlings_in_order(tpg, planned_ranks(tpg.chains))
-        if h.node < counts[h.robot] or tpg.holds_before(h)
+        if h.node < counts[h.robot]
     ]
     return apply_handlings(state, done)
 

@@ -8,7 +8,7 @@ like every graph before anybody executes it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -122,14 +122,19 @@ def extended(
         replace(h, robot=place[committed.chains[h.robot].robot])
         for h in committed.handlings
     ]
+    # What a robot has had in its hand all along is not taken up anew.
+    hands = {h.object: h.holder for h in committed.handlings}
     handlings += [
         _moved(h, place[new.chains[h.robot].robot], count)
         for h in new.handlings
-        if not new.holds_before(h)
+        if not (new.holds_before(h) and hands.get(h.object) == h.holder)
     ]
     union = TemporalPlanGraph(
         cell,
-        (*committed.tasks, *map(_without_taking_up, new.tasks[len(committed.tasks) :])),
+        (
+            *committed.tasks,
+            *(_with_hands(task, hands) for task in new.tasks[len(committed.tasks) :]),
+        ),
         chains,
         np.empty((0, 4), dtype=np.int64),
         np.empty(0, dtype=np.uint8),
@@ -168,9 +173,11 @@ def _moved(h: NodeHandling, chain: int, count: Sequence[int]) -> NodeHandling:
     return replace(h, robot=chain, node=h.node + count[chain])
 
 
-def _without_taking_up(task: Task) -> Task:
+def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
+    """Return a task of a robot that has in its hand already what it would take up first."""
+
     def taken(h: Handling) -> bool:
-        return h.waypoint == 0 and h.holder == task.robot
+        return h.waypoint == 0 and h.holder == task.robot == hands.get(h.object)
 
     if not any(taken(h) for h in task.handlings):
         return task

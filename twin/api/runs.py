@@ -20,7 +20,7 @@ from twin.run.folder import RECORDING, run_folder
 from twin.run.policies import NAMED_POLICIES, policy_named
 from twin.run.viewer import open_viewer, render_stills
 from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
-from twin.trial.plan_from_run import Moment, plan_from_run
+from twin.trial.plan_from_run import RunMoment, plan_from_run
 from twin.trial.plan_result import PlanResult, require_plan_of, scenario_of_run
 from twin.trial.planning import plan_scenario
 from twin.trial.run_result import RunResult
@@ -132,7 +132,7 @@ AnyPlan = AnyScenario | PlanResult
 def plan(
     scenario: AnyScenario | None = None,
     *,
-    world: Moment | str | None = None,
+    world: RunMoment | str | None = None,
     out_of_service: Sequence[str] = (),
     progress: Report = report_nothing,
 ) -> PlanResult:
@@ -151,7 +151,7 @@ def plan(
         RequestError: something cannot go on from there, or nothing is left to do.
         TwinError: the assembly cannot be built as it is, or no plan was found.
     """
-    moment = Moment.named(world) if isinstance(world, str) else world
+    moment = RunMoment.named(world) if isinstance(world, str) else world
     if scenario is None:
         if moment is None:
             raise RequestError("say what to plan: a scenario, or a time of a run")

@@ -52,11 +52,11 @@ def plan_into_folder(
     from twin.commands.run import values_of
     from twin.run.folder import run_folder
     from twin.trial.loaded_scenario import load
-    from twin.trial.plan_from_run import Moment
+    from twin.trial.plan_from_run import RunMoment
     from twin.trial.plan_result import scenario_of_run
     from twin.trial.trial import write_plan
 
-    moment = None if world is None else Moment.named(world)
+    moment = None if world is None else RunMoment.named(world)
     if scenario is not None:
         case = load(scenario)
     elif moment is not None:

@@ -15,13 +15,13 @@ import numpy as np
 from planning.cell.workcell import Begun, start_state
 from planning.errors import RequestError
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.task import GONE, TAKEN_OUT, TRANSIT, StepTasks, Task
+from planning.tasks.task import FAILED, GONE, TAKEN_OUT, TRANSIT, StepTasks, Task
 from planning.tasks.work import AssemblyWork
 from planning.worlds.world import World
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.alone import alone
-from scheduling.rolling.cut import complete_tasks, cut_after, planned_steps
+from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from twin.operate.committed import Committed, Recut
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
@@ -33,41 +33,34 @@ from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
 
 _SAME = 1e-6
-"""Joint values of a task that differ by less are the same [rad or m]."""
+"""Joint values of a task that differ by less, in turns, are the same."""
 
 
 def plan_remainder(
     scenario: Scenario,
     motions: PlannedMotions,
     tpg: TemporalPlanGraph,
-    begun: Sequence[int],
-    complete: Sequence[int],
+    counts: Counts,
     out: Collection[str],
     when: str,
 ) -> TemporalPlanGraph:
-    """Return the plan of what is left, which begins in the world at the first borders at which robots rest.
+    """Return the plan of what is left at a cut, which begins in the world there.
 
     Args:
         scenario: what is built, and how it is planned.
         motions: of a plan of all of it.
         tpg: what was executed.
-        begun: how many nodes of each chain have begun at the time.
-        complete: how many of each were complete when the run ended.
+        counts: how many nodes of each chain are complete at the cut.
         out: robots that are out from then on.
         when: the time, for people.
 
     Raises:
         RequestError: something cannot go on, or nothing is left.
     """
-    counts = cut_after(tpg, begun, steps=False)
-    for chain, count, ended in zip(tpg.chains, counts, complete, strict=True):
-        if count > ended:
-            raise RequestError(
-                f"{chain.robot!r} does not come to rest between {when} and the end of the run"
-            )
     assert motions.work is not None
     done = complete_tasks(tpg, counts)
     world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
+    _require_tried_once(tpg, world)
     chosen = _choices_of(motions.work, motions.task_plan, world.begun())
     before = [h for h in tpg.handlings if h.node < counts[h.robot]]
     planner = Recovery(
@@ -89,6 +82,26 @@ def plan_remainder(
     after = f"{scenario.name} {plan_sha256(tpg)[:12]} at {when}"
     counted = tuple(sorted(kinds.items()))
     return alone(new, first, Begun(after, counted, tuple(sorted(out))))
+
+
+def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
+    """Refuse what is in the middle of a step that failed later: what was left of it then is not in the run.
+
+    Raises:
+        RequestError: names the step.
+    """
+    failed = {
+        task.step
+        for task in tpg.tasks
+        if task.kind == FAILED and task.index not in world.complete
+    }
+    for number, step in world.begun().items():
+        left = {t.index for t in step.tasks if t.kind != TRANSIT} - world.complete
+        if number in failed and left:
+            raise RequestError(
+                f"step {number} is in the middle then, and fails later in this run: take a time before it was begun or"
+                " after it last failed"
+            )
 
 
 def _require_whole(planner: Recovery, new: TemporalPlanGraph, at: Committed) -> None:
@@ -172,8 +185,9 @@ def _choices(
 
 
 def _alike(one: Task, other: Task) -> bool:
-    """Tell whether two tasks are the same but for their numbers."""
-    return (
-        (one.robot, one.kind, one.object, one.path.shape)
-        == (other.robot, other.kind, other.object, other.path.shape)
-    ) and np.allclose(one.path, other.path, rtol=0.0, atol=_SAME)
+    """Tell whether two tasks are the same but for their numbers, and whole turns of their robot's joints."""
+    names = one.robot, one.kind, one.object, one.path.shape
+    if names != (other.robot, other.kind, other.object, other.path.shape):
+        return False
+    away = (one.path - other.path) / (2.0 * np.pi)
+    return bool(np.all(np.abs(away - np.rint(away)) <= _SAME))

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import RequestError
+from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.rolling.cut import Counts, cut_after, stands_at
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
 from twin.operate.operation import require_rolling
@@ -25,7 +27,7 @@ _AWAY = 0.02
 
 
 @dataclass(frozen=True)
-class Moment:
+class RunMoment:
     """A time of a run.
 
     Attributes:
@@ -37,7 +39,7 @@ class Moment:
     t_s: float
 
     @classmethod
-    def named(cls, text: str) -> Moment:
+    def named(cls, text: str) -> RunMoment:
         """Return the moment that is called RUN@T: the folder of a run, and seconds.
 
         Raises:
@@ -75,7 +77,7 @@ class Moment:
 
 
 def plan_from_run(
-    case: LoadedScenario, moment: Moment, out: Collection[str], progress: Report
+    case: LoadedScenario, moment: RunMoment, out: Collection[str], progress: Report
 ) -> PlanResult:
     """Plan what is left of a run at a time.
 
@@ -108,15 +110,50 @@ def plan_from_run(
         )
     if tpg.cell.machines:
         raise RequestError("what somebody brought in a run is not known to a new plan")
-    times = run.node_times_ns
-    begun = [int(np.count_nonzero((s >= 0) & (s < t_ns))) for s, _ in times]
-    complete = [int(np.count_nonzero(e >= 0)) for _, e in times]
+    counts = _first_rests(run, moment)
     gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
     watch = StageWatch(progress)
     motions = plan_motions(case.sections, case.folder, watch)
     with watch.stage("motion"):
         found = plan_remainder(
-            case.sections, motions, tpg, begun, complete, {*out, *gone}, str(moment)
+            case.sections, motions, tpg, counts, {*out, *gone}, str(moment)
         )
     name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
     return PlanResult(case, found, name, planning_s=watch.seconds)
+
+
+def _first_rests(run: RunResult, moment: RunMoment) -> Counts:
+    """Return up to how many of its nodes each robot goes on from a time, to where it is at rest and in no skill.
+
+    Raises:
+        RequestError: the run ended before that, or a robot was not where its plan has it.
+    """
+    tpg = run.tpg
+    times = [(start, end.copy()) for start, end in run.node_times_ns]
+    begun = [int(np.count_nonzero((s >= 0) & (s < moment.t_ns))) for s, _ in times]
+    counts: Counts = ()
+    while counts != tuple(begun):
+        counts = cut_after(tpg, begun, steps=False)
+        begun = list(map(_to_rest, tpg.chains, counts))
+    for event in run.history:
+        if event.kind == "recovered":  # an attempt that failed is over then
+            times[tpg.chain_index[event.robot]][1][event.node] = event.t_ns
+    for chain, count, (_, end) in zip(tpg.chains, counts, times, strict=True):
+        if np.any(end[:count] < 0):
+            raise RequestError(
+                f"{chain.robot!r} does not come to rest between {moment} and the end of the run"
+            )
+        at = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
+        stood = run.motions[chain.robot].at(at)[0]
+        if (away := np.abs(stood - stands_at(chain, count)).max()) > _AWAY:
+            raise RequestError(
+                f"{chain.robot!r} came to rest {away:.3g} rad or m from where its plan has it: who moved it?"
+            )
+    return counts
+
+
+def _to_rest(chain: NodeChain, count: int) -> int:
+    """Return after how many nodes, at least so many, a robot rests that may have passed corners at speed."""
+    if chain.drive is None or count == 0:
+        return count
+    return count + int(np.argmax(chain.drive.rests[count - 1 :]))

@@ -77,15 +77,7 @@ class ResumeError(TwinError):
 
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
-    """Write a plan into a folder that it can be read back from, with the scenario that it is of.
-
-    Args:
-        plan: what is written.
-        folder: made by prepare_run_folder.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write a plan with its scenario into a folder that it can be read back from."""
     case = plan.scenario
     with new_results(folder):
         about = asdict(prepare(plan))
