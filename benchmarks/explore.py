@@ -206,7 +206,10 @@ def report(rows: Sequence[Row]) -> list[str]:
         "`python -m benchmarks.explore`: the bases of both arms are moved along x and y; of the tower, where robots"
         " start and where beams lie. The goal is the mean makespan of 50 replications with the same draws. Design 0 is"
         " the scenario as it is. `tray` is the cell of `twin init`. Means and intervals (95 %) are of new"
-        " replications, the same for all searches of a cell, compared one by one.",
+        " replications, the same for all searches of a cell, compared one by one. Where designs are fewer than 200, or"
+        " seeds fewer than 5, so many were run and no more: these lines rank no samplers, the same command goes on. That a design"
+        " whose best is known is found, and that nothing is lost or evaluated twice where the program is killed"
+        " twenty times, are tests (`tests/twin/explore/`).",
         "",
         f"{machine_line()} {date_line()} {load_line([tuple(row['load']) for row in rows])}; measured with {programs}",
         "",

@@ -76,7 +76,7 @@ class Evaluation:
         violation: how far it is from being possible, 0 if it is: rungs that it did not pass, and a share.
         results: what is known of it, by the names of twin.scenario.sections.exploration.
         goals: values of the goals, each as something to be small; empty where it is not done.
-        turns_s: makespan of its plan without shortcuts, NaN where there is none [s].
+        turns_s: makespan of its plan without shortcuts, NaN where there is none, or of one product of several [s].
         makespans_s: of its replications, NaN where one did not complete [s].
         cpu_s: processor time of each rung [s].
         parcel: its work, packed, for more replications.
@@ -179,12 +179,12 @@ class Climb:
         if part != self._variant:
             layout = varied(setting.scenario, part)
         _, turns = _motions(Planned(layout, setting.folder))
-        if turns is not None:
+        if turns is not None and products(own) == 1:  # it is that of one product
             turns_s = float(earliest_times(turns).makespan)
             self._known["turns_s"] = turns_s
             if turns_s > self._longest_turns_s:
                 words = (
-                    f"without shortcuts {turns_s:.1f} s: even if these gained as much as they ever"
+                    f"without shortcuts {turns_s:.1f} s: even if these gained more than they ever"
                     f" did, it would not be the best (at most {self._longest_turns_s:.1f} s)"
                 )
                 return Evaluation("behind", PLAN, words, **self._known)
