@@ -199,7 +199,6 @@ def report(rows: Sequence[Row]) -> list[str]:
     measured: dict[str, list[Row]] = {}
     for row in rows:
         measured.setdefault(row["cell"], []).append(row)
-    programs = ", ".join(sorted({row["commit"] for row in rows}))
     return [
         "# Exploring designs",
         "",
@@ -211,7 +210,7 @@ def report(rows: Sequence[Row]) -> list[str]:
         " whose best is known is found, and that nothing is lost or evaluated twice where the program is killed"
         " twenty times, are tests (`tests/twin/explore/`).",
         "",
-        f"{machine_line()} {date_line()} {load_line([tuple(row['load']) for row in rows])}; measured with {programs}",
+        f"{machine_line()} {date_line()} {load_line([tuple(row['load']) for row in rows])}",
         "",
         *_found(measured),
         *_fronts(measured),
@@ -236,8 +235,8 @@ def _found(measured: Mapping[str, Sequence[Row]]) -> list[str]:
         "## One goal",
         "",
         "| cell | seed | designs | gain on the cell as it is, TPE [s] | random [s] | TPE better than random by [s] |"
-        " as good as random after |",
-        "|---|---:|---:|---:|---:|---:|---:|",
+        " as good as random after | commit |",
+        "|---|---:|---:|---:|---:|---:|---:|---|",
     ]
     told = []
     for cell, rows in measured.items():
@@ -255,7 +254,7 @@ def _found(measured: Mapping[str, Sequence[Row]]) -> list[str]:
             there = [k for k, v in enumerate(tpe["course_s"]) if v and v <= goal]
             out.append(
                 f"| {cell} | {tpe['seed']} | {tpe['designs']} | {_gain(tpe)} | {_gain(random)} | {_words(by)} |"
-                f" {there[0] if there else 'never'} |"
+                f" {there[0] if there else 'never'} | {tpe['commit']} |"
             )
         base = pairs[0][0]["base"][0]
         told.append(
