@@ -25,7 +25,7 @@ from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from twin.operate.committed import Committed, Recut
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
-from twin.operate.rolling import Incident
+from twin.operate.rolling import Failure, Incident
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
@@ -41,6 +41,7 @@ def plan_remainder(
     motions: PlannedMotions,
     tpg: TemporalPlanGraph,
     counts: Counts,
+    failures: Sequence[Failure],
     out: Collection[str],
     when: str,
 ) -> TemporalPlanGraph:
@@ -51,6 +52,7 @@ def plan_remainder(
         motions: of a plan of all of it.
         tpg: what was executed.
         counts: how many nodes of each chain are complete at the cut.
+        failures: skills that have failed for good, and of which nothing was made.
         out: robots that are out from then on.
         when: the time, for people.
 
@@ -72,7 +74,7 @@ def plan_remainder(
         {h.object for h in before if h.holder == GONE},
         cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
     )
-    incident = Incident((), frozenset(out), frozenset(), counts)
+    incident = Incident(tuple(failures), frozenset(out), frozenset(), counts)
     new, at = planner.plan_alone(tpg, incident)
     first = len(at.committed.tasks)
     _require_whole(planner, new, at)

@@ -15,7 +15,7 @@ from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
-from twin.operate.rolling import OUT_FOR_GOOD
+from twin.operate.rolling import OUT_FOR_GOOD, Failure
 from twin.planning.pipeline import plan_motions, planned_shortcuts
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
@@ -110,46 +110,59 @@ def plan_from_run(
         )
     if tpg.cell.machines:
         raise RequestError("what somebody brought in a run is not known to a new plan")
-    counts = _first_rests(run, moment)
+    counts, failures = _first_rests(run, moment)
     gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
     watch = StageWatch(progress)
     motions = plan_motions(case.sections, case.folder, watch)
     with watch.stage("motion"):
         found = plan_remainder(
-            case.sections, motions, tpg, counts, {*out, *gone}, str(moment)
+            case.sections, motions, tpg, counts, failures, {*out, *gone}, str(moment)
         )
     name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
     return PlanResult(case, found, name, planning_s=watch.seconds)
 
 
-def _first_rests(run: RunResult, moment: RunMoment) -> Counts:
+def _first_rests(
+    run: RunResult, moment: RunMoment
+) -> tuple[Counts, tuple[Failure, ...]]:
     """Return up to how many of its nodes each robot goes on from a time, to where it is at rest and in no skill.
+
+    With them come the skills that had failed by then, at the begin of which their robots stand.
 
     Raises:
         RequestError: the run ended before that, or a robot was not where its plan has it.
     """
-    tpg = run.tpg
+    tpg, index = run.tpg, run.tpg.chain_index
     times = [(start, end.copy()) for start, end in run.node_times_ns]
-    begun = [int(np.count_nonzero((s >= 0) & (s < moment.t_ns))) for s, _ in times]
-    counts: Counts = ()
-    while counts != tuple(begun):
-        counts = cut_after(tpg, begun, steps=False)
-        begun = list(map(_to_rest, tpg.chains, counts))
+    failed: dict[tuple[int, int], Failure] = {}
     for event in run.history:
-        if event.kind == "recovered":  # an attempt that failed is over then
-            times[tpg.chain_index[event.robot]][1][event.node] = event.t_ns
+        if event.kind == "failed" and event.node >= 0:
+            at = index[event.robot], event.node
+            failed[at] = Failure(*at)
+        elif event.kind == "recovered":  # the attempt is over then
+            at = index[event.robot], event.node
+            times[at[0]][1][at[1]] = event.t_ns
+            del failed[at]
+    before = [np.count_nonzero((s >= 0) & (s < moment.t_ns)) for s, _ in times]
+    tried = tuple(own for k, own in sorted(failed.items()) if k[1] < before[k[0]])
+    begun, counts = [int(count) for count in before], Counts()
+    for own in tried:
+        begun[own.chain] = own.node
+    while counts != tuple(begun):
+        counts = cut_after(tpg, begun, failed, steps=False)
+        begun = list(map(_to_rest, tpg.chains, counts))
     for chain, count, (_, end) in zip(tpg.chains, counts, times, strict=True):
         if np.any(end[:count] < 0):
             raise RequestError(
                 f"{chain.robot!r} does not come to rest between {moment} and the end of the run"
             )
-        at = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
-        stood = run.motions[chain.robot].at(at)[0]
+        when = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
+        stood = run.motions[chain.robot].at(when)[0]
         if (away := np.abs(stood - stands_at(chain, count)).max()) > _AWAY:
             raise RequestError(
                 f"{chain.robot!r} came to rest {away:.3g} rad or m from where its plan has it: who moved it?"
             )
-    return counts
+    return counts, tried
 
 
 def _to_rest(chain: NodeChain, count: int) -> int:

@@ -194,6 +194,25 @@ def test_other_cells_and_other_runs_are_refused(
         twin.plan(world=twin.RunMoment(resumed, 5.0))
 
 
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.nightly) for k in (2, 3, 4, 6))]
+)
+def test_what_a_failed_run_left_is_done(
+    plan: PlanResult, tmp_path: Path, seed: int
+) -> None:
+    case = plan.scenario.varied({"seed": seed, **lost(0.25)})
+    run = twin.run(
+        replace(plan, scenario=case), out=tmp_path / "run", recording=False, audit=False
+    )
+    assert run.outcome == "failed"
+    # The last event: everybody has gone as far as they could without the skill that failed.
+    left = from_moment(run, run.makespan_ns / 1e9)
+    assert verify_plan(left.tpg).problems == ()
+    calm = replace(left, scenario=left.scenario.varied({"failures": {}}))
+    done = twin.run(calm, out=tmp_path / "again", recording=False)
+    assert done.passed, done.summary["audit"]["violations"]
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_runs_in_which_skills_failed_go_on_without_what_was_lost(
