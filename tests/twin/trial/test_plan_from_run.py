@@ -54,18 +54,21 @@ def require_rest_of(run: RunResult, left: PlanResult, t_s: float, folder: Path) 
         motion = run.motions[chain.robot]
         late = motion.q[np.searchsorted(motion.t_ns, round(t_s * 1e9)) :]
         # It stood there from then on, or came to stand there.
-        away = np.abs(late - chain.start).max(axis=1)
-        assert away.min(initial=np.inf) < 1e-6
+        stands = np.abs(late - chain.start).max(axis=1) < 1e-6
+        assert stands.any()
         starts[chain.robot] = chain.start
-        lasts[chain.robot] = motion.t_ns[-len(late) :][int(np.argmin(away))] * 1e-9
+        first = len(motion.q) - len(late) + int(np.argmax(stands))
+        lasts[chain.robot] = motion.t_ns[first] * 1e-9
     rows = run.objects.to_pylist()
     for item in tpg.cell.objects:
         own = [row for row in rows if row["object"] == item.name]
         parents = {row["parent"].split("/")[0] for row in own} & lasts.keys()
         until = max([t_s, *(lasts[name] for name in parents)])
-        now = [row for row in own if row["t_s"] <= until + 1e-9][-1]
-        pose = from_quat_wxyz(now["xyz"], now["quat_wxyz"])
-        holder = now["parent"].split("/")[0]
+        k = sum(row["t_s"] <= until + 1e-9 for row in own) - 1
+        while own[k]["parent"].split("/")[0] not in {"world", *starts}:
+            k += 1  # who has nothing left to do has put it down, however late that was
+        pose = from_quat_wxyz(own[k]["xyz"], own[k]["quat_wxyz"])
+        holder = own[k]["parent"].split("/")[0]
         if holder in starts:
             pose = frame_pose(tpg.cell.robot(holder), starts[holder]) @ pose
             (taken,) = (
