@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from planning.transforms import Array
@@ -239,3 +239,25 @@ class Link:
             self.leave,
             self.tool,
         )
+
+
+def see_to_tools(links: Mapping[str, Link]) -> list[tuple[str, int]]:
+    """Order what robots that stand ready for it await of others' tools, and let them go on after it.
+
+    Args:
+        links: of all robots, by name.
+
+    Returns:
+        Robots, and their nodes that another one's tool has been ordered to act in.
+    """
+    found = []
+    for name, link in links.items():
+        for awaited in link.awaited[:1]:
+            other = links[awaited.robot]
+            ordered = other.tool == awaited.order
+            if link.has(awaited.node) or (ordered and not other.is_acting):
+                link.go_on_after(awaited)
+            elif link.is_due(awaited):
+                other.order(awaited.order)
+                found.append((name, awaited.node))
+    return found

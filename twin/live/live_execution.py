@@ -26,7 +26,7 @@ from twin.drivers.driver import DriverState, Sample, cleared_node, order_of
 from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
 from twin.live.history import ANEW, History
-from twin.live.link import AwaitedAct, Link
+from twin.live.link import AwaitedAct, Link, see_to_tools
 from twin.live.measured_log import MeasuredLog
 from twin.live.measured_rows import MeasuredRows
 from twin.live.messages import Report
@@ -389,19 +389,10 @@ class LiveExecution(RollingExecution):
         link.clear([cleared_node(*about)])
 
     def _see_to_tools(self) -> None:
-        """Order what robots that stand ready for it await of others' tools, and let them go on after it."""
-        for name, link in self._links.items():
-            for awaited in link.awaited[:1]:
-                other, rows = self._links[awaited.robot], self._rows[name]
-                ordered = other.tool == awaited.order
-                if link.has(awaited.node) or (ordered and not other.is_acting):
-                    link.go_on_after(awaited)
-                elif link.is_due(awaited):
-                    # The skill goes on meanwhile, as planned.
-                    rows.begin_ns += [self._passed_ns()] * (
-                        awaited.node + 1 - len(rows.begin_ns)
-                    )
-                    other.order(awaited.order)
+        for name, node in see_to_tools(self._links):
+            # The skill goes on while another robot's tool acts, as planned.
+            begun = self._rows[name].begin_ns
+            begun += [self._passed_ns()] * (node + 1 - len(begun))
 
     def _next_is_safe(self, chain: int) -> bool:
         link = self._link(chain)
