@@ -179,6 +179,7 @@ def test_of_two_that_may_give_the_one_that_is_free_earlier_does() -> None:
     ]
 
 
+@pytest.mark.nightly
 def test_two_processes_make_the_same_plan() -> None:
     code = (
         "from tests.planning.construction.toy_sites import slab_digest;"
@@ -263,6 +264,7 @@ def test_stacks_are_taken_from_the_top() -> None:
     assert "p1 is picked while p0 lies on it" in words
 
 
+@pytest.mark.nightly
 def test_robots_at_one_stack_keep_clear_of_what_others_have_just_taken() -> None:
     boxes = tuple(
         toy_part(f"p{k}", (0.3, 0.2, 0.1), (0.5 * k - 1.25, 0.0, 0.05))

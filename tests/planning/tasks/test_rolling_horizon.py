@@ -70,6 +70,7 @@ def test_windows_cost_within_two_percent_of_the_whole(
     assert least - 1e-6 <= objective(problem, windows) <= 1.02 * least
 
 
+@pytest.mark.nightly
 def test_windows_take_what_a_whole_problem_offers() -> None:
     """The same problem gives the same plan, made of the problem's own candidates."""
     problem = stacks_problem(7, 40, 60, 4)

@@ -71,6 +71,7 @@ def test_every_slot_in_which_several_move_is_planned_jointly(
     assert joint == {own & free for own in several if own & free}
 
 
+@pytest.mark.nightly
 @given(st.integers(2, 4), st.integers(0, 10_000))
 @settings(max_examples=8, deadline=None)
 def test_the_graph_keeps_the_guarantee_whatever_the_delays(

@@ -45,6 +45,7 @@ def _corners(tpg: TemporalPlanGraph) -> int:
     return sum(len(c.corners.bend) for c in tpg.chains if c.corners is not None)
 
 
+@pytest.mark.nightly
 @given(st.integers(1, 4), st.integers(0, 10_000))
 @settings(max_examples=5, deadline=None)
 def test_conflicting_nodes_stay_ordered_and_ends_stay_where_they_are(

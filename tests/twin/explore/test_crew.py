@@ -36,6 +36,7 @@ class Hangs(dict[str, Any]):
         return True
 
 
+@pytest.mark.nightly
 def test_a_design_that_kills_or_holds_its_process_is_refused(tmp_path: Path) -> None:
     setting = setting_of(slider_file(tmp_path))
     tasks = [

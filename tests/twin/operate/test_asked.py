@@ -181,6 +181,7 @@ def test_the_program_asks_audits_and_resumes(plan: PlanResult, tmp_path: Path) -
     assert again["audit"]["violations"] == []
 
 
+@pytest.mark.nightly
 def test_somebody_answers_at_the_keyboard(plan: PlanResult, tmp_path: Path) -> None:
     settings = {**asking(), "recovery.ask": None}
     seed = seed_that_asks(plan, **asking())

@@ -136,6 +136,7 @@ def test_what_is_known_of_other_plans_changes_no_rating(first: PlannedMotions) -
     assert _rates_as_fresh(first) > 1
 
 
+@pytest.mark.nightly
 def test_what_is_known_of_other_plans_of_parts_changes_no_rating(
     tmp_path: Path,
 ) -> None:

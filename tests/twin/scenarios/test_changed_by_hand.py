@@ -32,7 +32,10 @@ def with_part_moved(tpg: TemporalPlanGraph, k: int, by: Transform) -> TemporalPl
     ("name", "robots", "kinds"),
     [
         ("lego/cliff", None, ["pick", "place-down", "place-up", "handover"]),
-        ("assembly/taskboard", None, ["pick", "place-down"]),
+        pytest.param(
+            *("assembly/taskboard", None, ["pick", "place-down"]),
+            marks=pytest.mark.nightly,
+        ),
         ("multi_arm/tray", None, ["pick", "place-down"]),
         ("construction/tower", 2, ["pick", "place-down"]),
     ],

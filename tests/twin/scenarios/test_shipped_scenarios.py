@@ -81,7 +81,8 @@ def test_stalls_neither_block_it_nor_make_anything_touch(
 
 
 @pytest.mark.parametrize(
-    "name", [CLIFF, pytest.param(GEARBOX, marks=pytest.mark.nightly), SHAPES]
+    "name",
+    [CLIFF, *(pytest.param(n, marks=pytest.mark.nightly) for n in (GEARBOX, SHAPES))],
 )
 def test_a_run_remembers_its_scenario(shipped: ShippedRuns, name: str) -> None:
     """Shapes with all their defaults filled in are read as they were written."""

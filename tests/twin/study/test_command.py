@@ -70,6 +70,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("no_report")
 def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
     folder = _copy(study, tmp_path / "killed", *TABLES, "report.html")

@@ -217,6 +217,7 @@ def test_ranks_of_samples() -> None:
     assert not list(rank_layouts(Experiment(("sequential",)), samples[:1]))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "values",
     [

@@ -180,6 +180,7 @@ def test_what_has_room_is_free(seed: int) -> None:
     assert least <= most + 0.002
 
 
+@pytest.mark.nightly
 @given(st.integers(0, 100_000))
 @settings(max_examples=150, deadline=None)
 def test_a_motion_is_free_when_it_is_clear_of_what_lies_still_and_meets_no_robot(

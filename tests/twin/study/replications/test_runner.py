@@ -104,6 +104,7 @@ class _Murderous(Executor):
         return self.pool.submit(_die_once, self.marker, *args, **kw)
 
 
+@pytest.mark.nightly
 def test_pools_give_what_one_process_gives_though_a_worker_is_killed(
     tmp_path: Path,
 ) -> None:
