@@ -148,7 +148,8 @@ def test_what_is_no_json_is_no_order(server: PageServer, body: bytes) -> None:
     ],
 )
 @pytest.mark.parametrize(
-    ("method", "path"), [("GET", "/"), ("GET", "/state"), ("POST", "/order")]
+    ("method", "path"),
+    [("GET", "/"), ("GET", "/state"), ("GET", "/events.jsonl"), ("POST", "/order")],
 )
 def test_pages_of_others_get_nothing(
     server: PageServer, headers: dict[str, str], method: str, path: str
