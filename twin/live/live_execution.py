@@ -163,8 +163,7 @@ class LiveExecution(RollingExecution):
         Those of a run that was over by its log may have left.
         """
         begin_s = time.monotonic()
-        over = self._history.finished if self._history else set()
-        if over.issuperset(map(self.tpg.chain_index.get, self._links)):
+        if self._history and len(self._history.finished) == len(self.tpg.chains):
             self._silent.clear()
             return
         while missing := sorted(self._links.keys() - self._states.keys()):
@@ -325,10 +324,8 @@ class LiveExecution(RollingExecution):
         if name in self._out or self._broken:
             return
         state, k = self._states.get(name), self.tpg.chain_index.get(name)
-        at_border = (
-            state and state.begun == self.released[k] > 0 if k is not None else True
-        )
-        if at_border and not self._links[name].is_acting:
+        stands = k is None or (state and state.begun == self.released[k] > 0)
+        if stands and not self._links[name].is_acting:
             self.outage(name, self.now_ns)
         else:
             self._broken = f"{name} {words}"

@@ -19,6 +19,7 @@ from typing import Any, cast, get_args
 from planning.errors import RequestError
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.drift import Drift
+from twin.follow.follow import POLL_S, growing_file
 from twin.follow.forecast import Forecast, Forecaster
 from twin.host.guard import finite
 from twin.page.panel import Action, NodesSoFar, Order, Panel
@@ -39,9 +40,6 @@ _MOST_BYTES = 1000
 
 _FORECAST_S, _SAMPLES = 2.0, 100
 """Least time between two forecasts [s], and futures drawn for each."""
-
-_POLL_S, _PIECE = 0.1, 1 << 20
-"""Time between looks at the log [s], and bytes of it that are read at once."""
 
 _PAGE = Path(__file__).with_name("page.html")
 _POLICY = (
@@ -122,7 +120,7 @@ class PageServer:
         while not self._over.is_set():
             await asyncio.sleep(0.1)
         server.stop()
-        await asyncio.sleep(2 * _POLL_S)  # for the last events
+        await asyncio.sleep(2 * POLL_S)  # for the last events
         await server.close_all_connections()
 
     def _foresee(self, model: ExecutionModel) -> None:
@@ -221,23 +219,17 @@ class _Events(_OwnPage):
         if self.server.log is None:
             raise HTTPError(404)
         self.set_header("Content-Type", "application/jsonl; charset=utf-8")
-        position, last = 0, False
-        while not self.left:
-            try:
-                with self.server.log.open("rb") as file:
-                    file.seek(position)
-                    more = file.read(_PIECE)
-            except FileNotFoundError:
-                more = b""  # it is planned first
-            position += len(more)
-            if more:
-                self.write(more)
-                await self.flush()
+        last = False
+        # Others are answered while it waits for more.
+        for line in growing_file(self.server.log, poll_s=0.0):
+            if line is not None:
+                self.write(f"{line}\n")
                 continue
-            if last:
+            if self.left or last:
                 return
+            await self.flush()
             last = self.server.over
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(POLL_S)
 
 
 class _Answers(_OwnPage):
