@@ -25,7 +25,7 @@ from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
 from scheduling.graph.drive import Drive, joined_drives
-from scheduling.graph.task_edges import actuation_nodes
+from scheduling.graph.task_edges import chain_actuations
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.pace import Pace, Slowing, paces
 
@@ -266,7 +266,7 @@ def node_path(chain: NodeChain, node: int) -> Array:
 def _timed(tpg: TemporalPlanGraph, k: int, pace: Pace) -> NodeChain:
     """Return a chain with the times that its robot's limits ask for."""
     chain = tpg.chains[k]
-    acts = actuation_nodes(tpg)[k]
+    acts = chain_actuations(tpg, k)
     begins = np.flatnonzero(np.diff(stretch_numbers(tpg, k), prepend=-1))
     fraction, duration = chain.fraction.copy(), chain.duration.copy()
     drives = []

@@ -226,21 +226,23 @@ def with_turns(tpg: TemporalPlanGraph) -> TemporalPlanGraph:
 
 
 def actuation_nodes(tpg: TemporalPlanGraph) -> list[dict[int, Actuation]]:
-    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own.
+    """Return what tools do in which nodes, chain by chain; of a contracted graph only nodes of their own."""
+    return [chain_actuations(tpg, k) for k in range(len(tpg.chains))]
+
+
+def chain_actuations(tpg: TemporalPlanGraph, index: int) -> dict[int, Actuation]:
+    """Return what a tool does in which nodes of a chain.
 
     It is the node whose one waypoint is that at which the task says that it is over.
     """
-    found: list[dict[int, Actuation]] = []
-    for chain, tasks in zip(tpg.chains, task_nodes(tpg.chains), strict=True):
-        own: dict[int, Actuation] = {}
-        for nodes in tasks:
-            acts = {a.waypoint: a for a in tpg.tasks[nodes.task].actuations}
-            if acts:
-                first = chain.first[nodes.first : nodes.stop + 1]
-                passed = (first[1:] - first[0]).tolist()
-                alone = np.diff(first) == 1
-                for k in np.flatnonzero(alone).tolist():
-                    if passed[k] in acts:
-                        own[nodes.first + k] = acts[passed[k]]
-        found.append(own)
+    chain, found = tpg.chains[index], dict[int, Actuation]()
+    for nodes in task_nodes([chain])[0]:
+        acts = {a.waypoint: a for a in tpg.tasks[nodes.task].actuations}
+        if acts:
+            first = chain.first[nodes.first : nodes.stop + 1]
+            passed = (first[1:] - first[0]).tolist()
+            alone = np.diff(first) == 1
+            for k in np.flatnonzero(alone).tolist():
+                if passed[k] in acts:
+                    found[nodes.first + k] = acts[passed[k]]
     return found

@@ -21,7 +21,7 @@ from planning.tasks.task import (
     STRAIGHT,
     TRANSIT,
 )
-from scheduling.graph.task_edges import actuation_nodes
+from scheduling.graph.task_edges import chain_actuations
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -266,7 +266,7 @@ class _RobotLog:
     def __init__(self, tpg: TemporalPlanGraph, chain: int) -> None:
         self._tasks = tpg.tasks
         self._chain = tpg.chains[chain]
-        self._acts = actuation_nodes(tpg)[chain]
+        self._acts = chain_actuations(tpg, chain)
         self._now = RobotProgress(self._chain.robot, len(self._chain))
         self._clock = 0
         self._out: list[Activity] = []

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from planning.kernels import kernel
 from planning.tasks.task import HANDLING, STRAIGHT
 from planning.transforms import Array, Indices
-from scheduling.graph.task_edges import actuation_nodes
+from scheduling.graph.task_edges import chain_actuations
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from twin.durations.lifetimes import Exponential
 from twin.durations.model import NANOSECONDS, DurationModel, Nanoseconds, to_nanoseconds
@@ -48,7 +48,7 @@ def moving_nodes(tpg: TemporalPlanGraph, chain: NodeChain) -> npt.NDArray[np.boo
     """Tell of each node of a robot whether it is a plain motion, as quick as its controller."""
     straight = [task.index for task in tpg.tasks if task.kind == STRAIGHT]
     moves = np.asarray(~chain.skill | np.isin(chain.task, straight))
-    acts = actuation_nodes(tpg)[tpg.chain_index[chain.robot]]
+    acts = chain_actuations(tpg, tpg.chain_index[chain.robot])
     moves[list(acts)] = False
     return moves
 

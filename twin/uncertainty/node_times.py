@@ -150,6 +150,9 @@ class NodeTimeSampler:
         tpg: the graph.
         durations, disturbances: what is drawn.
         names: of the draws of tasks that are not named by themselves, by index.
+
+    Attributes:
+        skills: the draws of skills among them.
     """
 
     def __init__(
@@ -160,7 +163,7 @@ class NodeTimeSampler:
         names: Mapping[int, TaskName] = MappingProxyType({}),
     ) -> None:
         self._tpg = tpg
-        self._skills = durations.bind(tpg, names)
+        self.skills = durations.bind(tpg, names)
         self._disturbances = disturbances
         machines = machine_chains(tpg)
         self._by_chain = [
@@ -209,7 +212,7 @@ class NodeTimeSampler:
             tuple(stands),
             tuple(fails),
             stops,
-            self._skills.raised(seed=seed, replication=replication),
+            self.skills.raised(seed=seed, replication=replication),
             frozenset(np.flatnonzero(loses).tolist()),
         )
 
@@ -247,7 +250,7 @@ class NodeTimeSampler:
         tuple[Nanoseconds, list[Standstills], Indices, npt.NDArray[np.bool_]]
     ]:
         """Yield motion, standstills, nodes that fail for good and whether they lose the object, of each robot."""
-        planned = self._skills.durations(seed=seed, replications=numbers)
+        planned = self.skills.durations(seed=seed, replications=numbers)
         for tasks, own, floor, disturbances in zip(
             self._chains, planned, self._floor, self._by_chain, strict=True
         ):

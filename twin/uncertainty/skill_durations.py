@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from planning.cell.robot_model import RobotModel
 from planning.tasks.task import (
-    Actuation,
     ActuationKey,
     ExceptionKey,
     strongest_exception,
@@ -155,6 +154,12 @@ class SkillDurations:
             zip(tpg.chains, actuation_nodes(tpg), strict=True)
         ):
             skills = np.flatnonzero(chain.skill)
+            actuated = np.zeros(len(chain), dtype=np.bool_)
+            actuated[list(acts)] = True
+            # Within limits motions share what is drawn as their least times, so that what is enough for
+            # the whole is enough for each.
+            driven = chain.drive if acts else None
+            shared = chain.duration if driven is None else driven.least
             tasks, first = np.unique(chain.task[skills], return_index=True)
             # Of no nodes at all np.split makes one empty part.
             parts = np.split(skills, first)[1:]
@@ -163,10 +168,12 @@ class SkillDurations:
                 kind = kind_of.get(task.object) if task.object is not None else None
                 model = self.model_of(task.kind, task.robot, kind)
                 if model is not None:
-                    weights = _motion_weights(chain, own, acts)
+                    weights = chain.duration[own]
+                    if actuated[own].any():
+                        weights = np.where(actuated[own], 0.0, shared[own])
                     yield _Drawn(index, task.kind, model, k, own, weights)
                     continue
-                for node in own[np.isin(own, list(acts))].tolist():
+                for node in own[actuated[own]].tolist():
                     act = acts[node]
                     if (model := self.actuations.get(act.key)) is not None:
                         still = np.array([node], dtype=np.int64)
@@ -190,21 +197,6 @@ class _Drawn(NamedTuple):
     chain: int
     nodes: Indices
     weights: Array
-
-
-def _motion_weights(
-    chain: NodeChain, nodes: Indices, acts: Mapping[int, Actuation]
-) -> Array:
-    """Return how the nodes of a skill share its time: as their motions do, where tools are actuated.
-
-    Within limits these share it as their least times, so that what is enough for the whole is enough
-    for each.
-    """
-    still = np.isin(nodes, list(acts))
-    if not still.any():
-        return chain.duration[nodes]
-    times = chain.duration if chain.drive is None else chain.drive.least
-    return np.where(still, 0.0, times[nodes])
 
 
 @dataclass(frozen=True)

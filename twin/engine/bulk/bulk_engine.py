@@ -76,7 +76,7 @@ class BulkEngine:
         asking = Messages() if model.policy == "open-loop" else model.messages
         self._ahead = asking.ahead(driven=True)
         self.messages = model.messages.under(model.policy)
-        self._draws = model.durations.bind(free)
+        self._draws = self._sampler.skills
         self._shares = _shares(self._draws, self.contraction)
         self._undisturbed = model.disturbances == Disturbances()
 

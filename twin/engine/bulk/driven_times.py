@@ -8,6 +8,8 @@ in the event engine. A robot that is cleared to the end of its stretch has nothi
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from planning.kernels import inner_kernel, kernel
@@ -19,6 +21,22 @@ from twin.engine.bulk.max_plus import PrecedenceArrays
 from twin.engine.passage import DriveTimes, drive_times
 
 _NEVER = 2**61
+
+_REMEMBERED = 4
+"""Nodes of passages that are remembered, over the nodes of the graph."""
+
+
+class _Passages(NamedTuple):
+    """Passages from rest to the end of a stretch, undisturbed: the same in every replication.
+
+    Attributes:
+        place: where the passage that begins with a node is, -1 if it is not known yet, shape (nodes,).
+        start, end: of its nodes, counted from its begin, shape (remembered,) [ns].
+    """
+
+    place: Indices
+    start: Nanoseconds
+    end: Nanoseconds
 
 
 def joined_drives(tpg: TemporalPlanGraph, graph: PrecedenceArrays) -> DriveTimes:
@@ -60,176 +78,202 @@ def driven_times(
         Two arrays of the same shape [ns].
     """
     start, end = np.empty_like(motion_ns), np.empty_like(motion_ns)
+    first, ramp, lag, last_of = graph.first, drive.ramp, drive.lag, drive.last
+    patience, edge_first, source = graph.patience, graph.edge_first, graph.source
     top, length = drive.top.copy(), drive.length.copy()
-    own = DriveTimes(length, top, drive.ramp, drive.lag, drive.last)
-    chains = len(graph.first) - 1
+    chains, nodes = len(first) - 1, len(top)
     node = np.empty(chains, np.int64)
     base, due = np.empty(chains, np.int64), np.empty(chains, np.int64)
     passed, speed = np.empty(chains), np.empty(chains)
     pending = np.empty(chains, np.int64)
+    waiting = _waiting(edge_first, nodes, ahead)
+    known = _Passages(
+        np.full(nodes, -1),
+        np.empty(_REMEMBERED * nodes, np.int64),
+        np.empty(_REMEMBERED * nodes, np.int64),
+    )
+    remembered = 0
+    disturbed = np.zeros(nodes + 1, np.int64)  # how many of the nodes before each
     for r in range(len(motion_ns)):
-        start[r] = end[r] = _NEVER
-        for n in range(len(top)):
+        begun, done, stand = start[r], end[r], stand_ns[r]
+        begun[:] = _NEVER
+        done[:] = _NEVER
+        for n in range(nodes):
             # What takes less than at full speed is a shorter way.
             length[n] = drive.length[n]
             if motion_ns[r, n] < length[n] - 1.0:
                 length[n] = max(1.0, float(motion_ns[r, n]))
             slower = motion_ns[r, n] > length[n] + 1.0
             top[n] = length[n] / motion_ns[r, n] if slower else 1.0
+            usual = length[n] == drive.length[n] and not slower and stand[n] == 0
+            disturbed[n + 1] = disturbed[n] + (0 if usual else 1)
         for k in range(chains):
-            node[k] = graph.first[k]
+            node[k] = first[k]
             base[k], due[k], pending[k] = 0, -1, 0
             passed[k], speed[k] = 0.0, 0.0
         while True:
-            times = start[r], end[r]
-            k = _next(graph, drive, times, node, base, passed, speed, due, ahead)
+            for k in range(chains):
+                n = node[k]
+                if due[k] < 0 and n < first[k + 1]:
+                    ready = base[k] + np.int64(np.rint(passed[k]))
+                    if speed[k] <= 0.0:
+                        clear = _clear(
+                            edge_first,
+                            source,
+                            patience,
+                            begun,
+                            done,
+                            n,
+                            first[k],
+                            ahead,
+                        )
+                        ready = max(ready, clear)
+                        if n == first[k] or last_of[n - 1] != last_of[n]:
+                            ready = max(ready, graph.not_before[n])
+                    if ready < _NEVER:
+                        due[k] = ready
+            k = _next(due, node, length)
             if k < 0:
                 break
             n, now = node[k], due[k]
-            if drive.length[n] <= 0.0:
-                start[r, n] = now
-                end[r, n] = now + motion_ns[r, n] + stand_ns[r, n]
-                base[k], passed[k] = end[r, n], 0.0
-                node[k] = n + 1
-            else:
-                if speed[k] <= 0.0:
-                    base[k], passed[k] = now, 0.0
-                last = _cleared(graph, drive, times, n, now, ahead)
-                stop = _settled(own, n, last)
-                while node[k] <= stop:
-                    n = node[k]
-                    opens = n == graph.first[k] or drive.last[n - 1] != drive.last[n]
-                    late = 0 if opens else drive.lag[n]
-                    start[r, n] = base[k] + np.int64(np.rint(passed[k])) + late
-                    _pass(
-                        own,
-                        stand_ns[r],
-                        k,
-                        n,
-                        last,
-                        base,
-                        passed,
-                        speed,
-                        pending,
-                    )
-                    end[r, n] = base[k] + np.int64(np.rint(passed[k])) + drive.lag[n]
-                    node[k] = n + 1
-                    if n == drive.last[n]:
-                        speed[k] = 0.0
-                        base[k], passed[k] = end[r, n], 0.0
             due[k] = -1
+            if length[n] <= 0.0:
+                begun[n] = now
+                done[n] = now + motion_ns[r, n] + stand[n]
+                base[k], passed[k] = done[n], 0.0
+                node[k] = n + 1
+                continue
+            if speed[k] <= 0.0:
+                base[k], passed[k] = now, 0.0
+            last = waiting[
+                n + 1
+            ]  # the first one that it may not enter as far as it knows
+            while last <= last_of[n] and (
+                _clear(edge_first, source, patience, begun, done, last, first[k], ahead)
+                <= now
+            ):
+                last = waiting[last + 1]
+            last = min(last - 1, last_of[n])
+            alike = speed[k] <= 0.0 and pending[k] == 0 and last == last_of[n]
+            alike = alike and disturbed[last + 1] == disturbed[n]
+            place = known.place[n]
+            if alike and place >= 0:
+                for m in range(n, last + 1):
+                    begun[m] = now + known.start[place + m - n]
+                    done[m] = now + known.end[place + m - n]
+                base[k], passed[k], node[k] = done[last], 0.0, last + 1
+                continue
+            opened, stop = n, _settled(length, ramp, n, last, last_of[n])
+            for n in range(opened, stop + 1):
+                opens = n == first[k] or last_of[n - 1] != last_of[n]
+                begun[n] = base[k] + np.int64(np.rint(passed[k]))
+                if not opens:
+                    begun[n] += lag[n]
+                bound = exit_bound(length, top, n, last, ramp)
+                base[k], passed[k], speed[k], pending[k] = _pass(
+                    length[n],
+                    top[n],
+                    ramp[n],
+                    bound,
+                    base[k],
+                    passed[k],
+                    speed[k],
+                    pending[k] + stand[n],
+                )
+                done[n] = base[k] + np.int64(np.rint(passed[k])) + lag[n]
+            node[k] = stop + 1
+            if stop == last_of[stop]:
+                speed[k] = 0.0
+                base[k], passed[k] = done[stop], 0.0
+            more = last + 1 - opened
+            if alike and remembered + more <= len(known.start):
+                known.place[opened] = remembered
+                known.start[remembered : remembered + more] = begun[opened : last + 1]
+                known.end[remembered : remembered + more] = done[opened : last + 1]
+                known.start[remembered : remembered + more] -= now
+                known.end[remembered : remembered + more] -= now
+                remembered += more
     return start, end
 
 
 @inner_kernel
-def _next(
-    graph: PrecedenceArrays,
-    drive: DriveTimes,
-    times: tuple[Nanoseconds, Nanoseconds],
-    node: Indices,
-    base: Nanoseconds,
-    passed: Array,
-    speed: Array,
-    due: Nanoseconds,
-    ahead: int,
-) -> int:
-    """Return the chain that does something next, -1 for none; ``due`` is when each does."""
+def _waiting(edge_first: Indices, nodes: int, ahead: int) -> Indices:
+    """Return the next node from each on that may have to wait for somebody, shape (nodes + 1,)."""
+    found = np.full(nodes + 1, nodes)
+    for n in range(nodes - 1, -1, -1):
+        waits = ahead < nodes or edge_first[n + 1] > edge_first[n]
+        found[n] = n if waits else found[n + 1]
+    return found
+
+
+@inner_kernel
+def _next(due: Nanoseconds, node: Indices, length: Array) -> int:
+    """Return the chain that does something next, -1 for none: what starts from rest before what decides."""
     found, first, kind = -1, np.int64(_NEVER), 2
-    for k in range(len(node)):
-        n = node[k]
-        if n >= graph.first[k + 1]:
-            continue
-        if due[k] < 0:
-            ready = base[k] + np.int64(np.rint(passed[k]))
-            if speed[k] <= 0.0:
-                ready = max(ready, _clear(graph, times, n, graph.first[k], ahead))
-                opens = n == graph.first[k] or drive.last[n - 1] != drive.last[n]
-                if opens:
-                    ready = max(ready, graph.not_before[n])
-            if ready >= _NEVER:
-                continue
-            due[k] = ready
-        decides = 1 if drive.length[n] > 0.0 else 0
-        if due[k] < first or (due[k] == first and decides < kind):
-            found, first, kind = k, due[k], decides
+    for k in range(len(due)):
+        if due[k] >= 0:
+            decides = 1 if length[node[k]] > 0.0 else 0
+            if due[k] < first or (due[k] == first and decides < kind):
+                found, first, kind = k, due[k], decides
     return found
 
 
 @inner_kernel
 def _clear(
-    graph: PrecedenceArrays,
-    times: tuple[Nanoseconds, Nanoseconds],
+    edge_first: Indices,
+    source: Indices,
+    patience: Nanoseconds,
+    begun: Nanoseconds,
+    done: Nanoseconds,
     n: int,
     first: int,
     ahead: int,
 ) -> np.int64:
     """Return when a node is cleared, as far as it is known."""
-    start, end = times
     t = np.int64(0)
-    for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
-        met = end[graph.source[e]]
-        if len(graph.patience) > 0 and graph.patience[e] < EVER:
-            met = min(met, start[graph.source[e]] + graph.patience[e])
+    for e in range(edge_first[n], edge_first[n + 1]):
+        met = done[source[e]]
+        if len(patience) > 0 and patience[e] < EVER:
+            met = min(met, begun[source[e]] + patience[e])
         t = max(t, met)
     if n - ahead >= first:
-        t = max(t, end[n - ahead])
+        t = max(t, done[n - ahead])
     return t
 
 
 @inner_kernel
-def _cleared(
-    graph: PrecedenceArrays,
-    drive: DriveTimes,
-    times: tuple[Nanoseconds, Nanoseconds],
-    n: int,
-    now: int,
-    ahead: int,
-) -> int:
-    """Return the last node of a stretch that a robot may enter as far as it knows."""
-    last, first = n, graph.first[graph.chain[n]]
-    while last < drive.last[n] and _clear(graph, times, last + 1, first, ahead) <= now:
-        last += 1
-    return last
-
-
-@inner_kernel
-def _settled(drive: DriveTimes, n: int, last: int) -> int:
+def _settled(length: Array, ramp: Array, n: int, last: int, end: int) -> int:
     """Return the last node of which the speed at its end is settled now: often many are."""
-    if last == drive.last[n]:
+    if last == end:
         return last
     # What becomes clear later counts only within the way of braking.
     far, stop = 0.0, last
     while stop > n and far < 0.5:
-        far += drive.length[stop] / drive.ramp[stop]
+        far += length[stop] / ramp[stop]
         stop -= 1
     return stop
 
 
 @inner_kernel
 def _pass(
-    drive: DriveTimes,
-    stand: Nanoseconds,
-    k: int,
-    n: int,
-    last: int,
-    base: Nanoseconds,
-    passed: Array,
-    speed: Array,
-    pending: Nanoseconds,
-) -> None:
+    length: float,
+    top: float,
+    ramp: float,
+    bound: float,
+    base: np.int64,
+    passed: float,
+    speed: float,
+    pending: np.int64,
+) -> tuple[np.int64, float, float, np.int64]:
     """Take a node, as ``Passage.go`` does without stops by the clock."""
-    length, ramp = drive.length[n], drive.ramp[n]
-    bound = exit_bound(drive.length, drive.top, n, last, drive.ramp)
-    pending[k] += stand[n]
     gone = 0.0
-    if pending[k] > 0:
-        took, leave, gone = braked(length, speed[k], ramp)
-        passed[k] += took
-        speed[k] = leave
+    if pending > 0:
+        took, leave, gone = braked(length, speed, ramp)
+        passed += took
+        speed = leave
         if leave > 0.0:
-            return
-        base[k] += np.int64(np.rint(passed[k])) + pending[k]
-        passed[k], pending[k] = 0.0, 0
-    took, leave, _ = pass_through(length - gone, drive.top[n], speed[k], bound, ramp)
-    passed[k] += took
-    speed[k] = leave
+            return base, passed, speed, pending
+        base += np.int64(np.rint(passed)) + pending
+        passed, pending = 0.0, np.int64(0)
+    took, leave, _ = pass_through(length - gone, top, speed, bound, ramp)
+    return base, passed + took, leave, pending
