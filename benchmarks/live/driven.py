@@ -16,7 +16,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.drivers.driver import ClearedNode, Driver, DriverState, ToolOrder
 from twin.drivers.drivers_file import AnyDriver, DriversSection, FrankaArm
 from twin.durations.model import NANOSECONDS, Nanoseconds
-from twin.live.measured_log import MeasuredLog
+from twin.live.measured import MeasuredLog
 from twin.live.session import Session
 from twin.run.events import ExecutionRecord
 from twin.run.folder import MEASURED

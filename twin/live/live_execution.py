@@ -27,10 +27,8 @@ from twin.durations.model import NANOSECONDS
 from twin.engine.processes import Steps
 from twin.live.history import ANEW, History
 from twin.live.link import AwaitedAct, Link, see_to_tools
-from twin.live.measured_log import MeasuredLog
-from twin.live.measured_rows import MeasuredRows
+from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
 from twin.live.messages import Report
-from twin.live.unseen_motion import samples_between
 from twin.live.wire import Wire
 from twin.operate.rolling import RollingExecution, Version
 from twin.run.events import EventKind, Measured, Outcome

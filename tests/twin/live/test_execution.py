@@ -27,7 +27,7 @@ from twin.exports.ros.mcap_file import mcap_files
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
-from twin.live.measured_log import MeasuredLog
+from twin.live.measured import MeasuredLog
 from twin.live.messages import Command, Report
 from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate

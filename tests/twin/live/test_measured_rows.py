@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.drivers.driver import Sample
-from twin.live.measured_rows import MeasuredRows
+from twin.live.measured import MeasuredRows
 
 
 def test_a_robot_that_settles_while_it_stands_has_not_begun_its_next_node() -> None:

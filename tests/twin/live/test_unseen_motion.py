@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from twin.drivers.driver import ClearedNode, Sample
 from twin.drivers.near_path import near_path
 from twin.drivers.simulated_arm import SimulatedArm
-from twin.live.measured_rows import MeasuredRows
-from twin.live.unseen_motion import samples_between
+from twin.live.measured import MeasuredRows, samples_between
 
 EVERY_S = 0.01
 

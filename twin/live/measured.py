@@ -1,0 +1,219 @@
+"""What has been measured of robots: rows made of the samples that drivers report, and the file that keeps them.
+
+``measured.csv`` has every sample of every robot as it came, so that a kill loses none of them. Where samples were
+lost, as after a driver was killed, where a robot was is known only from what it was cleared for: it can have followed
+its path, and stood. A straight line between two samples would cut the corners of that path, through whatever they
+lead around.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from planning.transforms import Array
+from twin.drivers.driver import ClearedNode, Sample
+from twin.drivers.near_path import near_path
+from twin.durations.model import NANOSECONDS
+from twin.run.events import Measured
+
+
+@dataclass
+class MeasuredRows:
+    """What has been measured of a robot: rows while it moves, and both ends of each time for which it stands.
+
+    Attributes:
+        t_ns, q, node: see ``Measured``; where it stands, the first row is of the node before, the last one of
+            that which it then begins.
+        begin_ns, end_ns: when it began each of its nodes, and was through with it.
+        cleared_ns: when it was cleared for them; whatever its clock says, it began none before.
+        last: the last sample, and when it was taken in the run [ns]; None before the first.
+    """
+
+    t_ns: list[int] = field(default_factory=list)
+    q: list[Array] = field(default_factory=list)
+    node: list[int] = field(default_factory=list)
+    begin_ns: list[int] = field(default_factory=list)
+    end_ns: list[int] = field(default_factory=list)
+    cleared_ns: list[int] = field(default_factory=list)
+    last: tuple[int, Sample] | None = None
+    _stood: tuple[int, Array] | None = None
+
+    def is_new(self, state: Sample) -> bool:
+        """Tell whether a sample comes after all those that have been taken note of.
+
+        A driver that was started anew may have another clock, but it does not undo nodes.
+        """
+        if self.last is None:
+            return True
+        own = self.last[1]
+        return (state.done, state.begun, state.at_s) > (own.done, own.begun, own.at_s)
+
+    def add(self, t_ns: int, state: Sample) -> bool:
+        """Take note of a sample, and return whether that had not been done before."""
+        if not self.is_new(state):
+            return False
+        begun = self.cleared_ns[state.begun - 1 : state.begun]
+        t_ns = max([0, t_ns, *self.t_ns[-1:], *begun])
+        self.last = t_ns, state
+        self.begin_ns += [t_ns] * (state.begun - len(self.begin_ns))
+        self.end_ns += [t_ns] * (state.done - len(self.end_ns))
+        if state.begun == state.done:
+            if self._stood is None:
+                self._row(t_ns, state.q, state.done - 1)
+            self._stood = t_ns, state.q
+            return True
+        if self._stood is not None:
+            # What moved while it stood was no part of the node that it now begins.
+            self._row(*self._stood, state.done - 1)
+            self._row(*self._stood, state.done)
+            self._stood = None
+        self._row(t_ns, state.q, state.done)
+        return True
+
+    def _row(self, t_ns: int, q: Array, node: int) -> None:
+        if self.t_ns and t_ns <= self.t_ns[-1] and np.any(q != self.q[-1]):
+            return  # its clock is known better by now, and this would be a jump
+        self.t_ns.append(t_ns)
+        self.q.append(q)
+        self.node.append(node)
+
+    def measured(self) -> Measured:
+        """Return all of it."""
+        return Measured(np.array(self.t_ns), np.array(self.q), np.array(self.node))
+
+
+_BEGIN = "#begin"
+"""First column of the line that says when the run began."""
+
+
+class MeasuredLog:
+    """Appends samples to a file.
+
+    Args:
+        path: of the file; None for nowhere.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._file: TextIO | None = None
+
+    def begin_s(self) -> float | None:
+        """Return when the run began, by the clock of the machine [s]; None where nothing says so."""
+        for first, *rest in self._lines():
+            if first == _BEGIN:
+                return float(rest[0])
+        return None
+
+    def before(self) -> Iterator[tuple[str, int, Sample]]:
+        """Yield what is in the file: robot, time in the run [ns], and sample."""
+        for robot, *rest in self._lines():
+            if robot != _BEGIN:
+                t_ns, at_s, begun, done, *q = rest
+                own = Sample(float(at_s), np.array(q, float), int(begun), int(done))
+                yield robot, int(t_ns), own
+
+    def _lines(self) -> Iterator[list[str]]:
+        """Yield the columns of every line; one that was not written to its end is left out."""
+        if self._path is not None and self._path.exists():
+            for line in self._path.read_text().splitlines():
+                *columns, end = line.split(",")
+                if end == ";":
+                    yield columns
+
+    def begin(self, begin_s: float) -> None:
+        """Write when the run begins, by the clock of the machine [s]."""
+        self._append(f"{_BEGIN},{begin_s!r}")
+        self.flush()
+
+    def write(self, robot: str, t_ns: int, own: Sample) -> None:
+        """Append a sample of a robot at a time in the run [ns]."""
+        q = ",".join(map(repr, own.q.tolist()))
+        self._append(f"{robot},{t_ns},{own.at_s!r},{own.begun},{own.done},{q}")
+
+    def _append(self, line: str) -> None:
+        if self._path is None:
+            return
+        if self._file is None:
+            self._file = self._path.open("a", buffering=1 << 16)
+        self._file.write(f"{line},;\n")
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def flush(self) -> None:
+        """Hand over to the operating system what was written."""
+        if self._file is not None:
+            self._file.flush()
+
+
+_UNSEEN_NS = 100_000_000
+"""Samples that are farther apart than this are taken to have others between them that were lost [ns]."""
+
+_LATER_S = 1e-6
+"""How much later than the one before each of them was measured, by the clock of the driver [s]."""
+
+
+def samples_between(
+    before: tuple[int, Sample],
+    after: tuple[int, Sample],
+    nodes: Sequence[ClearedNode],
+    cleared_ns: Sequence[int],
+    start: Array,
+) -> list[tuple[int, Sample]]:
+    """Return the corners of a robot's path between two samples, passed as fast as planned.
+
+    Args:
+        before, after: both samples, and when they were taken in the run [ns].
+        nodes: all that it was cleared for, from its first one on.
+        cleared_ns: when it was cleared for each [ns]; it passes no corner of a node before.
+        start: where the first one begins, shape (n,).
+
+    Returns:
+        Times in the run [ns] and samples, in order; none where nothing need have been lost.
+    """
+    (begin_ns, first), (end_ns, last) = before, after
+    near = end_ns - begin_ns <= _UNSEEN_NS or last.done > len(nodes)
+    if near or last.done < first.done or np.array_equal(first.q, last.q):
+        return []
+    found: list[tuple[int, Sample]] = []
+    t_ns = begin_ns
+
+    def pass_by(q: Array, begun: int, done: int) -> None:
+        at_s = first.at_s + (len(found) + 1) * _LATER_S
+        found.append((min(t_ns, end_ns), Sample(at_s, q, begun, done)))
+
+    gone, until = _passed(nodes, first, start), _passed(nodes, last, start)
+    q = first.q
+    for k in range(first.done, min(last.begun, len(nodes))):
+        own, whole = nodes[k], k < last.done
+        t_ns = max(t_ns, cleared_ns[k])
+        if k >= first.begun:
+            pass_by(q, k + 1, k)
+        for corner, second in zip(own.waypoints, own.seconds, strict=True):
+            ends = whole and second == own.seconds[-1]
+            if k == first.done and second <= gone and not ends:
+                continue
+            if not whole and second >= until:
+                break
+            t_ns += round(max(second - gone, 0.0) * NANOSECONDS)
+            gone, q = float(second), corner
+            pass_by(q, k + 1, k + bool(ends))
+        gone = 0.0
+    return found
+
+
+def _passed(nodes: Sequence[ClearedNode], sample: Sample, start: Array) -> float:
+    """Return how far into the node that it is in a robot is, by where it stands [s]."""
+    k = sample.done
+    if sample.begun == k:
+        return 0.0
+    before = nodes[k - 1].waypoints[-1] if k else start
+    near = near_path(np.vstack([before, nodes[k].waypoints]), sample.q[None])
+    return nodes[k].passed_s(int(near.leg[0]), float(near.share[0]))
