@@ -32,8 +32,7 @@ from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.messages import Command, Report
-from twin.live.remote import drive_remotely
-from twin.live.service import METHOD, Service, channel_to
+from twin.live.service import METHOD, Service, channel_to, drive_remotely
 from twin.live.wire_format import (
     DESCRIPTION,
     MessageError,
