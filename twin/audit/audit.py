@@ -17,7 +17,6 @@ from typing import Any
 
 from scheduling.graph.plan_files import load_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from twin.audit.balance import balance_violations
 from twin.audit.case import AuditCase
 from twin.audit.contacts import Contacts, allowed_contacts
 from twin.audit.grips import grip_violations
@@ -45,7 +44,7 @@ from twin.audit.places import (
     tool_violations,
 )
 from twin.audit.processes import process_violations
-from twin.audit.resting import hanging_violations, rest_violations
+from twin.audit.resting import balance_violations, hanging_violations, rest_violations
 from twin.audit.supports import support_violations
 from twin.audit.violation import Violation
 from twin.audit.wanted import Wanted
