@@ -12,10 +12,9 @@ import numpy as np
 
 from planning.errors import RequestError
 from scheduling.graph.plan_files import save_plan
-from twin.audit.audit import audit_run
+from twin.audit.audit import audit_off_bases, audit_run
 from twin.audit.motion.deviated import deviated
 from twin.audit.motion.executed import read_recording
-from twin.audit.off_bases import audit_off_bases
 from twin.audit.worlds.engines import Engine, engine_named
 from twin.cluster.client import ClusterError, ClusterLostError
 from twin.durations.model import NANOSECONDS

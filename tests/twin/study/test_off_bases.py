@@ -11,9 +11,8 @@ from typer.testing import CliRunner
 
 from scheduling.graph.plan_files import load_plan
 from tests.twin.written import written
-from twin.audit.audit import audit_run
+from twin.audit.audit import audit_off_bases, audit_run
 from twin.audit.motion.executed import read_recording
-from twin.audit.off_bases import audit_off_bases
 from twin.cli import app
 from twin.study.folder import AUDITS
 
