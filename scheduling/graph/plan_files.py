@@ -19,7 +19,7 @@ plan.npz has the columns of ``TemporalPlanGraph``, and of its chains as ``chain_
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -31,9 +31,159 @@ from planning.cell.robot_model import RobotModel
 from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
 from planning.robots.descriptions.xml_files import copy_description
+from planning.tasks.task import Handling, Task
+from scheduling.graph.columns import require
 from scheduling.graph.document import PlanDocument, read_graph, write_graph
-from scheduling.graph.plan_checks import check_plan
-from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.drive import BY_EFFORT, Drive, RoundedCorners
+from scheduling.graph.temporal_plan_graph import (
+    NodeChain,
+    NodeHandling,
+    TemporalPlanGraph,
+)
+
+_SLACK = 1e-6  # of joint limits, for values that were rounded [rad or m]
+
+
+def check_plan(tpg: TemporalPlanGraph) -> None:
+    """Check that indices are known, chains in order, and robots within joint limits.
+
+    Raises:
+        OutputError: something is not; the message names the place.
+    """
+    for i, chain in enumerate(tpg.chains):
+        prefix = f"chain_{i}_"
+        _check_chain(prefix, chain, len(tpg.tasks))
+        if chain.drive is not None:
+            _check_drive(prefix, chain, chain.drive)
+        if chain.corners is not None:
+            _check_corners(f"{prefix}rounded_", chain, chain.corners)
+        model = tpg.cell.robot(chain.robot).model
+        for name, q in (("start", chain.start[None]), ("waypoints", chain.waypoints)):
+            inside = (q >= model.lower - _SLACK) & (q <= model.upper + _SLACK)
+            require(inside, f"{prefix}{name}", q, f"is beyond a limit of {model.name}")
+    _check_edges(tpg)
+    _check_handlings(tpg)
+
+
+def _check_chain(prefix: str, chain: NodeChain, tasks: int) -> None:
+    first, task, points = chain.first, chain.task, len(chain.waypoints)
+    if not len(task):
+        raise OutputError(f"{prefix}task is empty: a chain has nodes")
+    require(np.diff(first) > 0, f"{prefix}first", first, "does not rise")
+    if len(first) != len(task) + 1 or first[0] != 0 or first[-1] != points:
+        raise OutputError(
+            f"{prefix}first does not run from 0 to {points} in {len(task)} nodes"
+        )
+    known = (task >= 0) & (task < tasks)
+    require(known, f"{prefix}task", task, f"must be 0 to {tasks - 1}")
+    for name in ("task", "planned_start"):
+        values = getattr(chain, name)
+        require(np.diff(values) >= 0, f"{prefix}{name}", values, "falls afterwards")
+    fraction, ends = chain.fraction, np.zeros(points, dtype=bool)
+    ends[first[1:] - 1] = True
+    rises = (np.diff(fraction, append=0.0) >= 0) | ends
+    require(rises, f"{prefix}fraction", fraction, "falls within its node")
+    whole = (fraction == 1.0) | ~ends
+    require(whole, f"{prefix}fraction", fraction, "ends a node, must be 1")
+
+
+def _check_drive(prefix: str, chain: NodeChain, drive: Drive) -> None:
+    slowed_by, joints = drive.slowed_by, len(chain.start)
+    known = (slowed_by >= -joints) & (slowed_by < BY_EFFORT + joints)
+    wrong = f"must be {-joints} to {BY_EFFORT + joints - 1}"
+    require(known, f"{prefix}slowed_by", slowed_by, wrong)
+    require(drive.cap > 0.0, f"{prefix}cap", drive.cap, "must be above 0")
+    ramp, lag, rests = drive.ramp, drive.lag, drive.rests
+    moves, alike = rests.copy(), rests.copy()
+    moves[:-1] |= (ramp[1:] > 0.0) & (ramp[:-1] > 0.0)
+    require(moves, f"{prefix}ramp", ramp, "is 0 within a stretch")
+    alike[:-1] |= lag[1:] == lag[:-1]
+    require(alike, f"{prefix}lag", lag, "is another one within a stretch")
+    for name, values in (("duration", chain.duration), ("cruise", drive.cruise)):
+        some = (values > 0) | (ramp == 0)
+        require(some, f"{prefix}{name}", values, "must be above 0")
+
+
+def _check_corners(name: str, chain: NodeChain, corners: RoundedCorners) -> None:
+    """Check that rounded corners are pose nodes of a stretch, one bend after another."""
+    begin, stop, length = corners.begin, corners.stop, corners.length
+    bend, at, window = corners.bend, corners.at, corners.window
+    after = np.append(0, stop[:-1])
+    ok = (begin >= after) & (begin < stop)
+    require(ok, f"{name}begin", begin, "is out of order")
+    require(stop <= len(chain), f"{name}stop", stop, "is the index of no node")
+    steps = np.diff(bend, prepend=-1)
+    require((steps >= 0) & (steps <= 1), f"{name}bend", bend, "is out of order")
+    if len(bend) == 0 or bend[-1] != len(begin) - 1:
+        raise OutputError(f"{name}bend does not run from 0 to {len(begin) - 1}")
+    # Windows are as long as they are, and in order, where a bend begins and ends.
+    low, high = at - 0.5 * window, at + 0.5 * window
+    slack = 1e-9 * length[bend]
+    ok = (window > 0) & (low >= -slack) & (high <= length[bend] + slack)
+    ok &= (steps != 0) | (np.diff(at, prepend=0.0) > 0)
+    for edge in (low, high):
+        ok &= (steps != 0) | (np.diff(edge, prepend=0.0) >= -slack)
+    require(ok, f"{name}window", window, "does not fit the bend")
+    if chain.drive is None:
+        raise OutputError(
+            f"{name}begin: robots rest at corners where nothing is limited"
+        )
+    for k, (a, b) in enumerate(zip(begin.tolist(), stop.tolist(), strict=True)):
+        if np.any(chain.skill[a:b]) or np.any(chain.drive.rests[a : b - 1]):
+            raise OutputError(f"{name}begin[{k}] is {a}: the robot rests in that bend")
+
+
+def _check_edges(tpg: TemporalPlanGraph) -> None:
+    counts = np.array([len(chain) for chain in tpg.chains])
+    robots, nodes = tpg.edges[:, [0, 2]], tpg.edges[:, [1, 3]]
+    ok = (robots >= 0) & (robots < len(counts))
+    require(ok, "edges", robots, "is the index of no chain")
+    ok = (nodes >= 0) & (nodes < counts[robots])
+    require(ok, "edges", nodes, "is the index of no node")
+    apart = robots[:, 0] != robots[:, 1]
+    require(apart, "edges", robots[:, 0], "joins nodes of one robot")
+    require(tpg.cause <= 1, "cause", tpg.cause, "must be 0 or 1")
+    done = {int(task) for chain in tpg.chains for task in np.unique(chain.task)}
+    for k, window in enumerate(tpg.windows):
+        if not {window.begun, window.done, window.due} <= done:
+            raise OutputError(f"windows.{k}: is of a task that has no node")
+    needs = tpg.dependencies
+    ok = (needs >= 0) & (needs < len(tpg.tasks))
+    require(ok, "dependencies", needs, "is the index of no task")
+
+
+def _check_handlings(tpg: TemporalPlanGraph) -> None:
+    for k, task in enumerate(tpg.tasks):
+        _check_waypoints(f"tasks.{k}", task.handlings, len(task.path))
+        _check_actuations(f"tasks.{k}.actuations", task)
+    for k, h in enumerate(tpg.handlings):
+        place = f"handlings.{k}"
+        if h.robot >= len(tpg.chains) or h.node >= len(tpg.chains[h.robot]):
+            raise OutputError(f"{place}: there is no node {h.node} of chain {h.robot}")
+        first = tpg.chains[h.robot].first
+        _check_waypoints(place, (h,), int(first[h.node + 1] - first[h.node]))
+
+
+def _check_actuations(place: str, task: Task) -> None:
+    """Check that actuations are in order, and that the robot of the task stands in each."""
+    before = 0
+    for act in task.actuations:
+        if not before < act.waypoint <= len(task.path):
+            raise OutputError(f"{place}: waypoint {act.waypoint} is out of order")
+        before = act.waypoint
+        # Where the path begins is not said by the task.
+        way = task.path[max(0, act.waypoint - 2) : act.waypoint]
+        if np.any(way[0] != way[-1]):
+            raise OutputError(f"{place}: the robot moves up to waypoint {before}")
+
+
+def _check_waypoints(
+    place: str, handlings: Sequence[Handling | NodeHandling], most: int
+) -> None:
+    for handling in handlings:
+        if handling.waypoint > most:
+            raise OutputError(f"{place}: has no waypoint {handling.waypoint}")
+
 
 FORMAT = "assembly-twin temporal plan graph"
 VERSION = 1
