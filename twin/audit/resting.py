@@ -1,6 +1,7 @@
 """Objects that nobody holds must rest on something that does not fall.
 
-Parts lie where the scenario says on their way, and for as long as machines work at them.
+Parts lie where the scenario says on their way, and for as long as machines work at them. What is in its
+place must stand at all times: by friction, by joints, or in somebody's hand.
 """
 
 from __future__ import annotations
