@@ -23,7 +23,7 @@ from planning.cell.workcell import PlacedRobot, Workcell
 from planning.contacts.interference import ROUNDING, leads_through
 from planning.contacts.touching import Lying, near_to, standing
 from planning.errors import InfeasibleStepError
-from planning.grips.friction import firm_grips
+from planning.grips.fingers import firm_grips
 from planning.grips.tool_grips import overload, robot_grips
 from planning.parts.assembly import AnyStep, PartAssembly, PlacePart
 from planning.parts.candidates import PartCandidates

@@ -10,7 +10,7 @@ import numpy as np
 
 from planning.cell.workcell import CellObject, PlacedRobot, Workcell
 from planning.errors import InfeasibleStepError
-from planning.grips.friction import firm_grips
+from planning.grips.fingers import firm_grips
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import (
     beyond_part,

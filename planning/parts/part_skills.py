@@ -19,7 +19,7 @@ from planning.cell.workcell import (
 )
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import SceneChecker
-from planning.grips.closing import in_the_way_of_fingers
+from planning.grips.fingers import in_the_way_of_fingers
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import not_held, tool_misfit
 from planning.kinematics.kinematics import frame_in_flange

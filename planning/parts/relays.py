@@ -22,8 +22,7 @@ from planning.cell.workcell import (
     WorldState,
 )
 from planning.contacts.touching import near_to, standing
-from planning.grips.closing import in_the_way_of_fingers
-from planning.grips.friction import firm_grips
+from planning.grips.fingers import firm_grips, in_the_way_of_fingers
 from planning.grips.grip import Grip
 from planning.grips.tool_grips import overload, robot_grips
 from planning.kinematics.kinematics import inverse_kinematics

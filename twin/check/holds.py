@@ -8,7 +8,7 @@ import numpy as np
 
 from planning.cell.robot_model import RobotModel
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.grips.friction import load_on_pads
+from planning.grips.fingers import load_on_pads
 from planning.grips.grip import GripRules
 from planning.grips.pads import own_bodies
 from planning.grips.tool_grips import not_held, robot_grips

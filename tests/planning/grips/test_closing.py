@@ -16,7 +16,7 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.grips.closing import in_the_way_of_fingers, swept_fingers
+from planning.grips.fingers import in_the_way_of_fingers, swept_fingers
 from planning.grips.pads import pads_at
 from planning.kinematics.kinematics import frame_pose
 from planning.parts.part_skills import held_pose

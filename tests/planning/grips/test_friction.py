@@ -10,7 +10,7 @@ import pytest
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, box_shape, shape_of
 from planning.cell.workcell import CellObject, PlacedRobot
-from planning.grips.friction import _middle_and_radius, firm_grips, load_on_pads
+from planning.grips.fingers import _middle_and_radius, firm_grips, load_on_pads
 from planning.grips.grip import Grip
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
