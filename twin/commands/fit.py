@@ -197,8 +197,7 @@ def _parameters(section: Any) -> str:
 
 def _hint(files: Sequence[Path], by: Sequence[str]) -> None:
     """Say so when the files tell groups apart that were fitted as one."""
-    from twin.fit.logged_skills import is_log
-    from twin.fit.samples import unused_labels
+    from twin.fit.samples import is_log, unused_labels
 
     if is_log(files[0]):
         return

@@ -13,7 +13,7 @@ from twin.durations.bounded import Uniform
 from twin.durations.model import NANOSECONDS
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
-from twin.fit.logged_skills import skills_in_log
+from twin.fit.samples import skills_in_log
 from twin.recorders.observers import JsonlRecorder
 from twin.uncertainty.disturbances import Disturbances
 from twin.uncertainty.skill_durations import SkillDurations

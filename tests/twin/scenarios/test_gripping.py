@@ -22,7 +22,7 @@ from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import assert_same_ends
 from tests.twin.written import checked, written
 from twin.engine.engine import Simulator
-from twin.fit.logged_skills import logged_skills
+from twin.fit.samples import logged_skills
 from twin.recorders.rerun.fingers import finger_moves
 from twin.recorders.rerun.layout import entity_path, robot_part
 from twin.run.activities import robot_activities
