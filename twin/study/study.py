@@ -46,7 +46,6 @@ from twin.study.folder import (
     write_request,
 )
 from twin.study.gains.gains import CellGains, study_gains, write_gains
-from twin.study.line import product_columns, product_times
 from twin.study.operated import (
     OperatedSummary,
     Prevention,
@@ -64,6 +63,7 @@ from twin.study.plans import (
     save_plans,
     workloads,
 )
+from twin.study.products import product_columns, product_times
 from twin.study.replications.block_results import cell_tally
 from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.statistics import Experiment

@@ -18,8 +18,15 @@ from twin.planning.kind import assembly_kind
 from twin.run.policies import OPEN_LOOP, PLAIN_POLICIES
 from twin.scenario.variations import Variant, is_of_execution, layout_of, varied
 from twin.study.folder import Refused, StudyRequest
-from twin.study.line import LineSummary, line_summary, product_times
 from twin.study.operated import OperatedSummary
+from twin.study.products import (
+    LineSummary,
+    WindowsSummary,
+    line_summary,
+    product_times,
+    window_times,
+    windows_summary,
+)
 from twin.study.replications.block_results import (
     COMPLETED,
     ERROR,
@@ -37,7 +44,6 @@ from twin.study.replications.statistics import (
     share_interval,
 )
 from twin.study.replications.workload import Workload
-from twin.study.windows import WindowsSummary, window_times, windows_summary
 from twin.trial.simulation import doubts_about_stalls
 
 QUANTILES = (50, 90, 95, 99)

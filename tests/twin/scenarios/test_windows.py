@@ -25,10 +25,10 @@ from twin.engine.bulk.holding import held_back
 from twin.engine.engine import Simulator
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario
+from twin.study.products import window_times, windows_summary
 from twin.study.replications.block_results import write_block
 from twin.study.replications.statistics import Block
 from twin.study.replications.workload import Engines, Workload, timing_graph
-from twin.study.windows import window_times, windows_summary
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import doubts_about_windows, execute, scenario_execution
 

@@ -27,7 +27,7 @@ from twin.host.pictures import INK
 from twin.run.throughput import takts_s
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.scenario.variations import Variant, is_of_execution
-from twin.study.line import Due
+from twin.study.products import Due
 from twin.study.replications.block_results import WAIT_COLUMNS, ProductTimes
 from twin.study.replications.statistics import Interval
 from twin.study.report.layout import bar_chart, legend_below, one_chart

@@ -30,7 +30,7 @@ from twin.planning.kind import assembly_kind
 from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
-from twin.study.line import product_times
+from twin.study.products import product_times
 from twin.study.replications.block_results import cell_tally
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import (

@@ -1,4 +1,4 @@
-"""Figures of a line over the replications of a study: throughput, takt, lateness."""
+"""Figures of products over the replications of a study: throughput, takt, lateness, and windows of time between steps."""
 
 from __future__ import annotations
 
@@ -7,11 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.transforms import Array
-from twin.durations.model import NANOSECONDS
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.run.throughput import line_figures, start_up_of, takts_s
-from twin.study.replications.block_results import ProductTimes, cell_blocks
+from twin.study.replications.block_results import (
+    UNKNOWN,
+    ProductTimes,
+    WindowTimes,
+    cell_blocks,
+)
 from twin.study.replications.statistics import (
     Figures,
     Interval,
@@ -150,3 +157,115 @@ def _quantiles(values: Array) -> dict[str, float]:
         f"p{100 * q:.0f}": float(v)
         for q, v in zip(_QUANTILES, np.quantile(values, _QUANTILES), strict=True)
     }
+
+
+Flags = npt.NDArray[np.bool_]
+
+
+class WindowFigures(Figures):
+    """Figures of one window of time.
+
+    Attributes:
+        window: which steps.
+        at_least_s, within_s: its bounds; None for no upper one.
+        passed_s: mean time that passes [s].
+        passed_p95_s: its percentile [s].
+        broken: share of the replications in which it is broken; None where that cannot be.
+        broken_free: the same where nothing is held back, None where nothing is anyway.
+    """
+
+    window: str
+    at_least_s: float
+    within_s: float | None
+    passed_s: Told
+    passed_p95_s: float
+    broken: Told | None
+    broken_free: Told | None
+
+
+class WindowsSummary(Figures):
+    """Figures of the windows of a cell.
+
+    Attributes:
+        windows: each of them.
+        hold: the probability with which they are to be kept, 0 where nothing is held back.
+        holding_s: by how much the makespan is longer than where nothing is held back, replication by
+            replication; None where nothing is [s].
+    """
+
+    windows: tuple[WindowFigures, ...]
+    hold: float
+    holding_s: Told | None
+
+
+def window_times(blocks: Path, cell: int) -> WindowTimes | None:
+    """Return what passed in the windows in all replications of a cell, None where there are none."""
+    found = [b.windows for b in cell_blocks(blocks, cell) if b.windows is not None]
+    if not found:
+        return None
+    gaps, free, makespan = (
+        np.concatenate([getattr(item, name) for item in found], axis=-1)
+        for name in ("gap_ns", "free_gap_ns", "free_makespan_ns")
+    )
+    return WindowTimes(gaps, free, makespan)
+
+
+def windows_summary(
+    tpg: TemporalPlanGraph,
+    hold: float,
+    times: WindowTimes,
+    makespans_s: Array,
+    confidence: float,
+) -> WindowsSummary | None:
+    """Return the figures of a cell, None where no replication completed.
+
+    Args:
+        tpg: what was executed.
+        hold: with which probability windows were to be kept.
+        times: what passed in them.
+        makespans_s: of all replications, NaN where one did not complete, shape (r,) [s].
+        confidence: of the intervals.
+    """
+    known = np.all(times.gap_ns != UNKNOWN, axis=0)
+    if not known.any():
+        return None
+    gaps = times.gap_ns[:, known]
+    late, free = _late(tpg, gaps), None
+    holding = None
+    if times.free_makespan_ns.size:
+        both = known & np.isfinite(makespans_s) & (times.free_makespan_ns >= 0)
+        free = _late(tpg, times.free_gap_ns[:, both])
+        if both.any():
+            longer = makespans_s[both] - times.free_makespan_ns[both] / NANOSECONDS
+            holding = mean_interval(longer, confidence=confidence)
+
+    def share(hits: Flags) -> Interval | None:
+        total = hits.shape[-1]
+        if not total:
+            return None
+        number = int(np.count_nonzero(hits))
+        return share_interval(number, total, confidence=confidence)
+
+    timed = [window.most is not None for window in tpg.windows]
+    return WindowsSummary(
+        windows=tuple(
+            WindowFigures(
+                window=window.words,
+                at_least_s=window.least,
+                within_s=window.most,
+                passed_s=mean_interval(gaps[k] / NANOSECONDS, confidence=confidence),
+                passed_p95_s=float(np.quantile(gaps[k], 0.95)) / NANOSECONDS,
+                broken=share(late[k]) if timed[k] else None,
+                broken_free=share(free[k]) if timed[k] and free is not None else None,
+            )
+            for k, window in enumerate(tpg.windows)
+        ),
+        hold=hold,
+        holding_s=holding,
+    )
+
+
+def _late(tpg: TemporalPlanGraph, gaps: Nanoseconds) -> Flags:
+    """Return which windows are broken in which replications, shape (windows, r)."""
+    most = [np.inf if w.most is None else w.most * NANOSECONDS for w in tpg.windows]
+    return np.asarray(gaps > np.array(most)[:, None])
