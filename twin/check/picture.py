@@ -25,23 +25,21 @@ from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.parts.assembly import PlacePart
 from planning.parts.part_steps import spot_pose
 from planning.transforms import Array, Transform
-from twin.check.close_ups import (
-    NAME_SIZE,
-    CloseUp,
-    Names,
-    close_ups,
-    panel_width,
-    widened,
-)
 from twin.check.finding import Subject
 from twin.check.views import (
     FROM_THE_SIDE,
+    NAME_SIZE,
+    CloseUp,
     DrawnShape,
+    Names,
     Viewpoint,
+    close_ups,
     draw_axes,
     draw_shapes,
+    panel_width,
     placed_points,
     style_view,
+    widened,
 )
 from twin.host.pictures import INK, new_picture, save_png
 from twin.scenario.sections.lego import LegoSection

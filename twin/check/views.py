@@ -1,18 +1,19 @@
-"""Views of bodies in space along an axis of the world, as matplotlib draws them."""
+"""Views of bodies in space along an axis of the world, as matplotlib draws them, and close-ups of what would be too small to see."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 
 from planning.transforms import Array, Transform
-from twin.host.pictures import INK, style_axes
+from twin.host.pictures import FRAME, INK, style_axes
 
 _AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd6")
 """Of the x, y and z axes of frames."""
@@ -95,3 +96,199 @@ def hull_outline(points: Array) -> Array:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:  # seen edge-on
         return points
+
+
+NAME_SIZE = 6
+"""Size of names in the picture [points]."""
+
+_LETTER, _LINE = 0.3, 0.75
+"""Half the width and half the height of a name, over its size and letters."""
+
+_TINY = 18.0
+"""Things that are drawn smaller are drawn again [points]."""
+
+_NEAR = 0.06
+"""Things nearer to each other than this share of the view are drawn together."""
+
+_ROOM, _LARGER = 0.1, 1.5
+"""Room around what is drawn again, of its size, and how much larger it must become for it to be."""
+
+MOST = 4
+"""Close-ups of a picture."""
+
+
+@dataclass(frozen=True)
+class CloseUp:
+    """A rectangle of a view.
+
+    Attributes:
+        letter: names it in the picture.
+        low, high: its corners, shape (2,) [m].
+    """
+
+    letter: str
+    low: Array
+    high: Array
+
+    def holds(self, box: Array) -> bool:
+        """Tell whether a thing is in it, by the corners of the thing, shape (2, 2)."""
+        return bool(np.all(self.low <= box[0]) and np.all(box[1] <= self.high))
+
+
+def close_ups(
+    boxes: Array, extent: Array, metres_per_point: float, row: tuple[float, float]
+) -> list[CloseUp]:
+    """Return what of a view is to be drawn larger.
+
+    Things that are near each other are drawn together; one alone has room for its name beside it.
+
+    Args:
+        boxes: lower and upper corners of the things in the view, shape (n, 2, 2) [m].
+        extent: edges of the view, shape (2,) [m].
+        metres_per_point: scale of the view.
+        row: width and height of the row that they are drawn in [in].
+    """
+    sizes = np.max(boxes[:, 1] - boxes[:, 0], axis=1) if len(boxes) else np.empty(0)
+    if not np.any(sizes < _TINY * metres_per_point):
+        return []
+    tiny = sizes < _TINY * metres_per_point
+    reach = _NEAR * float(extent.max())
+    groups = _groups(boxes, tiny, reach)
+    while len(groups) > MOST:
+        reach *= 1.3
+        groups = _groups(boxes, tiny, reach)
+    found = []
+    panel = np.array([panel_width(row[0], max(len(groups), 1)), row[1]])
+    for group in groups:
+        low, high = boxes[group, 0].min(axis=0), boxes[group, 1].max(axis=0)
+        margin = _ROOM * float((high - low).max()) + 12.0 * metres_per_point / _LARGER
+        low, high = low - margin, high + margin
+        if _LARGER * float(np.max((high - low) / panel)) / 72.0 < metres_per_point:
+            found.append((low, high))
+    found.sort(key=lambda corners: (float(corners[0][0]), float(corners[0][1])))
+    return [CloseUp(chr(65 + k), *corners) for k, corners in enumerate(found)]
+
+
+def panel_width(width: float, count: int) -> float:
+    """Return how wide each of some panels beside each other is, without its numbers [in]."""
+    return width / count - 0.8
+
+
+def _groups(boxes: Array, tiny: npt.NDArray[np.bool_], reach: float) -> list[list[int]]:
+    """Return which boxes are together, each within reach of another one of its group.
+
+    Only groups of several with something tiny among them.
+    """
+    apart = np.maximum(
+        boxes[:, None, 0] - boxes[None, :, 1], boxes[None, :, 0] - boxes[:, None, 1]
+    ).max(axis=2)
+    left, groups = set(range(len(boxes))), []
+    while left:
+        group, todo = [], [left.pop()]
+        while todo:
+            k = todo.pop()
+            group.append(k)
+            near = {j for j in left if apart[k, j] <= reach}
+            left -= near
+            todo += near
+        if len(group) > 1 and np.any(tiny[group]):
+            groups.append(sorted(group))
+    return groups
+
+
+@dataclass
+class Names:
+    """Writes names where there is room.
+
+    Attributes:
+        area: to write in.
+        scale: of it, metres a point.
+        low, high: its corners, shape (2,) [m].
+        beside: whether names may stand beside things, where these are not behind each other.
+    """
+
+    area: Axes
+    scale: float
+    low: Array
+    high: Array
+    beside: bool = True
+    _taken: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def mark(self, at: Array, text: str, colour: str, size: int = 9) -> None:
+        """Write a name of a robot, or the letter of a close-up, whatever is there."""
+        self._take(at, text, size)
+        self._write(at, text, colour, size, bold=True)
+
+    def name(self, box: Array, text: str, colour: str) -> None:
+        """Write the name of a thing on it, else beside it; not at all where there is no room.
+
+        Args:
+            box: lower and upper corner of the thing, shape (2, 2) [m].
+            text: its name.
+            colour: of the name.
+        """
+        low, high = np.maximum(box[0], self.low), np.minimum(box[1], self.high)
+        if np.any(high <= low):
+            return
+        for at in self._places(low, high, text):
+            if self._free(at, text):
+                self._take(at, text, NAME_SIZE)
+                self._write(at, text, colour, NAME_SIZE)
+                return
+
+    def _places(self, low: Array, high: Array, text: str) -> Iterator[Array]:
+        middle, (wide, tall) = 0.5 * (low + high), self._half(text, NAME_SIZE)
+        inside = np.array([1.2 * wide, tall])
+        if np.all(high - low > 8.0 * inside):
+            yield low + inside
+            yield high - inside
+        if 0.5 * wide <= float((high - low).max()):  # else it would hide what it names
+            yield middle
+        if self.beside:
+            yield np.array([middle[0], high[1] + tall])
+            yield np.array([middle[0], low[1] - tall])
+            yield np.array([high[0] + 1.2 * wide, middle[1]])
+            yield np.array([low[0] - 1.2 * wide, middle[1]])
+
+    def _half(self, text: str, size: int) -> tuple[float, float]:
+        wide = _LETTER * size * len(text) * self.scale
+        return wide, _LINE * size * self.scale
+
+    def _free(self, at: Array, text: str) -> bool:
+        wide, tall = self._half(text, NAME_SIZE)
+        half = np.array([wide, tall])
+        if np.any(at - half < self.low) or np.any(at + half > self.high):
+            return False
+        return not any(
+            abs(at[0] - x) < wide + w and abs(at[1] - y) < tall + t
+            for x, y, w, t in self._taken
+        )
+
+    def _take(self, at: Array, text: str, size: int) -> None:
+        self._taken.append((float(at[0]), float(at[1]), *self._half(text, size)))
+
+    def _write(
+        self, at: Array, text: str, colour: str, size: int, *, bold: bool = False
+    ) -> None:
+        self.area.text(
+            float(at[0]),
+            float(at[1]),
+            text,
+            color=colour,
+            fontsize=size,
+            fontweight="bold" if bold else "normal",
+            ha="center",
+            va="center",
+            zorder=7 if bold else 6,
+            clip_on=True,
+            bbox={"facecolor": "white", "edgecolor": FRAME, "alpha": 0.75, "pad": 1.0}
+            if bold
+            else {"facecolor": "white", "edgecolor": "none", "alpha": 0.55, "pad": 0.5},
+        )
+
+
+def widened(low: Array, high: Array, ratio: float) -> Sequence[Array]:
+    """Return the corners of a rectangle that has another in its middle, and a ratio of width to height."""
+    size = high - low
+    wanted = np.array([max(size[0], ratio * size[1]), max(size[1], size[0] / ratio)])
+    return low - 0.5 * (wanted - size), high + 0.5 * (wanted - size)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from twin.check.close_ups import MOST, close_ups
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
+from twin.check.views import MOST, close_ups
 from twin.scenario.manifest import load_scenario
 from twin.scenario.shipped import scenario_path
 
