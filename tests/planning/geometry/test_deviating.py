@@ -14,7 +14,7 @@ from planning.geometry.robot_bodies import robot_bodies
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import Array, rotation, translation
-from scheduling.verification.deviations import DeviatingLinks
+from scheduling.verification.bodies import DeviatingLinks
 from scheduling.verification.reference import ReferenceRobot
 
 ERROR = PoseError(0.001, 0.002)
