@@ -14,7 +14,7 @@ from typing import TypeVar
 from scheduling.repeat import numbered
 from twin.scenario.document.validation import Found
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.joints import FitSection, JoinedSection
+from twin.scenario.sections.between import FitSection, JoinedSection
 from twin.scenario.sections.line import PlacesSection
 from twin.scenario.sections.parts import PartSection, PartsSection, StepSection
 from twin.scenario.sections.shapes import PoseSection, pose_section

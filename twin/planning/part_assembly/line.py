@@ -21,7 +21,7 @@ from twin.planning.part_assembly.alike import (
     alike_parts,
     with_named_parts,
 )
-from twin.scenario.sections.joints import FitSection, JoinedSection
+from twin.scenario.sections.between import FitSection, JoinedSection
 from twin.scenario.sections.line import (
     ConveyorSection,
     SourceSection,

@@ -14,7 +14,7 @@ from twin.durations.lifetimes import AnyDuration, Distribution, SkillOverride
 from twin.durations.model import DurationModel, Skill
 from twin.scenario.document.section import Section
 from twin.scenario.document.yaml_text import KeyPath
-from twin.scenario.sections.windows import WindowsSection
+from twin.scenario.sections.between import WindowsSection
 from twin.uncertainty.disturbances import (
     Disturbances,
     LatePart,

@@ -8,8 +8,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twin.durations.lifetimes import AnyDuration
 from twin.scenario.document.section import Name, Section, Several, with_tuples
+from twin.scenario.sections.between import AfterSection, FitSection, JoinedParts
 from twin.scenario.sections.cell import ActuationTime
-from twin.scenario.sections.joints import FitSection, JoinedParts
 from twin.scenario.sections.line import (
     Amount,
     Places,
@@ -23,7 +23,6 @@ from twin.scenario.sections.shapes import (
     ShapedSection,
     Vector3,
 )
-from twin.scenario.sections.windows import AfterSection
 
 
 class BalanceSection(Section):

@@ -1,10 +1,10 @@
-"""Parts that are joined to each other, and parts that are pressed into each other."""
+"""What is said between two parts or two steps: parts that are joined or pressed into each other, and windows of time."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from twin.scenario.document.section import Name, Section, Two, with_tuples
 
@@ -52,3 +52,43 @@ JoinedParts = Annotated[
     BeforeValidator(_joint_spelt_out, json_schema_input_type=JoinedSection | Two[Name]),
 ]
 """Two names, or a section in full."""
+
+
+Lag = Annotated[float, Field(ge=0, le=1e6)]
+
+
+class AfterSection(Section):
+    """An earlier step, and how long after it is complete the work of this one may begin.
+
+    The earlier step is complete with its process, or when its robot has put the part down and drawn
+    back. This one begins with its process, or with the straight motion that puts its part down.
+
+    Attributes:
+        step: name of the earlier step.
+        within_s: latest; any time after it when not given.
+        at_least_s: earliest; at once when not given.
+    """
+
+    step: Name
+    within_s: Lag | None = None
+    at_least_s: Lag = 0.0
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> AfterSection:
+        if self.within_s is not None and self.within_s < self.at_least_s:
+            raise ValueError(
+                f"no time is left: within_s {self.within_s:g} is below at_least_s {self.at_least_s:g}"
+            )
+        return self
+
+
+class WindowsSection(Section):
+    """How windows of time between steps are kept while the plan is executed.
+
+    Attributes:
+        hold: the work of a step that opens a window does not begin before the later step would be
+            in time with this probability, by the forecast; it waits for no longer than until all that
+            the later step needs of others is done. 0 holds nothing back.
+    """
+
+    hold: Annotated[float, Field(ge=0, le=0.9999)] = 0.0
