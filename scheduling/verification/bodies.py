@@ -1,6 +1,10 @@
-"""Robots of a plan, piece by piece: where each part of them is, and what it sweeps.
+"""Robots of a plan, piece by piece: where each part of them is, what it sweeps, and how far it may deviate.
 
 A *piece* is a straight joint-space motion of a node, or a robot that stands between two nodes.
+
+Where skills deviate from their paths, to the first order, from pinocchio's joints: the flange goes by a way and a
+turn, joints follow by the least change of their values, and links by what these do to them. No code is shared with
+planning.
 """
 
 from __future__ import annotations
