@@ -1,17 +1,24 @@
-"""Made-up graphs of robots that keep to limits of acceleration."""
+"""Made-up graphs of robots that keep to limits of acceleration, and that pass corners of their paths at speed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from hypothesis import strategies as st
 
 from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import PlacedRobot
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
-from scheduling.motion_times import within_limits
+from scheduling.motion_times import stretch_numbers, within_limits
+from scheduling.pace import paces
+from scheduling.shortcuts.bends import NodesLeft, Run, find_runs
+from scheduling.shortcuts.candidates import Span
+from scheduling.shortcuts.replacement_check import rewire
 from tests.twin.twin_toys import random_tpg
 
 
@@ -85,4 +92,94 @@ def _straightened(chain: NodeChain, rng: np.random.Generator) -> NodeChain:
         for low, high, a, b in ends:
             for k in range(low, high):
                 points[rows[k]] = a + (b - a) * ((k - low + 1) / (high - low))
+    return replace(chain, waypoints=points)
+
+
+def bent_tpg(
+    seed: int,
+    *,
+    dofs: tuple[int, ...] = (2, 3),
+    tasks: int = 4,
+    nodes_per_transit: int = 16,
+    edges: int = 8,
+) -> TemporalPlanGraph:
+    """Return a random graph whose transits have many corners, most of them rounded at random.
+
+    Nothing is checked for collisions. Windows overlap where legs are short.
+    """
+    rng = np.random.default_rng(seed)
+    tpg = random_tpg(
+        seed, dofs=dofs, tasks=tasks, nodes_per_transit=nodes_per_transit, edges=edges
+    )
+    tpg = with_limits(tpg, rng, _with_legs)
+    graph = DerivedTpg(tpg)
+    for k, (chain, pace) in enumerate(zip(tpg.chains, paces(tpg), strict=True)):
+        assert pace is not None
+        spans = list(_spans(chain, k))
+        for run in find_runs(chain, spans, stretch_numbers(tpg, k), pace):
+            graph = _bent(graph, run, rng)
+    return within_limits(graph.tpg)
+
+
+BENT_TPGS = st.builds(
+    bent_tpg,
+    st.integers(0, 10**6),
+    dofs=st.sampled_from([(2, 3), (1, 2, 3), (3,)]),
+    tasks=st.integers(1, 8),
+    nodes_per_transit=st.integers(6, 30),
+    edges=st.integers(0, 20),
+)
+
+
+def _spans(chain: NodeChain, index: int) -> Iterator[Span]:
+    """Yield the pose nodes of each task of a chain."""
+    for task in np.unique(chain.task[~chain.skill]):
+        nodes = np.flatnonzero((chain.task == task) & ~chain.skill)
+        first = max(int(nodes[0]), 1)
+        if first < nodes[-1]:
+            yield Span(index, first, int(nodes[-1]))
+
+
+def _bent(graph: DerivedTpg, run: Run, rng: np.random.Generator) -> DerivedTpg:
+    """Return a graph with some corners of a run rounded."""
+    most = 10.0 ** rng.uniform(-2.5, 0.5, len(run.at))
+    rests = np.flatnonzero(rng.random(len(run.at)) < 0.2)
+    rests = np.unique([0, *rests, len(run.at) - 1])
+    left = NodesLeft(run)
+    for first, last in pairwise(rests.tolist()):
+        if last - first < 2:
+            continue
+        windows = run.windows(first, last, most)
+        if np.min(windows) <= 1e-4:
+            continue
+        path, curve = run.rounded(first, last, windows)
+        assert curve is not None
+        tried, before = graph, copy(left)
+        for low, high in run.bends(path, curve):
+            found = left.bent(tried.tpg.chains[run.chain], path, low, high)
+            if found is None:
+                # Corners that share a stretch are rounded together or not at all.
+                tried, left = graph, before
+                break
+            tried = rewire(tried, found.swap, found.nodes, [])
+        graph = tried
+    return graph
+
+
+def _with_legs(chain: NodeChain, rng: np.random.Generator) -> NodeChain:
+    """Return a chain in which each task's pose nodes lie on several straight ways."""
+    points = chain.waypoints.copy()
+    for task in np.unique(chain.task):
+        nodes = np.flatnonzero((chain.task == task) & ~chain.skill)
+        if not len(nodes):
+            continue
+        rows = chain.first[nodes]
+        at = chain.start if rows[0] == 0 else points[rows[0] - 1]
+        low = 0
+        while low < len(rows):
+            high = min(len(rows), low + int(rng.integers(1, 8)))
+            end = at + rng.normal(size=len(at)) * 10.0 ** rng.uniform(-1.5, 0.3)
+            for k in range(low, high):
+                points[rows[k]] = at + (end - at) * ((k - low + 1) / (high - low))
+            at, low = end, high
     return replace(chain, waypoints=points)

@@ -1,4 +1,4 @@
-"""The bisection against dense sampling of both motions."""
+"""Distances of what moves and what stands: the bisection and segments against dense sampling, gaps of hulls that are known."""
 
 from __future__ import annotations
 
@@ -7,11 +7,22 @@ from collections.abc import Callable
 import coal
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from planning.cell.workcell import PlacedRobot
+from planning.geometry.distance import (
+    BETWEEN,
+    FAR,
+    TOO_CLOSE,
+    gap_class,
+    segment_box,
+    segment_segment,
+)
 from planning.geometry.exact import TOLERANCE, Solid, come_close, distance, place
 from planning.geometry.robot_bodies import robot_bodies
-from planning.transforms import from_rpy
+from planning.transforms import Array, from_rpy
+from tests.kernels import outer
 
 
 def _sampled(
@@ -88,3 +99,88 @@ def test_hulls_measure_as_coal_boxes_do() -> None:
         hull_gap = coal.distance(shape, home, shape, at, request, one)
         box_gap = coal.distance(box, home, box, at, request, two)
         assert hull_gap == pytest.approx(box_gap, abs=1e-6)
+
+
+_gap_class = outer(gap_class)
+
+_SIGNS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+FLOOR = _SIGNS * (15.0, 15.0, 0.1) - (0.0, 0.0, 0.1)
+
+
+def _tilted(rng: np.random.Generator, gap: float) -> Array:
+    """Return the corners of a box whose lowest corner is so high above the floor."""
+    size = rng.uniform(0.1, 0.8, 3)
+    turn = rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2, 3)
+    pose = from_rpy((*rng.uniform(-5.0, 5.0, 2), 0.0), tuple(turn))
+    corners = 0.5 * _SIGNS * size @ pose[:3, :3].T + pose[:3, 3]
+    corners[:, 2] += gap - corners[:, 2].min()
+    return np.ascontiguousarray(corners)
+
+
+@pytest.mark.parametrize("warm", [False, True])
+def test_gaps_above_a_wide_floor_are_told_whatever_the_first_guess(warm: bool) -> None:
+    rng = np.random.default_rng(3)
+    floor = np.ascontiguousarray(FLOOR)
+    for _ in range(3000):
+        gap = float(rng.uniform(0.002, 0.02))
+        box = _tilted(rng, gap)
+        for enough, wanted in ((0.8 * gap, FAR), (1.5 * gap, BETWEEN)):
+            guess = rng.normal(size=3) if warm else np.zeros(3)
+            guess /= max(float(np.linalg.norm(guess)), 1e-9)
+            found = _gap_class(box, 8, floor, 8, 0.0005, enough, guess)
+            assert found == wanted, (box.tolist(), gap, enough)
+
+
+def test_what_reaches_into_the_floor_is_never_apart() -> None:
+    rng = np.random.default_rng(4)
+    floor = np.ascontiguousarray(FLOOR)
+    found = set()
+    for _ in range(1000):
+        box = _tilted(rng, -float(rng.uniform(0.001, 0.05)))
+        guess = rng.normal(size=3)
+        guess /= np.linalg.norm(guess)
+        found.add(_gap_class(box, 8, floor, 8, 0.0005, 0.01, guess))
+    assert not found & {FAR, BETWEEN}
+    assert TOO_CLOSE in found
+
+
+_segment_box = outer(segment_box)
+_segment_segment = outer(segment_segment)
+
+numbers = st.integers(0, 2**32 - 1)
+_T = np.linspace(0.0, 1.0, 2001)
+
+
+@given(numbers)
+@settings(max_examples=150, deadline=None)
+def test_segment_segment_is_the_least_over_all_pairs_of_points(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a0, a1, b0, b1 = rng.uniform(-1, 1, (4, 3))
+    if seed % 5 == 0:
+        a1 = a0 + (b1 - b0)  # parallel
+    if seed % 7 == 0:
+        b1 = b0.copy()  # a point
+    found = np.sqrt(_segment_segment(a0, a1, b0, b1))
+    grid_a = a0 + _T[::10, None] * (a1 - a0)
+    grid_b = b0 + _T[::10, None] * (b1 - b0)
+    sampled = np.min(np.linalg.norm(grid_a[:, None] - grid_b[None], axis=2))
+    spacing = (np.linalg.norm(a1 - a0) + np.linalg.norm(b1 - b0)) / 400
+    assert found <= sampled + 1e-12
+    assert found >= sampled - spacing - 1e-12
+
+
+@given(numbers)
+@settings(max_examples=150, deadline=None)
+def test_segment_box_is_the_least_over_the_segment(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p0, p1 = rng.uniform(-1, 1, (2, 3))
+    half = rng.uniform(0.01, 0.5, 3)
+    pose = from_rpy(rng.uniform(-0.5, 0.5, 3), rng.uniform(-3, 3, 3))
+    if seed % 5 == 0:
+        p1 = p0 + pose[:3, 0] * 0.7  # along a face
+    found = np.sqrt(_segment_box(p0, p1, pose, half))
+    local = (p0 + _T[:, None] * (p1 - p0) - pose[:3, 3]) @ pose[:3, :3]
+    outside = np.maximum(np.abs(local) - half, 0.0)
+    sampled = np.min(np.linalg.norm(outside, axis=1))
+    assert found <= sampled + 1e-12
+    assert found >= sampled - np.linalg.norm(p1 - p0) / 4000 - 1e-12

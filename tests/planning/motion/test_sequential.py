@@ -17,13 +17,9 @@ from planning.errors import TransitError
 from planning.geometry.scene_checker import Contact, SceneChecker
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.known_motions import MotionPlan
-from planning.motion.sequential import (
-    MotionSettings,
-    plan_sequential,
-    why_blocked,
-)
+from planning.motion.sequential import MotionSettings, plan_sequential, why_blocked
 from planning.motion.speed import L1Speed
-from planning.motion.transit import RrtConnect
+from planning.motion.transit import RrtConnect, take_near_turns
 from planning.robots.registry import robot_model
 from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
 from planning.transforms import Array, from_rpy, inverse, translation
@@ -173,3 +169,53 @@ def test_a_transit_without_a_path_says_what_is_in_its_way(cell: Workcell) -> Non
     planners = dict.fromkeys(("left", "right"), _NoPlanner())
     with pytest.raises(TransitError, match="found with 2 seeds; straight on"):
         _plan(cell, planners=planners)
+
+
+@pytest.fixture(scope="module")
+def turning_cell() -> Workcell:
+    model = robot_model("gp4")
+    return Workcell((PlacedRobot("arm", model, np.eye(4), model.home),), (), ())
+
+
+def _step(turning_cell: Workcell, wrists: list[list[float]]) -> StepTasks:
+    """Excursions to the given wrist angles, HOME after each."""
+    home = turning_cell.robots[0].home
+    tasks: list[Task] = []
+    for wrist in wrists:
+        for kind, angles in ((TRANSIT, wrist[:1]), ("pick", wrist[1:])):
+            path = np.array([[0.2, 0.5, 0.0, 0.1, -1.0, angle] for angle in angles])
+            tasks.append(Task(len(tasks), "arm", kind, 1, kind, path))
+        tasks.append(Task(len(tasks), "arm", TRANSIT, 1, "HOME", home[None]))
+    return StepTasks(1, tuple(tasks), (), ())
+
+
+def test_the_second_excursion_turns_towards_the_first(turning_cell: Workcell) -> None:
+    step = _step(turning_cell, [[-2.9, -3.0], [3.0, 3.1]])
+    turned, reached = take_near_turns(turning_cell, step, {})
+    wrists = [task.path[:, 5].tolist() for task in turned.tasks]
+    assert wrists[:2] == [[-2.9], [-3.0]]
+    assert wrists[3][0] == pytest.approx(3.0 - 2 * np.pi)
+    assert wrists[4][0] == pytest.approx(3.1 - 2 * np.pi)
+    assert wrists[5] == [0.0]
+    assert reached["arm"][5] == pytest.approx(3.1 - 2 * np.pi)
+
+
+def test_poses_stay_what_they_were(turning_cell: Workcell) -> None:
+    step = _step(turning_cell, [[2.0, 2.5], [-3.0, -2.5], [1.0, 1.1]])
+    turned, _ = take_near_turns(turning_cell, step, {"arm": np.full(6, 2.0)})
+    model = turning_cell.robots[0].model
+    for before, after in zip(step.tasks, turned.tasks, strict=True):
+        for q, p in zip(before.path, after.path, strict=True):
+            assert np.allclose(
+                frame_pose(turning_cell.robots[0], q),
+                frame_pose(turning_cell.robots[0], p),
+            )
+            assert np.all(p >= model.lower)
+            assert np.all(p <= model.upper)
+
+
+def test_limits_forbid_a_turn(turning_cell: Workcell) -> None:
+    # The wrist reaches 450 degrees: 2 rad more than a turn is beyond it.
+    step = _step(turning_cell, [[2.0, 2.0]])
+    turned, _ = take_near_turns(turning_cell, step, {"arm": np.full(6, 8.0)})
+    assert turned.tasks[0].path[0, 5] == 2.0

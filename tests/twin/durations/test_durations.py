@@ -15,7 +15,7 @@ from benchmarks.packaged_timings import (
 )
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
-from tests.twin.one_draw import sample
+from tests.twin.drawn_runs import sample
 from tests.twin.twin_toys import random_tpg, with_cut_skill
 from twin.durations.lifetimes import Retries
 from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings

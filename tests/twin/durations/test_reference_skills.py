@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from planning.errors import ScenarioError
 from planning.tasks.task import TRANSIT
 from scheduling.build_tpg import build_nodes
-from tests.twin.one_draw import sample
+from tests.twin.drawn_runs import sample
 from twin.cli import app
 from twin.durations.measured import packaged_timings
 from twin.host.progress import StageWatch

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import blended_path, chain_bends, within_limits
-from tests.twin.bent_toys import BENT_TPGS, bent_tpg
 from tests.twin.drawn_runs import VARIED
+from tests.twin.driven_toys import BENT_TPGS, bent_tpg
 from tests.twin.engine.driven_checks import (
     QUIET,
     assert_inside_cleared_nodes,

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, node_path, within_limits
-from tests.twin.bent_toys import BENT_TPGS
 from tests.twin.drawn_runs import ANYTHING, VARIED
-from tests.twin.driven_toys import DRIVEN_TPGS, driven_tpg
+from tests.twin.driven_toys import BENT_TPGS, DRIVEN_TPGS, driven_tpg
 from tests.twin.engine.driven_checks import (
     MESSAGES,
     QUIET,

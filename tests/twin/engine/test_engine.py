@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from planning.errors import TwinError
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from tests.twin.drawn_runs import TPGS, VARIED
-from tests.twin.one_draw import sample, sample_node_times
+from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times
 from tests.twin.recorded_events import InterruptsAt, story
 from tests.twin.simulated import NOMINAL, simulate, watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg

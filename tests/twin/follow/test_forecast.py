@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from tests.twin.drawn_runs import TPGS, VARIED
-from tests.twin.one_draw import sample_node_times
+from tests.twin.drawn_runs import TPGS, VARIED, sample_node_times
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform

@@ -17,7 +17,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import within_limits
 from scheduling.pace import overloads, slowed_motions
 from scheduling.shortcuts.corners import round_corners
-from tests.planning.timing.pinocchio_arm import PinocchioArm
+from tests.planning.timing.drawn_arm import PinocchioArm
 from tests.shipped_runs import ShippedRuns
 from twin.audit.motion.executed import Recording, read_recording
 from twin.engine.engine import Simulator

@@ -9,9 +9,17 @@ from pathlib import Path
 import pytest
 
 from tests.planted import planted
+from tests.twin.twin_toys import toy_cell
 from tests.twin.written import loaded, refusal
 from twin.scenario.document.validation import InvalidScenarioError
-from twin.scenario.manifest import load_scenario, scenario_schema
+from twin.scenario.manifest import (
+    MANIFEST,
+    load_scenario,
+    read_manifest,
+    scenario_schema,
+    scenario_sha256,
+    write_manifest,
+)
 from twin.scenario.sections.scenario import resolved, restored
 
 ROOT = Path(__file__).parents[3]
@@ -230,3 +238,43 @@ def test_the_committed_schema_is_current() -> None:
     assert committed == scenario_schema(), (
         "run: twin schema > twin/scenario/scenario.schema.json"
     )
+
+
+CLIFF = Path(__file__).parents[3] / "scenarios/lego/cliff.yaml"
+
+
+def test_the_manifest_says_what_is_needed_to_repeat_a_run(tmp_path: Path) -> None:
+    scenario = load_scenario(CLIFF)
+    write_manifest(tmp_path, scenario, toy_cell((2, 3)), tmp_path, note="more")
+    manifest = json.loads((tmp_path / MANIFEST).read_text())
+    assert read_manifest(tmp_path, "run") == (scenario, manifest)
+    assert set(manifest) == {
+        "note",
+        "scenario",
+        "scenario_sha256",
+        "seed",
+        "base",
+        "versions",
+        "files",
+        "robots",
+    }
+    assert scenario_sha256({"a": 1, "b": 2}) == scenario_sha256({"b": 2, "a": 1})
+    assert manifest["seed"] == scenario.seed
+    assert manifest["versions"]["numpy"]
+    assert manifest["robots"][1] == {
+        "name": "robot_1",
+        "model": "toy",
+        "urdf": "toy.urdf",
+        "sha256": None,
+        "base": {"xyz": [1.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]},
+        "joints": ["joint_0", "joint_1", "joint_2"],
+        "tool": {
+            "last_joint_T_flange": {
+                "xyz": [0.1, 0.0, 0.0],
+                "quat_wxyz": [1.0, 0.0, 0.0, 0.0],
+            },
+            "flange_T_frame": {
+                "tool": {"xyz": [0.0, 0.0, 0.05], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
+            },
+        },
+    }

@@ -22,7 +22,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.planted import rows
-from tests.twin.one_draw import sample_node_times
+from tests.twin.drawn_runs import sample_node_times
 from tests.twin.scenarios.executed import executed
 from tests.twin.simulated import run_bulk, simulate
 from tests.twin.written import loaded

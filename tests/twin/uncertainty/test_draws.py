@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tests.twin.one_draw import uniform
+from tests.twin.drawn_runs import uniform
 from twin.uncertainty.draws import philox_block, stable_hash, uniforms
 
 WORD = st.integers(min_value=0, max_value=2**64 - 1)

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from tests.twin.drawn_runs import TPGS, VARIED
-from tests.twin.one_draw import sample, sample_node_times, uniform
+from tests.twin.drawn_runs import TPGS, VARIED, sample, sample_node_times, uniform
 from tests.twin.twin_toys import random_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.uncertainty.chain_draws import choose

@@ -1,4 +1,4 @@
-"""``cell.robots.base_error``: read, refused where nothing plans with it, and kept in the plan."""
+"""``cell.robots.base_error`` and ``planning.deviation``: read, refused where nothing plans with them, and kept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import pytest
 from planning.cell.workcell import NO_ERROR, PoseError
 from scheduling.verification.verify import verify_plan
 from tests.twin.scenarios.executed import built
-from tests.twin.written import refusal
+from tests.twin.written import refusal, written
+from twin.planning.build_workcell import build_workcell
+from twin.scenario.manifest import load_scenario
+from twin.uncertainty.base_errors import PoseErrorSection
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 GOALS = (SCENARIOS / "multi_arm" / "multi_goal.yaml").read_text(encoding="utf-8")
@@ -52,3 +55,43 @@ def test_constructions_have_none(tmp_path: Path) -> None:
     wrong = refusal(tmp_path, CRANE, (crane, f"{crane} base_error: {{m: 0.001}},"))
     assert "base_error" in str(wrong)
     assert "leave it out" in str(wrong)
+
+
+CLIFF = (SCENARIOS / "lego" / "cliff.yaml").read_text(encoding="utf-8")
+
+
+def said(deviation: str) -> tuple[str, str]:
+    return "seed: 0\n", f"seed: 0\nplanning:\n  deviation: {deviation}\n"
+
+
+def test_the_cell_has_the_deviations_that_are_given(tmp_path: Path) -> None:
+    own = "{place-down: {m: 0.001, rad: 0.002}, pick: {m: 0}}"
+    scenario = load_scenario(written(tmp_path, CLIFF, said(own)))
+    cell = build_workcell(scenario)
+    assert cell.deviations == {"place-down": PoseError(0.001, 0.002)}
+    # What a run draws is what planning says, unless it says another.
+    disturbances = scenario.execution
+    assert disturbances.deviations_in(cell) == cell.deviations
+    other = disturbances.changed(deviation={"pick": PoseErrorSection(m=0.002)})
+    assert other.deviations_in(cell) == {"pick": PoseError(0.002, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("deviation", "words"),
+    [
+        ("{place-down: {m: -0.001}}", "deviation.place-down.m"),
+        ("{place-down: {mm: 1}}", "did you mean 'm'"),
+        ("{place-dwn: {m: 0.001}}", "did you mean 'place-down'"),
+        ("{m: 0.001}", "deviation.m"),
+    ],
+)
+def test_what_is_no_deviation_is_refused(
+    tmp_path: Path, deviation: str, words: str
+) -> None:
+    assert words in str(refusal(tmp_path, CLIFF, said(deviation)))
+
+
+def test_constructions_have_no_deviation(tmp_path: Path) -> None:
+    line = "planning: {deviation: {place-down: {m: 0.001}}}\n"
+    wrong = refusal(tmp_path, CRANE, ("\nassembly:\n", f"\n{line}\nassembly:\n"))
+    assert "without deviation: leave it out" in str(wrong)

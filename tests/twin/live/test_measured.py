@@ -1,4 +1,4 @@
-"""Samples that were lost, against an arm that was watched all the time."""
+"""What is measured: samples that were lost, against an arm that was watched all the time, and rows of one that stands."""
 
 from __future__ import annotations
 
@@ -70,3 +70,27 @@ def test_a_driver_with_another_clock_goes_on() -> None:
     # The machine of the driver was started anew, and counts from zero.
     assert rows.add(20, Sample(1.0, np.array([1.0]), 1, 1))
     assert rows.end_ns == [20]
+
+
+def test_a_robot_that_settles_while_it_stands_has_not_begun_its_next_node() -> None:
+    rows = MeasuredRows()
+    rows.cleared_ns = [0, 0]
+    told = [
+        (0, 0.0, 0, 0),
+        (10, 0.0, 1, 0),
+        (20, 1.0, 1, 1),
+        (30, 1.001, 1, 1),
+        (40, 1.002, 1, 1),
+        (50, 1.1, 2, 1),
+        (60, 2.0, 2, 2),
+    ]
+    for t_ns, q, begun, done in told:
+        rows.add(t_ns, Sample(t_ns / 1e9, np.array([q]), begun, done))
+    found = rows.measured()
+    second = found.t_ns[found.node == 1]
+    # Its first row is the last one of standing, where nothing moves between the two nodes.
+    assert second.min() == 40
+    assert rows.begin_ns == [10, 50]
+    at = np.flatnonzero(found.t_ns == 40)
+    assert found.node[at].tolist() == [0, 1]
+    assert np.ptp(found.q[at]) == 0.0
