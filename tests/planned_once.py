@@ -21,15 +21,20 @@ class PlannedOnce:
         self._planned: dict[str, tuple[PlannedMotions, dict[str, float]]] = {}
 
     def __call__(
-        self, scenario: Scenario, folder: Path, watch: StageWatch
+        self,
+        scenario: Scenario,
+        folder: Path,
+        watch: StageWatch,
+        *,
+        whole: bool = False,
     ) -> PlannedMotions:
         """Return the motions, with the time that each stage took in the watch."""
         content = resolved(scenario)
         execution = content.pop("execution")
         skills = [execution[key] for key in ("skills", "skill_overrides")]
-        key = json.dumps([content, skills, str(folder.resolve())])
+        key = json.dumps([content, skills, str(folder.resolve()), whole])
         if key not in self._planned:
-            found = plan_motions(scenario, folder, watch)
+            found = plan_motions(scenario, folder, watch, whole=whole)
             self._planned[key] = found, dict(watch.seconds)
         motions, seconds = self._planned[key]
         watch.seconds.update(seconds)

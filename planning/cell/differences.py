@@ -64,7 +64,7 @@ def _is_the_cells(item: CellObject, given: Workcell, begun: Begun | None) -> boo
     """Tell whether an object of a plan is one that its cell has at the start."""
     if begun is None:
         return not item.later
-    return any(item.name == own.name for own in given.objects)
+    return any(item.name == own.name and not own.later for own in given.objects)
 
 
 def _metres(clearances: Clearances) -> str:

@@ -191,11 +191,13 @@ class Begun:
         after: what was executed, for people.
         done: tasks that were done of each kind of process or skill, as often as they were.
         out: robots that are out: their HOME is where they stand.
+        steps: numbers of the steps of which all is done but ways to go.
     """
 
     after: str
     done: tuple[tuple[str, int], ...] = ()
     out: tuple[str, ...] = ()
+    steps: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

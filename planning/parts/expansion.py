@@ -12,7 +12,7 @@ import numpy as np
 from planning.contacts.interference import depth_of_pieces
 from planning.contacts.touching import standing
 from planning.grips.grip import Grip
-from planning.parts.assembly import MachineWork, PlacePart, Work
+from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, PartStep
@@ -38,6 +38,7 @@ from planning.tasks.task import (
     LEAVE,
     PRESENT,
     STRAIGHT,
+    SUPPLY_KINDS,
     Handling,
     StepTasks,
     Task,
@@ -65,13 +66,31 @@ _CAME, _THERE, _BUILT, _LEFT = "came", "there", "built", "left"
 
 def part_work(candidates: PartCandidates) -> AssemblyWork:
     """Return the assembly work of part candidates, for assignment and motion planning."""
+    passing = _passing(candidates.assembly)
+    stands = {(a + 1, b + 1) for a, b in candidates.balance}
     return AssemblyWork(
         candidates.problem,
         partial(_tasks, candidates),
         partial(_waiting_tasks, candidates),
         windows=partial(_time_windows, candidates.steps),
-        needs=frozenset((a + 1, b + 1) for a, b in candidates.balance),
+        needs=frozenset(stands.union(*map(pairwise, passing.values()))),
+        passing=passing,
     )
+
+
+def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
+    """Return the steps about each part from a source, or that is put down on its way, from 1."""
+    steps = assembly.steps
+    own: dict[str, list[int]] = {}
+    for number, step in enumerate(steps, start=1):
+        if isinstance(step, Work):
+            continue  # what is done at a part that does not move on
+        own.setdefault(step.part, []).append(number)
+    return {
+        name: tuple(numbers)
+        for name, numbers in own.items()
+        if name in assembly.supply.sourced or len(numbers) > 1
+    }
 
 
 def _tasks(
@@ -277,14 +296,18 @@ def _waiting_tasks(
     it, and whatever is done at the place of the next product for that to be gone.
     """
     known, history = candidates.steps, TaskHistory()
-    pairs = [(known[tasks.step - 1], tasks) for tasks in steps]
+    # In place of a step that is not done, machines may go on.
+    done = {s.step for s in steps if any(t.kind not in SUPPLY_KINDS for t in s.tasks)}
+    pairs = [(known[own.step - 1], own) for own in steps if own.step in done]
     changes = {t.step - 1: _begin_and_end(k, t)[1] for k, t in pairs}
     for a, b in sorted(candidates.balance):
         if a in changes and b in changes:
             yield changes[a], changes[b]
     contacts = _stock_contacts(known)
-    for step, tasks in pairs:
-        yield from _waits_of_step(history, contacts, step, tasks)
+    for tasks in steps:
+        if tasks.step in done:
+            step = known[tasks.step - 1]
+            yield from _waits_of_step(history, contacts, step, tasks)
         yield from _waits_of_supply(history, candidates.assembly.supply, tasks)
 
 

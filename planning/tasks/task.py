@@ -192,7 +192,13 @@ LEAVE = "leave"
 LAG = "lag"
 """Kind of the task that lets the least time between two steps pass, see ``TimeWindow``."""
 
-SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE, LAG)
+BROUGHT = "brought"
+"""Kind of the task after which something is there that was late, or that a person brings or sees to."""
+
+GOES_ON = "goes-on"
+"""Kind of the task of a machine that was at work when a plan began in the middle: what is left of that."""
+
+SUPPLY_KINDS = (ARRIVE, PRESENT, LEAVE, LAG, BROUGHT, GOES_ON)
 """Kinds of the tasks of machines that work at no part."""
 
 

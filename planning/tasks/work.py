@@ -44,6 +44,8 @@ class AssemblyWork:
             that cannot be, or nothing is known of it.
         needs: pairs of steps (from 1): without the first, something would fall after the second, as a
             part does that is joined across a gap; what touches need not be among them.
+        passing: the steps about each object that lies where others come after it, in a source or where it is
+            put down on its way, by its name.
     """
 
     problem: AssignmentProblem
@@ -53,6 +55,7 @@ class AssemblyWork:
     order: tuple[int, ...] = ()
     exchanged: Callable[[int], AssemblyWork | None] = _none
     needs: frozenset[tuple[int, int]] = frozenset()
+    passing: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = _no_items
 
     def in_this_order(self) -> AssemblyWork:
@@ -180,11 +183,13 @@ class Supply:
         leaves: by number of the step after which they do, from 1.
         elsewhere: numbers of the steps that are not done at the place of a product: a part is put
             down on its way, or worked at there.
+        sourced: names of the parts that are taken from sources.
     """
 
     refills: Mapping[int, Refill] = field(default_factory=dict)
     leaves: Mapping[int, Leaving] = field(default_factory=dict)
     elsewhere: frozenset[int] = frozenset()
+    sourced: frozenset[str] = frozenset()
 
     @cached_property
     def buffers(self) -> dict[str, tuple[str, int]]:

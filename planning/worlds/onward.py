@@ -11,6 +11,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+import numpy as np
+
 from planning.cell.workcell import Workcell
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.known_motions import KnownMotions, MotionPlan
@@ -34,6 +36,7 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, readonly
+from planning.worlds.supplied import Scrap, brings, supplied, without_brought
 from planning.worlds.world import Leftover, World, continued, leftovers
 
 
@@ -103,7 +106,8 @@ def plan_onward(
     """
     world, kept = now.world, now.kept
     left = leftovers(world, now.reopened)
-    problem = narrowed(work.problem, kept, world.out, _busy_until(left))
+    there = supplied(world)
+    problem = narrowed(work.problem, kept, world.out, _busy_until(cell, left))
     plan = assign_steps(problem)
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
@@ -111,6 +115,8 @@ def plan_onward(
     items += [_Item(_to(world, name, cell.robot(name).home)) for name in away]
     burdens = _burdens(world, left)
     items += [_Item(_taken_out(cell, world, *item)) for item in burdens.items()]
+    undone = frozenset(plan[step].object for step in now.given_up if step in kept)
+    scrap = Scrap(world, work.passing, undone)
     goes_on = {item.step.step: item for item in left if not item.ends}
     aside, stands = set(now.aside), world.state.configurations
     for step in range(1, len(plan.choices) + 1):
@@ -125,13 +131,20 @@ def plan_onward(
                 items.append(
                     _Item(partial(_going_on, again, item), step, item.with_done)
                 )
-        elif step not in kept and step not in now.given_up:
-            items.append(_Item(partial(again.ways, step), step))
+        brought = there.get(step, ())
+        if step in now.given_up:
+            if work.passing:
+                ways = partial(scrap.of_step, again, step, brought)
+                items.append(_Item(ways, machines=step))
+        elif step not in kept:
+            items.append(_fresh(again, step, brought))
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
     done = {number: _done(step, world) for number, step in steps.items()}
     past = [*world.past]
     past += [_done(step, world) for step in world.steps if step.step not in steps]
+    for step in now.given_up & there.keys():
+        done[step] = StepTasks(step, there[step], (), ())
 
     def link(planned: Sequence[StepTasks]) -> Indices:
         for item, tasks in zip(items, planned, strict=True):
@@ -140,11 +153,18 @@ def plan_onward(
             else:
                 steps[item.step] = item.whole(tasks)
                 done[item.step] = steps[item.step]
-        return work.link([done[number] for number in sorted(done)])
+            if item.machines is not None:
+                own = (*there.get(item.machines, ()), *filter(brings, tasks.tasks))
+                done[item.machines] = StepTasks(item.machines, own, (), ())
+        every = (task for step in (*past, *steps.values()) for task in step.tasks)
+        waits = work.link([done[number] for number in sorted(done)])
+        inside = [pair for tasks in planned for pair in tasks.dependencies]
+        more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
+        return np.unique(np.concatenate([waits, more]), axis=0)
 
-    ways = [item.ways for item in items]
+    every_way = [partial(_there, scrap, item.ways) for item in items]
     motions = plan_sequential(
-        cell, ways, link, settings, known=known, begins=world.beginning
+        cell, every_way, link, settings, known=known, begins=world.beginning
     )
     whole = tuple(steps[number] for number in sorted(steps))
     return Onward(motions, again.plan, whole, tuple(past))
@@ -157,12 +177,34 @@ class _Item:
     Attributes:
         ways: yields its tasks in ever less preferred ways, given the index of the first.
         step: number of the step that it is, None for what only clears the way.
+        machines: number of the step that is not done, and for which machines go on.
         whole: returns the tasks of the step, those done before included.
     """
 
     ways: Callable[[int], Iterator[StepTasks]]
     step: int | None = None
     whole: Callable[[StepTasks], StepTasks] = lambda planned: planned
+    machines: int | None = None
+
+
+def _there(
+    scrap: Scrap, ways: Callable[[int], Iterator[StepTasks]], first: int
+) -> Iterator[StepTasks]:
+    """Yield the ways of a step in which only what is there leaves the cell."""
+    yield from map(scrap.there, ways(first))
+
+
+def _fresh(again: StepExpansions, step: int, brought: tuple[Task, ...]) -> _Item:
+    """Return a step that is done from its begin on, and in which nothing is brought again."""
+
+    def ways(first: int) -> Iterator[StepTasks]:
+        for planned in again.ways(step, first):
+            yield without_brought(planned, brought)
+
+    def whole(planned: StepTasks) -> StepTasks:
+        return replace(planned, tasks=(*brought, *planned.tasks))
+
+    return _Item(ways, step, whole)
 
 
 def _going_on(again: StepExpansions, left: Leftover, first: int) -> Iterator[StepTasks]:
@@ -225,9 +267,11 @@ def _carriers(left: list[Leftover]) -> Iterator[Task]:
             yield from (task for task in item.tasks if task.kind != TRANSIT)
 
 
-def _busy_until(left: list[Leftover]) -> dict[str, int]:
+def _busy_until(cell: Workcell, left: list[Leftover]) -> dict[str, int]:
     until: dict[str, int] = {}
     for task in _carriers(left):
+        if cell.is_machine(task.robot):
+            continue
         until[task.robot] = max(task.step, until.get(task.robot, 0))
     return until
 

@@ -12,7 +12,14 @@ from dataclasses import dataclass, replace
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import Beginning
-from planning.tasks.task import TRANSIT, AllowedContact, Handling, StepTasks, Task
+from planning.tasks.task import (
+    SUPPLY_KINDS,
+    TRANSIT,
+    AllowedContact,
+    Handling,
+    StepTasks,
+    Task,
+)
 from planning.transforms import Transform, readonly
 
 
@@ -58,12 +65,16 @@ class World:
                 yield name, at
 
     def begun(self) -> dict[int, StepTasks]:
-        """Return the steps of which a skill is complete, or a goal reached, by number: they go on as planned."""
+        """Return the steps of which a skill is complete, or a goal reached, by number: they go on as planned.
+
+        What is brought for one does not begin it.
+        """
         return {
             step.step: step
             for step in self.steps
             if any(
-                (t.kind != TRANSIT or t.goal) and t.index in self.complete
+                (t.kind not in (TRANSIT, *SUPPLY_KINDS) or t.goal)
+                and t.index in self.complete
                 for t in step.tasks
             )
         }
@@ -165,7 +176,8 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
             done = {
                 task.robot
                 for task in step.tasks
-                if task.kind != TRANSIT and task.index in world.complete
+                if task.kind not in (TRANSIT, *SUPPLY_KINDS)
+                and task.index in world.complete
             }
             brings = {task.robot for task in left if task.handlings}
             stays = done - reopened[number] - brings - holders

@@ -166,6 +166,7 @@ class _Begun(Entry):
     after: str
     done: tuple[tuple[str, Annotated[int, Field(ge=0)]], ...]
     out: tuple[Name, ...]
+    steps: tuple[Annotated[int, Field(ge=1)], ...] = ()
 
 
 class CellEntry(Entry):

@@ -12,9 +12,9 @@ from collections.abc import Collection, Sequence
 
 from planning.cell.workcell import WorldState, start_state
 from planning.tasks.task import (
+    BROUGHT,
     FAILED,
     LEFT_OUT,
-    PRESENT,
     TAKEN_OUT,
     AllowedContact,
     Handling,
@@ -176,7 +176,7 @@ def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:
     by_step: dict[int, list[Task]] = {}
     step_of: dict[int, int] = {}
     for task in tpg.tasks:
-        if task.kind not in (LEFT_OUT, PRESENT, FAILED, TAKEN_OUT):
+        if task.kind not in (LEFT_OUT, BROUGHT, FAILED, TAKEN_OUT):
             by_step.setdefault(task.step, []).append(task)
             step_of[task.index] = task.step
     waits: dict[int, list[tuple[int, int]]] = {}

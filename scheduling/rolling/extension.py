@@ -96,8 +96,8 @@ def extended(
             then its own, and its robots begin with what they hold in their hands.
         cell: with all objects, as it was at the very start.
         dependencies: between tasks of both, shape (e, 2).
-        order: robots whose chains come first, in this order, by default that of the committed ones; one
-            without nodes has none.
+        order: robots whose chains come first, in this order, by default that of the committed ones; of one that
+            has nothing to do any more, and did nothing, the chain is empty.
 
     Raises:
         PlanInvariantError: a robot or an object that stands is in the way of a new motion.
@@ -151,7 +151,36 @@ def extended(
         known.append((a, u + count[a], b, v + count[b]))
     edges = np.array(known, dtype=np.int64).reshape(-1, 4)
     causes = np.concatenate([committed.cause, new.cause])
-    return connect_nodes(DerivedTpg(union), (edges, causes))
+    return _with_idle(connect_nodes(DerivedTpg(union), (edges, causes)), order)
+
+
+def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGraph:
+    """Return a graph in which robots without nodes have their places among the others."""
+    idle = [name for name in order if name not in tpg.chain_index]
+    if not idle:
+        return tpg
+    own = {chain.robot: chain for chain in tpg.chains}
+    names = list(dict.fromkeys((*order, *own)))
+    new = np.array([names.index(chain.robot) for chain in tpg.chains], dtype=np.int64)
+    edges = tpg.edges.copy()
+    edges[:, [0, 2]] = new[edges[:, [0, 2]]]
+    rows = np.lexsort(edges.T[::-1])
+    return replace(
+        tpg,
+        chains=tuple(own.get(name) or _empty_chain(tpg.cell, name) for name in names),
+        edges=edges[rows],
+        cause=tpg.cause[rows],
+        handlings=tuple(replace(h, robot=int(new[h.robot])) for h in tpg.handlings),
+    )
+
+
+def _empty_chain(cell: Workcell, name: str) -> NodeChain:
+    home, none = cell.robot(name).home, np.empty(0)
+    numbers = np.empty(0, dtype=np.int64)
+    points = np.empty((0, len(home)))
+    skill = np.empty(0, dtype=np.bool_)
+    first = np.zeros(1, dtype=np.int64)
+    return NodeChain(name, home, points, none, first, numbers, skill, none, none)
 
 
 def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from planning.cell.workcell import CellObject, Workcell, machine
-from planning.tasks.task import PRESENT, STILL, TRANSIT, Handling, Task
+from planning.tasks.task import BROUGHT, STILL, TRANSIT, Handling, Task
 from planning.transforms import Indices, readonly
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
@@ -50,7 +50,7 @@ def with_supply(
     index, still = len(tpg.tasks), readonly(np.zeros(1))
     name = None if item is None else item.name
     brings = () if item is None else (Handling(item.name, 1, None, item.start),)
-    task = Task(index, who, PRESENT, step, label, STILL, brings, name)
+    task = Task(index, who, BROUGHT, step, label, STILL, brings, name)
     own = NodeChain(
         who,
         still,
@@ -87,7 +87,7 @@ def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
         (own.index, task.index)
         for own in brought
         for task in tasks
-        if task.kind not in (PRESENT, TRANSIT)
+        if task.kind not in (BROUGHT, TRANSIT)
         and (task.step == own.step if own.object is None else task.object == own.object)
     ]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
@@ -95,7 +95,7 @@ def supply_waits(tasks: Sequence[Task], brought: Iterable[Task]) -> Indices:
 
 def brought_in(tasks: Iterable[Task]) -> list[Task]:
     """Return those of some tasks in which something is brought or seen to."""
-    return [task for task in tasks if task.kind == PRESENT]
+    return [task for task in tasks if task.kind == BROUGHT]
 
 
 def coming(cell: Workcell, items: Collection[CellObject], who: str) -> Workcell:

@@ -200,16 +200,19 @@ _TICK = 1e-6
 def rest_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield parts that were not put down on their way, or did not lie there while machines worked.
 
-    Each part comes to rest at its stops in their order. Each process that no robot does is one task
+    What was done before the plan began is not looked at. Each part comes to rest at its stops in their order. Each process that no robot does is one task
     of its name at its part; from its begin to its end the part lies where the scenario has it by
     then, its door is shut when it ends, and what it comes after is complete. Only where a log says
     when machines worked.
     """
-    wanted = case.wanted
+    wanted, begun = case.wanted, case.cell.begun
+    before = () if begun is None else begun.steps
     looked: dict[str, int] = {}
     times: dict[str, tuple[float, float]] = {}
     work = machine_work(case)
     for k, rest in enumerate(wanted.rests):
+        if rest.step in before:
+            continue
         own = case.stays[rest.part]
         # To be put down somewhere it comes to rest anew.
         first = looked.get(rest.part, 0) + (rest.process is None)

@@ -91,6 +91,7 @@ class WantedRest:
         machine: who does it, None for nobody.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
+        step: its number, from 1.
     """
 
     words: str
@@ -100,6 +101,7 @@ class WantedRest:
     machine: str | None = None
     name: str | None = None
     after: tuple[str, ...] = ()
+    step: int = 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import typer
 
 from planning.errors import RequestError
+from planning.tasks.task import GOES_ON
 from twin.commands.command import View, command
 from twin.host.guard import print_error, print_json
 
@@ -100,6 +101,9 @@ def _show(written: WrittenPlan, view: View) -> None:
         typer.echo(f"begins after {begun.after}")
         for item, robot in sorted(held.items()):
             typer.echo(f"  {robot} holds {item}")
+        for task in (task for task in tpg.tasks if task.kind == GOES_ON):
+            chain = tpg.chains[tpg.chain_index[task.robot]]
+            typer.echo(f"  {task.robot}: {task.label} for {chain.duration[0]:.2f} s")
         for robot in begun.out:
             typer.echo(f"  {robot} is out")
     typer.echo(

@@ -228,7 +228,11 @@ class JudgedPlan:
         self._wanted = kind.wanted(sections.cell)
         cell = build_workcell(sections, scenario.folder)
         there = {item.name for item in cell.objects}
-        more = (o for o in kind.all_objects(scenario.folder) if o.name not in there)
+        more = (
+            o
+            for o in kind.written_out().objects(scenario.folder)
+            if o.name not in there
+        )
         cell = replace(cell, objects=(*cell.objects, *more))
         cell = cell_for(plan, path, cell, sections.assembly)
         self.rules = WorkRules(sections, scenario.folder, cell)

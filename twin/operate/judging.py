@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from planning.tasks.task import GONE, HANDLING, TRANSIT, Handling, Task
+from planning.tasks.task import (
+    GONE,
+    HANDLING,
+    SUPPLY_KINDS,
+    TRANSIT,
+    Handling,
+    Task,
+)
 from planning.worlds.world import World, pose_of
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import cut_after, state_at
@@ -99,7 +106,11 @@ def interrupted(
     ledger.gone |= {name for name, at in world.held() if at.holder in out}
     found = {}
     for number, step in world.begun().items():
-        left = [t for t in step.tasks if t.index not in world.complete]
+        left = [
+            t
+            for t in step.tasks
+            if t.index not in world.complete and t.kind not in SUPPLY_KINDS
+        ]
         if any(t.robot in out and t.kind != TRANSIT for t in left):
             ledger.gone |= {t.object for t in left if t.object is not None}
             found[number] = out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from twin.operate.person import Ask
@@ -78,6 +78,18 @@ class Ledger:
             self.given_up.pop(one, None)
             if one == step or one not in self.dropped:
                 self.dropped[one] = words
+
+    def leave_off(self, steps: Collection[int], whole: Sequence[int]) -> None:
+        """Begin nothing of what cannot be brought to its end.
+
+        Args:
+            steps: those that are not begun.
+            whole: all steps about the same object.
+        """
+        undone = next((k for k in whole if k in self.undone), None)
+        told = self.dropped if undone in self.dropped else self.given_up
+        for step in sorted(set(steps) - self.undone) if undone else ():
+            told[step] = f"step {undone} is not done"
 
     def falls(self) -> bool:
         """Take note of what rests on steps that are not done any more; return whether there is any."""

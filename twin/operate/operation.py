@@ -158,7 +158,8 @@ def operate(
     outcome = cell.execute()
     if outcome == "completed" and planner.given_up:
         outcome = "failed"
-    unused = cell.never_came
+    idle = (k for k, chain in enumerate(cell.tpg.chains) if not len(chain))
+    unused = cell.never_came.union(idle)
 
     def used(rows: Iterable[T]) -> tuple[T, ...]:
         return tuple(row for k, row in enumerate(rows) if k not in unused)
@@ -251,10 +252,6 @@ def require_rolling(scenario: Scenario) -> None:
         raise RequestError(
             f"policy {policy!r}: only asynchronous execution can be planned anew",
             choices=("asynchronous",),
-        )
-    if kind.machines():
-        raise RequestError(
-            "cells with machines, sources and products cannot be planned anew while they are executed"
         )
     if isinstance(section := scenario.assembly, PartsSection) and any(
         own.within_s is not None or own.at_least_s > 0.0

@@ -32,6 +32,7 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
+from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import (
@@ -119,6 +120,7 @@ class Recovery:
     gone: InitVar[Collection[str]] = ()
     cuts: tuple[Recut, ...] = (Recut(steps=True), Recut(steps=False, aside=True))
     _known: KnownMotions = field(default_factory=KnownMotions)
+    _stuck: bool = False
 
     def __post_init__(self, tpg: TemporalPlanGraph, gone: Collection[str]) -> None:
         settings = self.motions.settings
@@ -130,7 +132,7 @@ class Recovery:
         chosen = self.motions.task_plan
         self._window = StepWindow(self.scenario.execution.window, self.motions)
         self._executed = _Going(
-            tpg.cell,
+            coming(tpg.cell, (), REMOVAL) if self.work.passing else tpg.cell,
             chosen,
             planned_steps(tpg),
             Luck.of(tpg),
@@ -214,16 +216,16 @@ class Recovery:
 
     def plan_alone(
         self, tpg: TemporalPlanGraph, incident: Incident
-    ) -> tuple[TemporalPlanGraph, Committed]:
-        """Return what is new only, and what there was before; what was given up is told from then on.
+    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+        """Return all, what is new only, and what there was before; what was given up is told from then on.
 
         The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
         """
         judging = Judging(self.scenario.execution, self._ledger, self.person)
         judged = judging.judged(tpg, incident)
-        _, new, at = self._from_some_cut(tpg, incident, judged)
+        union, new, at = self._from_some_cut(tpg, incident, judged)
         self._planned = self._executed = self._state()
-        return new, at
+        return union, new, at
 
     def _state(self) -> _Going:
         return _Going(
@@ -247,6 +249,7 @@ class Recovery:
         never, why = not_executed(tpg, incident), ""
         before, found = self._state(), []
         for cut in self.cuts:
+            self._stuck = False
             counts = cut_after(tpg, incident.released, never, steps=cut.steps)
             at = committed_at(tpg, counts, incident, judged)
             try:
@@ -257,8 +260,8 @@ class Recovery:
                 more = len(self._ledger.given_up) - len(before.ledger.given_up)
                 found.append((more, union, new, at, self._state()))
             self._restore(before)
-            if found and found[-1][0] == 0:
-                break
+            if found and (found[-1][0] == 0 or not self._stuck):
+                break  # what nobody can do can be done from nowhere else
         if found:
             _, union, new, at, after = min(found, key=lambda item: item[0])
             self._restore(after)
@@ -327,7 +330,8 @@ class Recovery:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, goes_aside = StageWatch(), frozenset[str]()
         if aside:
-            goes_aside = standing(leftovers(self._world(at), {})) - at.out
+            machines = {item.name for item in self._cell.machines}
+            goes_aside = standing(leftovers(self._world(at), {})) - at.out - machines
         while True:
             world = self._world(at)
             reopened = {
@@ -336,6 +340,8 @@ class Recovery:
             }
             for step in at.unwanted - (world.begun().keys() - reopened.keys()):
                 self._ledger.drop(step)
+            for steps in self.work.passing.values():
+                self._ledger.leave_off(set(steps) - world.begun().keys(), steps)
             given_up = self._ledger.undone
             for step in given_up & world.begun().keys():
                 reopened.setdefault(step, frozenset())
@@ -365,9 +371,10 @@ class Recovery:
                 )
             except (InfeasibleStepError, TransitError) as error:
                 others = frozenset[str]()
+                machines = {item.name for item in self._cell.machines}
                 if isinstance(error, TransitError):
                     left = leftovers(world, reopened)
-                    others = standing(left, but=error.step) - world.out
+                    others = standing(left, but=error.step) - world.out - machines
                 if others - goes_aside:
                     goes_aside |= others
                 elif not self._ledger.takes_what_is_there() and not self._retreat(
@@ -402,6 +409,8 @@ class Recovery:
         if not own or whole.lacking(step) is not None:
             return False
         name = min(own, key=lambda c: (c.cost, c.object)).object
+        if name in self.work.passing:
+            return False  # others lie by now where it came from
         words = f"step {step} lacks an object: will you bring one in place of {name}?"
         taken = [item.name for item in self._cell.objects]
         ask = self.person.asked(self._ledger.asks, step, words, name, taken)
@@ -414,10 +423,22 @@ class Recovery:
         """Return the steps that nobody can do any more, with the reason."""
         problem = narrowed(self.work.problem, now.kept, now.world.out, {})
         return {
-            step: problem.lacking(step) or ""
+            step: self._lost_or_out(step, now) or problem.lacking(step) or ""
             for step in problem.impossible
             if step not in now.kept
         }
+
+    def _lost_or_out(self, step: int, now: Situation) -> str:
+        """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
+        problem, out = self.work.problem, now.world.out
+        own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
+        for names, words in (
+            ({item.object for item in own}, "is lost"),
+            ({item.robot for item in own}, "is out"),
+        ):
+            if len(names) == 1 and names <= out:
+                return f"{names.pop()} {words}"
+        return ""
 
     def _look_no_further(self, hopeless: Mapping[int, str]) -> None:
         """End the assembly before a step that comes into the window and that nobody can do."""
@@ -444,6 +465,7 @@ class Recovery:
                 return False
             named = min(steps, key=lambda k: (len(self._ledger.resting.get(k, ())), -k))
         assert named is not None
+        self._stuck = True
         lacks = isinstance(error, InfeasibleStepError)
         if not lacks or not self._asks_for(named, str(error), now):
             self._ledger.give_up(named, str(error))

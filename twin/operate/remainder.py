@@ -15,12 +15,20 @@ import numpy as np
 from planning.cell.workcell import Begun, start_state
 from planning.errors import RequestError
 from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
-from planning.tasks.task import FAILED, GONE, TAKEN_OUT, TRANSIT, StepTasks, Task
+from planning.tasks.task import (
+    FAILED,
+    GONE,
+    SUPPLY_KINDS,
+    TAKEN_OUT,
+    TRANSIT,
+    StepTasks,
+    Task,
+)
 from planning.tasks.work import AssemblyWork
 from planning.worlds.world import World
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.rolling.alone import alone
+from scheduling.rolling.alone import alone, going_on
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from twin.operate.committed import Committed, Recut
 from twin.operate.person import Person
@@ -43,6 +51,7 @@ def plan_remainder(
     counts: Counts,
     failures: Sequence[Failure],
     out: Collection[str],
+    left_s: Mapping[str, float],
     when: str,
 ) -> TemporalPlanGraph:
     """Return the plan of what is left at a cut, which begins in the world there.
@@ -54,6 +63,7 @@ def plan_remainder(
         counts: how many nodes of each chain are complete at the cut.
         failures: skills that have failed for good, and of which nothing was made.
         out: robots that are out from then on.
+        left_s: machines that are at work when all robots are at rest there, with how long still [s].
         when: the time, for people.
 
     Raises:
@@ -75,7 +85,7 @@ def plan_remainder(
         cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
     )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts)
-    new, at = planner.plan_alone(tpg, incident)
+    union, new, at = planner.plan_alone(tpg, incident)
     first = len(at.committed.tasks)
     _require_whole(planner, new, at)
     if not len(new.tasks) > first:
@@ -83,7 +93,17 @@ def plan_remainder(
     kinds = Counter(tpg.tasks[k].kind for k in done)
     after = f"{scenario.name} {plan_sha256(tpg)[:12]} at {when}"
     counted = tuple(sorted(kinds.items()))
-    return alone(new, first, Begun(after, counted, tuple(sorted(out))))
+    begun = Begun(after, counted, tuple(sorted(out)), tuple(_done_steps(world)))
+    own = alone(new, first, begun, room=len(left_s))
+    return going_on(own, union, at.lengths, left_s)
+
+
+def _done_steps(world: World) -> Iterator[int]:
+    """Yield the steps of which all is done but ways to go."""
+    for number, step in sorted(world.begun().items()):
+        skills = {t.index for t in step.tasks if t.kind not in (TRANSIT, *SUPPLY_KINDS)}
+        if skills <= world.complete:
+            yield number
 
 
 def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import simpy
 
-from planning.tasks.task import LEFT_OUT, PRESENT
+from planning.tasks.task import BROUGHT, LEFT_OUT
 from scheduling.rolling.cut import complete_tasks
 from twin.durations.model import NANOSECONDS
 from twin.live.live_execution import LiveExecution
@@ -211,7 +211,7 @@ class AttendedExecution(LiveExecution):
         complete = complete_tasks(self.tpg, [_done(own) for own in self.end])
         steps: dict[int, bool] = {}
         for task in self.tpg.tasks:
-            if task.kind not in (LEFT_OUT, PRESENT):
+            if task.kind not in (LEFT_OUT, BROUGHT):
                 before = steps.get(task.step, True)
                 steps[task.step] = before and task.index in complete
         return sum(steps.values()) - sum(

@@ -38,7 +38,7 @@ from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.descriptions.urdf_file import BY_JOINT, GivenLimits
 from planning.robots.registry import robot_model, with_tool
 from planning.transforms import Transform, identity, readonly
-from twin.planning.kind import assembly_kind
+from twin.planning.kind import AssemblyKind, assembly_kind
 from twin.scenario.sections.cell import LimitsSection, RobotSection, ToolSection
 from twin.scenario.sections.scenario import FixtureSection, Scenario
 from twin.scenario.sections.shapes import ShapeSection, as_planned, build_transform
@@ -90,18 +90,21 @@ _TOOL_COLOUR = (88, 92, 98)
 """Colour of tools that are objects."""
 
 
-def build_workcell(scenario: Scenario, folder: Path = Path()) -> Workcell:
+def build_workcell(
+    scenario: Scenario, folder: Path = Path(), kind: AssemblyKind | None = None
+) -> Workcell:
     """Return the cell of a scenario: robots, fixtures, and what is to be assembled.
 
     Args:
         scenario: a checked scenario.
         folder: where relative paths in it start, that of its file.
+        kind: of its assembly, where that is not planned as its section says.
 
     Raises:
         RobotModelError: a robot description cannot be used.
         ShapeError: a mesh cannot be used.
     """
-    assembly = assembly_kind(scenario.assembly)
+    assembly = kind or assembly_kind(scenario.assembly)
     robots = tuple(
         _within_limits(scenario, r.limits, _robot(r, scenario.cell.tools, folder))
         for r in scenario.cell.robots

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from planning.cell.workcell import CONTACT_DEPTH, CellObject, Fixture, Workcell
 from planning.errors import RequestError
@@ -112,9 +112,9 @@ class AssemblyKind(Protocol):
         """
         return ()
 
-    def all_objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
-        """Return the objects it brings, those of all products where plans repeat after the first ones."""
-        return self.objects(folder)
+    def written_out(self) -> Self:
+        """Return the same with every product planned by itself, where plans else repeat after the first ones."""
+        return self
 
     def machines(self) -> tuple[str, ...]:
         """Return the names of the machines that bring parts and take products away."""

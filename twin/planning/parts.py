@@ -59,13 +59,25 @@ class PartKind(AssemblyKind):
 
     Attributes:
         section: what the file says.
+        whole: whether all products are written out, and not those of a pattern only.
     """
 
     section: PartsSection
+    whole: bool = False
+
+    @property
+    def line(self) -> Line:
+        """The products that are planned."""
+        return written_out(self.section, whole=self.whole)
+
+    def written_out(self) -> PartKind:
+        """Return the same with every product planned by itself."""
+        return replace(self, whole=True)
 
     def steps(self) -> int:
-        """Return the number of steps."""
-        return len(listed_steps(self.section))
+        """Return the number of steps, of one product or of all."""
+        products = self.section.products if self.whole else None
+        return len(listed_steps(self.section)) * (products.count if products else 1)
 
     def supply(self) -> str:
         """Return in words what there is to build with."""
@@ -91,15 +103,11 @@ class PartKind(AssemblyKind):
 
     def objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
         """Return the parts where they are at the start."""
-        return _objects(written_out(self.section), folder)
-
-    def all_objects(self, folder: Path = Path()) -> tuple[CellObject, ...]:
-        """Return the parts of all products where they are at the start."""
-        return _objects(written_out(self.section, whole=True), folder)
+        return _objects(self.line, folder)
 
     def machines(self) -> tuple[str, ...]:
         """Return the machines of sources, those that work, and what takes products away."""
-        return written_out(self.section).machines()
+        return self.line.machines()
 
     def machine_durations(self) -> tuple[SkillOverride, ...]:
         """Return how long these take for their tasks."""
@@ -129,7 +137,7 @@ class PartKind(AssemblyKind):
         from planning.parts.order import find_ordered_candidates, in_found_order
         from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
-        line = written_out(self.section)
+        line = self.line
         assembly = assembly_of(line)
         with watch.stage("assignment", ASSIGNMENT):
             if self.section.order == "find":
@@ -143,8 +151,8 @@ class PartKind(AssemblyKind):
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with the way in which they go on, and which tasks are for which product."""
-        line = written_out(self.section)
-        if line.products == 1:
+        line = self.line
+        if line.products == 1 or self.whole:
             return motions
         pattern = line_pattern(line, motions.motion_plan.tasks)
         return replace(motions, pattern=pattern)
@@ -175,11 +183,11 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
             lies = where[step.part]
             machine = section.processes[step.process].machine
             done = step.words, step.part, lies, step.process, machine
-            rests.append(WantedRest(*done, **known))
+            rests.append(WantedRest(*done, **known, step=k))
         elif step.stop is not None:
             frame = _fixture_frame(cell, step.stop.owner, step.stop.frame)
             where[step.part] = readonly(frame @ step.stop.pose)
-            rests.append(WantedRest(step.words, step.part, where[step.part]))
+            rests.append(WantedRest(step.words, step.part, where[step.part], step=k))
         else:
             where[step.part] = assembly.goals[step.part]
             if step.part not in gone:

@@ -38,12 +38,21 @@ CANDIDATES_PER_STEP, FEWEST_CANDIDATES = 150, 5000
 """Most shortcuts tried by default; they end when they stop paying."""
 
 
-def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> PlannedMotions:
+def plan_motions(
+    scenario: Scenario, folder: Path, watch: StageWatch, *, whole: bool = False
+) -> PlannedMotions:
     """Plan assignment and motions, before robots are let move at once.
 
     See the kinds of assemblies for the stages, plan_scenario for the errors.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start.
+        watch: measures the stages.
+        whole: plan every product by itself, where plans else repeat after the first ones.
     """
     kind = assembly_kind(scenario.assembly)
+    kind = kind.written_out() if whole else kind
     if kind.at_once and scenario.planning.coordination != "sequential":
         raise ScenarioError(
             f"a {scenario.assembly.kind} is planned in space and time at once, not in slots:"
@@ -53,7 +62,7 @@ def plan_motions(scenario: Scenario, folder: Path, watch: StageWatch) -> Planned
         raise ScenarioError(
             "no slot can wait for machines, sources and products: leave out coordination"
         )
-    cell = build_workcell(scenario, folder)
+    cell = build_workcell(scenario, folder, kind)
     return kind.plan(cell, motion_settings(scenario, cell, folder), watch)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from planning.tasks.task import (
     ARRIVE,
+    BROUGHT,
     CLOSE,
     HOLD,
     LEAVE,
@@ -52,6 +53,7 @@ LANE_COLOURS: dict[str, str] = {
     OPEN: "#c9b458",
     ARRIVE: "#c9b88f",
     PRESENT: "#a5885a",
+    BROUGHT: "#b89a3c",
     LEAVE: "#8f6f9c",
     HOLDING: "#b3d3ee",
     WAITING: "#e2e5e9",

@@ -213,17 +213,23 @@ def _check_robot_names(scenario: Scenario) -> Found:
     for path, name in scenario.execution.named_robots():
         yield from unless_known(("execution", *path), "robot", name, names)
     outages, late = scenario.execution.outages, scenario.execution.late
+    works = getattr(scenario.assembly, "machines", {})
+    for i, item in enumerate(outages):
+        who: KeyPath = ("execution", "outages", i, "robot")
+        what = "robot or machine" if works else "robot"
+        yield from unless_known(who, what, item.robot, (*names, *works))
     for i, name in _again([item.robot for item in outages]):
         words = f"{name} is out for good by another entry already: leave one out"
         yield ("execution", "outages", i, "robot"), words
     parts = [name for _, name in assembly_kind(scenario.assembly).names()]
-    for i, item in enumerate(late):
+    for i, part in enumerate(late):
         place: KeyPath = ("execution", "late", i, "part")
-        yield from unless_known(place, "part", item.part, parts, "there are no parts")
+        yield from unless_known(place, "part", part.part, parts, "there are no parts")
     for i, name in _again([item.part for item in late]):
         words = f"{name} comes at another time by another entry: leave one out"
         yield ("execution", "late", i, "part"), words
-    count, seen = assembly_kind(scenario.assembly).steps(), set[int]()
+    count = assembly_kind(scenario.assembly).written_out().steps()
+    seen = set[int]()
     for i, change in enumerate(scenario.execution.changes):
         for k, step in enumerate(change.drop):
             words = f"there is no step {step} (valid: 1 to {count})"

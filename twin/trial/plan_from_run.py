@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.errors import RequestError
+from planning.tasks.task import BROUGHT
 from scheduling.graph.temporal_plan_graph import NodeChain
 from scheduling.rolling.cut import Counts, cut_after, stands_at
 from twin.durations.model import NANOSECONDS
@@ -108,15 +109,22 @@ def plan_from_run(
             f"the run {run.name!r} itself began in the middle, after {tpg.cell.begun.after}: what was done"
             " before is not in it"
         )
-    if tpg.cell.machines:
+    if any(task.kind == BROUGHT for task in tpg.tasks):
         raise RequestError("what somebody brought in a run is not known to a new plan")
-    counts, failures = _first_rests(run, moment)
+    counts, failures, left_s = _first_rests(run, moment)
     gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
     watch = StageWatch(progress)
-    motions = plan_motions(case.sections, case.folder, watch)
+    motions = plan_motions(case.sections, case.folder, watch, whole=True)
     with watch.stage("motion"):
         found = plan_remainder(
-            case.sections, motions, tpg, counts, failures, {*out, *gone}, str(moment)
+            case.sections,
+            motions,
+            tpg,
+            counts,
+            failures,
+            {*out, *gone},
+            left_s,
+            str(moment),
         )
     name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
     return PlanResult(case, found, name, planning_s=watch.seconds)
@@ -124,10 +132,11 @@ def plan_from_run(
 
 def _first_rests(
     run: RunResult, moment: RunMoment
-) -> tuple[Counts, tuple[Failure, ...]]:
+) -> tuple[Counts, tuple[Failure, ...], dict[str, float]]:
     """Return up to how many of its nodes each robot goes on from a time, to where it is at rest and in no skill.
 
-    With them come the skills that had failed by then, at the begin of which their robots stand.
+    With them come the skills that had failed by then, at the begin of which their robots stand, and for how
+    long machines are at work still when all robots are at rest [s].
 
     Raises:
         RequestError: the run ended before that, or a robot was not where its plan has it.
@@ -152,17 +161,28 @@ def _first_rests(
         counts = cut_after(tpg, begun, failed, steps=False)
         begun = list(map(_to_rest, tpg.chains, counts))
     for chain, count, (_, end) in zip(tpg.chains, counts, times, strict=True):
+        machine = tpg.cell.is_machine(chain.robot)
         if np.any(end[:count] < 0):
             raise RequestError(
                 f"{chain.robot!r} does not come to rest between {moment} and the end of the run"
             )
+        if machine:
+            continue
         when = end[count - 1 : count] if count else np.zeros(1, dtype=np.int64)
         stood = run.motions[chain.robot].at(when)[0]
         if (away := np.abs(stood - stands_at(chain, count)).max()) > _AWAY:
             raise RequestError(
                 f"{chain.robot!r} came to rest {away:.3g} rad or m from where its plan has it: who moved it?"
             )
-    return counts, tried
+    rest = [
+        (chain.robot, int(end[count - 1]))
+        for chain, count, (_, end) in zip(tpg.chains, counts, times, strict=True)
+        if count
+    ]
+    machines = {name: t for name, t in rest if tpg.cell.is_machine(name)}
+    still = max((t for name, t in rest if name not in machines), default=moment.t_ns)
+    left = {name: (t - still) / NANOSECONDS for name, t in machines.items()}
+    return counts, tried, {name: s for name, s in left.items() if s > 0.0}
 
 
 def _to_rest(chain: NodeChain, count: int) -> int:

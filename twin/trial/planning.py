@@ -104,7 +104,9 @@ def plan_to_operate(
     """
     watch, window = StageWatch(progress), case.sections.execution.window
     if window is None:
-        return replace(plan_best(case.sections, case.folder, watch), scenario=case)
+        motions = plan_motions(case.sections, case.folder, watch, whole=True)
+        plan = plan_best(case.sections, case.folder, watch, motions)
+        return replace(plan, scenario=case)
     first = plan_first_steps(case.sections, case.folder, watch, window.first)
     return _coordinated(case, first, watch)
 

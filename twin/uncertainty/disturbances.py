@@ -216,7 +216,7 @@ class EmergencyStop(Section):
 
 
 class Outage(Section):
-    """A robot that stops for good.
+    """A robot, or a machine that works at parts, that stops for good.
 
     Attributes:
         robot: who stops.

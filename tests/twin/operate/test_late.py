@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import RequestError
-from planning.tasks.task import FAILED, PRESENT
+from planning.tasks.task import BROUGHT, FAILED
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.motion_times import is_driven
@@ -106,7 +106,7 @@ def test_another_brick_is_taken_and_the_late_one_is_let_be(plan: PlanResult) -> 
     assert first not in picked_at(done)
     (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
     assert tried.object == first
-    (brought,) = [t for t in done.tpg.tasks if t.kind == PRESENT]
+    (brought,) = [t for t in done.tpg.tasks if t.kind == BROUGHT]
     assert brought.object == first
     assert came_at(events) == {first: 40_000_000_000}
     require_kept(done)

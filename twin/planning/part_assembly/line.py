@@ -223,6 +223,7 @@ class _Writer:
         later: set[str] = set()
         refills: dict[int, Refill] = {}
         numbers: dict[str, tuple[str, int]] = {}
+        sourced: list[str] = []
         for source, names in self.taken.items():
             if not names:
                 continue
@@ -235,6 +236,7 @@ class _Writer:
                 parts.append(self._part(part, product, self.slots[source][q % size]))
                 if self.section.products is not None:
                     numbers[name] = part, product
+                sourced.append(name)
                 if q >= size:
                     later.add(name)
                 if q >= size and q % size == 0:
@@ -272,7 +274,12 @@ class _Writer:
                     numbers[job.door] = job.part, job.product
         return Line(
             section,
-            Supply(refills, dict(self._leaves()), _elsewhere(steps)),
+            Supply(
+                refills,
+                dict(self._leaves()),
+                _elsewhere(steps),
+                frozenset(sourced),
+            ),
             frozenset(later),
             self.products,
             self.period,

@@ -115,7 +115,7 @@ class ExecutionSection(Disturbances):
             to close or to open, and skills elsewhere the packaged synthetic timings.
         skill_overrides: exceptions from ``skills`` for robots and types of objects.
         windows: how windows of time between steps are kept.
-        outages: robots that stop for good, for ``twin operate``.
+        outages: robots and machines that stop for good, for ``twin operate``.
         late: parts that are not there in time, which nobody knows beforehand, for ``twin operate``.
         changes: of what is wanted, for ``twin operate``.
         recovery: what is done then, and when a skill has failed for good.
@@ -176,8 +176,6 @@ class ExecutionSection(Disturbances):
         for i, stop in enumerate(self.emergency_stops):
             if stop.robot is not None:
                 yield ("emergency_stops", i, "robot"), stop.robot
-        for i, outage in enumerate(self.outages):
-            yield ("outages", i, "robot"), outage.robot
 
     def disturbances(
         self, robots: tuple[str, ...], folder: Path = Path()

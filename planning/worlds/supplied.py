@@ -1,0 +1,166 @@
+"""What machines bring and take away while an assembly goes on from a world, whatever becomes of its steps.
+
+A source is filled and a tray is exchanged once each: what has been brought is not brought again with a step that
+is begun anew, and what comes after a step comes also where that is not done. What nobody does anything with
+any more is taken by a person from where others pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from planning.tasks.task import (
+    GONE,
+    LAG,
+    STILL,
+    SUPPLY_KINDS,
+    TAKEN_OUT,
+    Handling,
+    StepTasks,
+    Task,
+)
+from planning.tasks.work import StepExpansions
+from planning.transforms import Transform
+from planning.worlds.world import World
+
+REMOVAL = "removal"
+"""Name of the machine by which a person takes what lies in the way of others."""
+
+
+def brings(task: Task) -> bool:
+    """Tell whether a machine brings parts or takes them away in a task."""
+    return task.kind in SUPPLY_KINDS and task.kind != LAG
+
+
+def supplied(world: World) -> dict[int, tuple[Task, ...]]:
+    """Return what was brought and taken away in each step, by its number, in order."""
+    found: dict[int, dict[int, Task]] = {}
+    for step in (*world.past, *world.steps):
+        own = {
+            t.index: t for t in step.tasks if brings(t) and t.index in world.complete
+        }
+        if own:
+            found.setdefault(step.step, {}).update(own)
+    return {number: tuple(own[k] for k in sorted(own)) for number, own in found.items()}
+
+
+def without_brought(step: StepTasks, there: Sequence[Task]) -> StepTasks:
+    """Return a step without what was brought and taken away in it before."""
+    if not there:
+        return step
+    old = {(t.kind, t.robot, t.object): t.index for t in there}
+    keys = {t.index: (t.kind, t.robot, t.object) for t in step.tasks if brings(t)}
+    done = {index: old[key] for index, key in keys.items() if key in old}
+    return _some_of(step, [t for t in step.tasks if t.index not in done], done)
+
+
+def _some_of(
+    step: StepTasks, tasks: Sequence[Task], done: Mapping[int, int]
+) -> StepTasks:
+    """Return a step of some of its tasks, which wait for what has other indices as it was done before."""
+    first = min((task.index for task in step.tasks), default=0)
+    new = {task.index: first + k for k, task in enumerate(tasks)}
+    known = {**done, **new}
+    contacts = (
+        replace(c, tasks=frozenset(new[t] for t in c.tasks if t in new))
+        for c in step.allowed
+    )
+    return replace(
+        step,
+        tasks=tuple(replace(task, index=new[task.index]) for task in tasks),
+        dependencies=tuple(
+            (known[a], new[b]) for a, b in step.dependencies if a in known and b in new
+        ),
+        allowed=tuple(contact for contact in contacts if contact.tasks),
+    )
+
+
+@dataclass
+class Scrap:
+    """What is taken away of steps that are not done any more, so that those after them can be.
+
+    Attributes:
+        world: where the plan begins.
+        passing: objects that lie where others come after them.
+        given_up: objects of the steps that are not done.
+        taken: those that a person takes in the plan, with the task.
+        lies: where objects lie by then, of those that the plan has moved; None for what is in a hand or gone.
+    """
+
+    world: World
+    passing: Collection[str]
+    given_up: frozenset[str]
+    taken: dict[str, int] = field(default_factory=dict)
+    lies: dict[str, Transform | None] = field(default_factory=dict)
+
+    def of_step(
+        self, again: StepExpansions, step: int, there: Sequence[Task], first: int
+    ) -> Iterator[StepTasks]:
+        """Yield what is done in place of a step that is not: its part is taken away, and machines go on.
+
+        Args:
+            again: expands it.
+            step: its number.
+            there: what was brought in it before.
+            first: index of its first task.
+        """
+        fresh = again.work.expand(again.plan, step, first)
+        tasks, name = [], again.plan[step].object
+        pose = self._lies(name)
+        if pose is not None:
+            words = f"{name} is taken away"
+            gone = (Handling(name, 1, GONE, pose),)
+            about = first, REMOVAL, TAKEN_OUT, step, words, STILL, gone, name
+            tasks.append(Task(*about))
+            self.taken[name] = first
+        left = without_brought(fresh, there)
+        own = _some_of(left, [t for t in left.tasks if brings(t)], {})
+        later = [replace(t, index=t.index + len(tasks)) for t in own.tasks]
+        waits = [(a + len(tasks), b + len(tasks)) for a, b in own.dependencies]
+        yield StepTasks(step, (*tasks, *later), tuple(waits), ())
+
+    def _lies(self, name: str) -> Transform | None:
+        """Return where an object lies from which it is taken, None where it stays or is nowhere."""
+        if name not in self.passing or name in self.world.out or name in self.taken:
+            return None
+        if name in self.lies:
+            return self.lies[name]
+        at = self.world.state.attachments.get(name)
+        return None if at is None or at.holder is not None else at.pose
+
+    def there(self, step: StepTasks) -> StepTasks:
+        """Return a step in which only what is there leaves the cell, and take note of where it leaves things."""
+
+        def stays(h: Handling) -> bool:
+            return h.holder == GONE and h.object in self.given_up
+
+        tasks = tuple(
+            replace(t, handlings=tuple(h for h in t.handlings if not stays(h)))
+            if brings(t)
+            else t
+            for t in step.tasks
+        )
+        for h in (h for t in tasks for h in t.handlings):
+            self.lies[h.object] = h.pose if h.holder is None else None
+        return replace(step, tasks=tasks)
+
+    def waits(self, tasks: Iterable[Task]) -> Iterator[tuple[int, int]]:
+        """Yield which tasks a removal waits for, and what comes up there once that is over."""
+        tasks = tuple(tasks)
+        for task in tasks:
+            for name, index in self.taken.items():
+                about = task.object == name or any(
+                    h.object == name for h in task.handlings
+                )
+                if about and task.index < index:
+                    yield task.index, index
+        removed = {t.index: t for t in tasks if t.index in self.taken.values()}
+        for index, own in removed.items():
+            pose = own.handlings[0].pose
+            for task in tasks:
+                comes = any(np.allclose(h.pose, pose) for h in task.handlings)
+                if brings(task) and task.index > index and comes:
+                    yield index, task.index

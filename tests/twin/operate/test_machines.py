@@ -1,0 +1,215 @@
+"""Cells with machines, sources and products go on when something fails: nothing comes twice, nothing stays in the way."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import twin
+from planning.tasks.task import (
+    FAILED,
+    GOES_ON,
+    GONE,
+    LEAVE,
+    LEFT_OUT,
+    PRESENT,
+    TAKEN_OUT,
+)
+from planning.worlds.supplied import REMOVAL
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.invariant import check_invariant
+from scheduling.rolling.cut import state_at
+from scheduling.verification.verify import verify_plan
+from tests.twin.operate.operated import lost, operated
+from twin.operate.operation import Operation
+from twin.recorders.observers import MemoryRecorder
+from twin.trial.loaded_scenario import load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate
+from twin.trial.simulation import execute
+
+ROOT = Path(__file__).parents[3] / "scenarios" / "assembly"
+STEPS = 5
+"""Of a product that a mill and a washer work at."""
+
+PRODUCTS = 3
+
+
+@pytest.fixture(scope="module")
+def plan() -> PlanResult:
+    """Three products, each on a tray of its own."""
+    case = load(ROOT / "machine_tending.yaml")
+    few = {
+        "assembly.products.count": PRODUCTS,
+        "assembly.products.places": {"counts": [1, 1], "pitch_m": [0.1, 0.1]},
+        "machines": {},
+    }
+    return plan_to_operate(case.varied(few))
+
+
+def require_true(done: Operation) -> None:
+    """Check what was executed: the guarantee, the order, and that the world at the end is as it is told."""
+    check_invariant(DerivedTpg(done.tpg))
+    assert not verify_plan(done.tpg).problems
+    start, end = done.record.start_ns, done.record.end_ns
+    assert all((own >= 0).all() for own in (*start, *end))
+    for k, u, i, v in done.tpg.edges.tolist():
+        assert end[k][u] <= start[i][v]
+    tasks = [t for t in done.tpg.tasks if t.kind not in (LEFT_OUT, FAILED)]
+    # Every skill of a step is done once, or the step is not done to its end and told.
+    skills = Counter(
+        (t.step, t.kind)
+        for t in tasks
+        if t.kind in ("pick", "place-down", "milling", "washing")
+    )
+    undone = done.given_up.keys() | done.dropped.keys()
+    assert max(skills.values(), default=0) <= 1 or undone
+    last = {
+        step for step, kind in skills if kind in ("place-down", "milling", "washing")
+    }
+    assert last | undone == set(range(1, PRODUCTS * STEPS + 1))
+    assert not last & undone
+
+
+def require_clear(done: Operation) -> None:
+    """Check that every blank has come once, and that each has left the cell, was lost, or was taken away."""
+    came = Counter(
+        h.object
+        for t in done.tpg.tasks
+        if t.kind == PRESENT
+        for h in t.handlings
+        if h.holder is None
+    )
+    assert came == {f"blank.{k}": 1 for k in range(2, PRODUCTS + 1)}
+    left = Counter(h.object for h in done.tpg.handlings if h.holder == GONE)
+    blanks = {name: n for name, n in left.items() if name.startswith("blank")}
+    assert blanks == {f"blank.{k}": 1 for k in range(1, PRODUCTS + 1)}
+    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    assert not [name for name in state.attachments if name.startswith("blank")]
+    leaves = [t for t in done.tpg.tasks if t.kind == LEAVE]
+    assert len(leaves) == PRODUCTS
+
+
+def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
+    case, memory = plan.scenario, MemoryRecorder()
+    execute(case.sections, plan.tpg, case.folder, recorders=(memory,))
+    done, events = operated(plan, case.sections.seed)
+    assert events == memory.events
+    require_true(done)
+    require_clear(done)
+
+
+@settings(max_examples=3, deadline=None)
+@given(seed=st.integers(0, 10_000), mill=st.sampled_from([0.0, 0.4]))
+def test_whatever_fails_a_line_goes_on(
+    plan: PlanResult, seed: int, mill: float
+) -> None:
+    fails = {"failures.milling": {"probability": mill, "retries": 0}}
+    done, _ = operated(plan, seed, **lost(0.2), **fails, **{"recovery.again": 1})
+    require_true(done)
+    require_clear(done)
+
+
+@pytest.mark.nightly
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    out=st.sampled_from(["mill", "washer", "arm", "cart"]),
+    at_s=st.floats(0.0, 300.0),
+    drop=st.integers(1, PRODUCTS * STEPS),
+)
+def test_whoever_is_out_and_whatever_is_dropped_a_line_goes_on(
+    plan: PlanResult, seed: int, out: str, at_s: float, drop: int
+) -> None:
+    changes = {
+        "outages": [{"robot": out, "at_s": at_s}],
+        "changes": [{"at_s": at_s / 2, "drop": [drop]}],
+    }
+    done, _ = operated(plan, seed, **lost(0.1), **changes)
+    require_true(done)
+    assert done.out <= {out}
+
+
+def test_what_is_in_a_machine_that_is_out_is_taken_away(plan: PlanResult) -> None:
+    done, _ = operated(plan, 0, outages=[{"robot": "mill", "at_s": 15.0}])
+    require_true(done)
+    require_clear(done)
+    assert done.out == {"mill"}
+    # What it has begun it brings to its end; of the others nothing is begun that the mill is needed for.
+    milled = [t.object for t in done.tpg.tasks if t.kind == "milling"]
+    taken = {t.object for t in done.tpg.tasks if t.robot == REMOVAL}
+    everyone = {f"blank.{k}" for k in range(1, PRODUCTS + 1)}
+    assert taken == everyone - set(milled)
+    assert all(t.kind == TAKEN_OUT for t in done.tpg.tasks if t.robot == REMOVAL)
+    words = "; ".join(done.given_up.values())
+    assert "mill is out" in words
+
+
+def test_a_blank_that_is_lost_is_not_missed_by_the_others(plan: PlanResult) -> None:
+    sure = {"failures.pick": {"probability": 0.5, "retries": 0, "loses": 1.0}}
+    done, _ = operated(plan, 0, **sure)
+    assert done.given_up[1] == "blank.1 is lost"
+    assert done.given_up[2] == "it rests on step 1"
+    require_clear(done)
+
+
+def remaining(tpg: TemporalPlanGraph) -> dict[str, float]:
+    """Return how long machines go on with what they were at, by name."""
+    found = {}
+    for task in tpg.tasks:
+        if task.kind == GOES_ON:
+            chain = tpg.chains[tpg.chain_index[task.robot]]
+            assert chain.task[0] == task.index
+            found[task.robot] = float(chain.duration[0])
+    return found
+
+
+@pytest.mark.parametrize(
+    "who", ["mill", pytest.param("washer", marks=pytest.mark.nightly)]
+)
+def test_what_is_left_begins_with_machines_at_work(
+    plan: PlanResult, tmp_path: Path, who: str
+) -> None:
+    run = twin.run(plan, out=tmp_path / "run", recording=False, audit=False)
+    start, _ = run.node_times_ns[run.tpg.chain_index[who]]
+    t_s = start[-1] / 1e9 + 1.0
+    left = twin.plan(world=f"{run.files}@{t_s}")
+    assert not verify_plan(left.tpg).problems
+    # What the tables say of the same time: who is at work, and until when.
+    ends = {}
+    for chain, (start, end) in zip(run.tpg.chains, run.node_times_ns, strict=True):
+        node = int(np.searchsorted(start, t_s * 1e9)) - 1
+        if run.tpg.cell.is_machine(chain.robot) and node >= 0:
+            ends[chain.robot] = end[node] / 1e9
+    found = remaining(left.tpg)
+    assert who in found
+    rest = max(ends[name] - seconds for name, seconds in found.items())
+    assert rest >= t_s
+    for name, end_s in ends.items():
+        assert found.get(name, 0.0) == pytest.approx(max(end_s - rest, 0.0))
+    went = twin.run(left, out=tmp_path / "went", recording=False)
+    assert went.outcome == "completed"
+    assert went.summary["audit"]["violations"] == []
+    # Each machine has worked as often as there are products, before or after.
+    for kind in ("milling", "washing"):
+        before = dict(left.tpg.cell.begun.done if left.tpg.cell.begun else ())
+        after = sum(t.kind == kind for t in went.tpg.tasks)
+        assert before.get(kind, 0) + after == PRODUCTS
+
+
+@pytest.mark.nightly
+def test_a_kitting_line_goes_on(tmp_path: Path) -> None:
+    case = load(ROOT / "kitting.yaml").varied({"assembly.products.count": 6})
+    plan = plan_to_operate(case)
+    for seed in range(4):
+        done, _ = operated(plan, seed, **lost(0.1))
+        check_invariant(DerivedTpg(done.tpg))
+        assert not verify_plan(done.tpg).problems
+        placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
+        assert placed | done.given_up.keys() == set(range(1, 25))
