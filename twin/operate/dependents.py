@@ -1,11 +1,12 @@
-"""Which steps rest on which: what is given up with a step that nobody can do any more."""
+"""Which steps nobody can do any more, and which rest on which: what is given up with one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from planning.tasks.assignment import TaskPlan
+from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.task import TRANSIT, AllowedContact, Task
+from planning.worlds.onward import Situation, narrowed
 
 
 def resting_steps(
@@ -41,3 +42,25 @@ def resting_steps(
                 touch = {step_of[t] for t in contact.tasks & works}
                 found.setdefault(step, set()).update(k for k in touch if k > step)
     return {step: frozenset(own) for step, own in found.items()}
+
+
+def hopeless(problem: AssignmentProblem, now: Situation) -> dict[int, str]:
+    """Return the steps that nobody can do any more, with the reason."""
+    left = narrowed(problem, now.kept, now.world.out, {})
+    return {
+        step: _lost_or_out(problem, step, now) or left.lacking(step) or ""
+        for step in left.impossible
+        if step not in now.kept
+    }
+
+
+def _lost_or_out(problem: AssignmentProblem, step: int, now: Situation) -> str:
+    """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
+    own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
+    for names, words in (
+        ({item.object for item in own}, "is lost"),
+        ({item.robot for item in own}, "is out"),
+    ):
+        if len(names) == 1 and names <= now.world.out:
+            return f"{names.pop()} {words}"
+    return ""

@@ -58,7 +58,7 @@ from twin.operate.committed import (
     committed_at,
     not_executed,
 )
-from twin.operate.dependents import resting_steps
+from twin.operate.dependents import hopeless, resting_steps
 from twin.operate.judging import Judging, interrupted
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
@@ -329,8 +329,8 @@ class Recovery:
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, goes_aside = StageWatch(), frozenset[str]()
+        machines = {item.name for item in self._cell.machines}
         if aside:
-            machines = {item.name for item in self._cell.machines}
             goes_aside = standing(leftovers(self._world(at), {})) - at.out - machines
         while True:
             world = self._world(at)
@@ -348,15 +348,15 @@ class Recovery:
             now = Situation(
                 world, self._task_plan, reopened, given_up, aside=goes_aside
             )
-            if hopeless := self._hopeless(now):
+            if undoable := hopeless(self.work.problem, now):
                 there = self._ledger.takes_what_is_there()
                 asked = not there and any(
-                    self._asks_for(step, why, now) for step, why in hopeless.items()
+                    self._asks_for(step, why, now) for step, why in undoable.items()
                 )
                 if not there and not asked:
-                    for step, why in hopeless.items():
+                    for step, why in undoable.items():
                         self._ledger.give_up(step, why)
-                    self._look_no_further(hopeless)
+                    self._look_no_further(undoable)
                 continue
             try:
                 found = plan_from(
@@ -371,7 +371,6 @@ class Recovery:
                 )
             except (InfeasibleStepError, TransitError) as error:
                 others = frozenset[str]()
-                machines = {item.name for item in self._cell.machines}
                 if isinstance(error, TransitError):
                     left = leftovers(world, reopened)
                     others = standing(left, but=error.step) - world.out - machines
@@ -418,27 +417,6 @@ class Recovery:
             said = why.partition("\n")[0]
             self._ledger.give_up(step, f"{said}, and a person could not help")
         return ask is not None
-
-    def _hopeless(self, now: Situation) -> dict[int, str]:
-        """Return the steps that nobody can do any more, with the reason."""
-        problem = narrowed(self.work.problem, now.kept, now.world.out, {})
-        return {
-            step: self._lost_or_out(step, now) or problem.lacking(step) or ""
-            for step in problem.impossible
-            if step not in now.kept
-        }
-
-    def _lost_or_out(self, step: int, now: Situation) -> str:
-        """Return in words what a step lacks where that is the only thing that could do it, else nothing."""
-        problem, out = self.work.problem, now.world.out
-        own = [problem.primaries[k] for k in problem.primaries_of.get(step, ())]
-        for names, words in (
-            ({item.object for item in own}, "is lost"),
-            ({item.robot for item in own}, "is out"),
-        ):
-            if len(names) == 1 and names <= out:
-                return f"{names.pop()} {words}"
-        return ""
 
     def _look_no_further(self, hopeless: Mapping[int, str]) -> None:
         """End the assembly before a step that comes into the window and that nobody can do."""
