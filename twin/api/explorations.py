@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from planning.errors import RequestError, ScenarioError
 from planning.parallel import usable_cores
-from twin.explore.crew import Crew
+from twin.cluster.client import ClusterLostError
+from twin.explore.crew import ClusterCrew, Crew, Evaluators
 from twin.explore.dimensions import dimensions_of, vary_section
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finalist, Finals, Worth
@@ -37,12 +39,20 @@ from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
 from twin.scenario.sections.exploration import ExploreSection
+from twin.study.replications.workload import (
+    check_cluster,
+    open_executor,
+    parallelism,
+)
 from twin.trial.loaded_scenario import (
     AnyScenario,
     LoadedScenario,
     PathOrName,
     load,
 )
+
+if TYPE_CHECKING:
+    from twin.cluster.certificates import Cluster
 
 
 @dataclass(frozen=True)
@@ -76,6 +86,7 @@ def explore(
     replications: int | None = None,
     seed: int | None = None,
     workers: int | None = None,
+    cluster: Cluster | None = None,
     resume: PathOrName | None = None,
     out: PathOrName | None = None,
     progress: Report = report_nothing,
@@ -99,6 +110,8 @@ def explore(
         seed: of all choices and draws, in place of the scenario's.
         workers: processes; by default one a core. With 1 the same seed finds the same. What a script does
             stands under ``if __name__ == "__main__":``, as processes import it.
+        cluster: whose workers evaluate designs instead; files that the scenario names must be in the same
+            folder on their machines.
         resume: go on with the exploration in this folder; nothing is evaluated twice.
         out: folder for the results; by default ``logs/explore-<scenario>-<UTC time>``.
         progress: told how far each stage has come.
@@ -107,6 +120,8 @@ def explore(
         ScenarioError: the file is not valid, or a key does not fit.
         RequestError: nothing varies, the folder holds results, or optuna is not installed.
     """
+    if cluster is not None:
+        check_cluster(cluster)
     count = usable_cores() if workers is None else max(1, workers)
     if resume is not None:
         if vary or sampler or replications or seed is not None or out is not None:
@@ -121,8 +136,8 @@ def explore(
                 f"{place} holds an exploration of scenario {request.scenario.name!r} as it was"
                 " then, not of this one"
             )
-        with locked(place):
-            return _run(place, request, count, designs, seconds, progress)
+        with locked(place), _evaluators(place, request, count, cluster) as crew:
+            return _run(place, request, crew, designs, seconds, progress)
     if scenario is None:
         raise RequestError("give a scenario file, or --resume DIR")
     case = load(scenario)
@@ -143,7 +158,8 @@ def explore(
     request = ExploreRequest(bare, case.folder, section, singles)
     with run_folder(folder, f"explore-{case.name}") as place:
         write_request(place, request)
-        return _run(place, request, count, None, None, progress)
+        with _evaluators(place, request, count, cluster) as crew:
+            return _run(place, request, crew, None, None, progress)
 
 
 def asked(
@@ -195,10 +211,30 @@ def _validated(content: Mapping[str, Any]) -> ExploreSection:
         raise ScenarioError(f"explore.{place}: {first['msg']}") from None
 
 
+@contextmanager
+def _evaluators(
+    folder: Path, request: ExploreRequest, workers: int, cluster: Cluster | None
+) -> Iterator[Evaluators]:
+    """Give who evaluates the designs: processes of this machine, or a cluster."""
+    setting = Setting(request.scenario, request.base.resolve(), request.section)
+    limit_s = request.section.design_limit_s
+    if cluster is None:
+        with Crew(setting, workers, limit_s) as crew:
+            yield crew
+        return
+    try:
+        with open_executor(None, cluster) as executor:
+            yield ClusterCrew(setting, executor, parallelism(executor), limit_s)
+    except ClusterLostError as error:
+        raise ClusterLostError(
+            f"{error}; what was done is kept, go on with --resume {folder}"
+        ) from error
+
+
 def _run(
     folder: Path,
     request: ExploreRequest,
-    workers: int,
+    crew: Evaluators,
     designs: int | None,
     seconds: float | None,
     progress: Report,
@@ -213,22 +249,19 @@ def _run(
     )
     exploration = Exploration(folder, section, dimensions, scenario.seed, progress)
     setting = Setting(scenario, request.base, section)
-    with Crew(setting, workers, section.design_limit_s) as crew:
-        finals = Finals(exploration, setting, progress)
-        finalists: tuple[Finalist, ...] = ()
-        worths: tuple[Worth, ...] = ()
-        singles: tuple[SingleChange, ...] = ()
-        most = designs or section.designs
-        if request.singles:
-            tried = try_changes(exploration, crew, changes[: most - 1], progress)
-            singles = judge_changes(
-                exploration, finals, tried, request.singles, progress
-            )
-        else:
-            exploration.search(crew, most, seconds or section.seconds)
-            finalists = finals.race()
-            if finalists and len(section.goals) == 1:
-                worths = finals.worths(finalists[0], crew)
+    finals = Finals(exploration, setting, progress)
+    finalists: tuple[Finalist, ...] = ()
+    worths: tuple[Worth, ...] = ()
+    singles: tuple[SingleChange, ...] = ()
+    most = designs or section.designs
+    if request.singles:
+        tried = try_changes(exploration, crew, changes[: most - 1], progress)
+        singles = judge_changes(exploration, finals, tried, request.singles, progress)
+    else:
+        exploration.search(crew, most, seconds or section.seconds)
+        finalists = finals.race()
+        if finalists and len(section.goals) == 1:
+            worths = finals.worths(finalists[0], crew)
     found = summary_of(
         scenario.name, exploration, finalists, worths, scenario.seed, singles
     )

@@ -129,6 +129,8 @@ async def _start_workers(
     host: str,
     workers: int,
 ) -> list[Any]:
+    # Designs are evaluated in processes of their own.
+    dask.config.set({"distributed.worker.daemon": False})
     scratch = Path(
         stack.enter_context(tempfile.TemporaryDirectory(prefix="twin-cluster-"))
     )

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import typer
 
 from planning.errors import RequestError
-from planning.tasks.task import GOES_ON
 from twin.commands.command import View, command
 from twin.host.guard import print_error, print_json
 
@@ -98,6 +97,8 @@ def _show(written: WrittenPlan, view: View) -> None:
     for words in made.warnings:
         print_error(f"warning: {words}")
     if begun is not None:
+        from planning.tasks.task import GOES_ON
+
         typer.echo(f"begins after {begun.after}")
         for item, robot in sorted(held.items()):
             typer.echo(f"  {robot} holds {item}")

@@ -77,7 +77,7 @@ def study_scenario(
     from twin.scenario.variations import parse_variation
     from twin.study.replications.statistics import Precision
 
-    cluster = _cluster(scheduler, certificates, insecure)
+    cluster = given_cluster(scheduler, certificates, insecure)
     if resume is not None:
         return studies.resume_study(
             resume, scenario, workers=workers, cluster=cluster, progress=progress
@@ -110,9 +110,14 @@ def _subject(
     return chosen if plan is None else read_plan(plan, chosen)
 
 
-def _cluster(
+def given_cluster(
     scheduler: str | None, certificates: Path | None, insecure: bool
 ) -> Cluster | None:
+    """Return the cluster of three options; None where no scheduler is named.
+
+    Raises:
+        RequestError: they do not go together.
+    """
     from twin.cluster.certificates import Cluster
 
     if scheduler is None:

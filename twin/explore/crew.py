@@ -1,21 +1,32 @@
-"""Processes that evaluate designs: one that dies, or takes too long, costs the design and nothing else."""
+"""Processes that evaluate designs: one that dies, or takes too long, costs the design and nothing else.
+
+On a cluster each has its place beside a worker, so no worker dies of a design either.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import signal
+import socket
+import threading
 import time
+import zlib
 from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future
+from concurrent.futures import wait as wait_for_calls
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from planning.errors import TwinError
+from twin.cluster.client import ClusterError
 from twin.explore.rungs import CHECK, Climb, Evaluation, Setting, refused
+from twin.scenario.checks import find_problems
 from twin.scenario.variations import Variant
 
 _CRASHES = 3
@@ -23,6 +34,10 @@ _CRASHES = 3
 
 _START_S = 600.0
 """How long a process may take to begin [s]."""
+
+
+_OWN = threading.local()
+"""The crew of each thread of a worker, and what it evaluates."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +53,24 @@ class DesignTask:
     number: int
     variant: Variant
     longest_turns_s: float = np.inf
+
+
+class Evaluators(Protocol):
+    """Who evaluates designs, several at a time: processes of this machine, or a cluster."""
+
+    @property
+    def idle(self) -> int:
+        """How many have nothing to do."""
+
+    @property
+    def busy(self) -> int:
+        """How many designs are under way."""
+
+    def submit(self, task: DesignTask) -> None:
+        """Have a design evaluated by one that has nothing to do; there must be one."""
+
+    def finished(self) -> Iterator[tuple[DesignTask, Evaluation]]:
+        """Wait for at least one design, and yield those that are finished, by number."""
 
 
 class Crew:
@@ -185,8 +218,88 @@ def _work(pipe: Connection, setting: Setting) -> None:
             pipe.send(climb.evaluate())
 
 
+class ClusterCrew:
+    """Workers of a cluster, each with one design at a time.
+
+    Args:
+        setting: of the exploration; files that its scenario names are read where the workers are, so
+            they must be there in the same folder.
+        executor: of the cluster.
+        workers: how many calls it works on at once.
+        limit_s: a design that takes longer is given up [s].
+    """
+
+    def __init__(
+        self, setting: Setting, executor: Executor, workers: int, limit_s: float
+    ) -> None:
+        self._parcel = zlib.compress(pickle.dumps(setting))
+        self._executor, self._workers, self._limit_s = executor, workers, limit_s
+        self._calls: dict[Future[Evaluation], DesignTask] = {}
+
+    @property
+    def idle(self) -> int:
+        """How many have nothing to do."""
+        return self._workers - self.busy
+
+    @property
+    def busy(self) -> int:
+        """How many designs are under way."""
+        return len(self._calls)
+
+    def submit(self, task: DesignTask) -> None:
+        """Send a design to the cluster."""
+        call = self._executor.submit(evaluate_there, self._parcel, self._limit_s, task)
+        self._calls[call] = task
+
+    def finished(self) -> Iterator[tuple[DesignTask, Evaluation]]:
+        """Wait for at least one design, and yield those that are finished, by number.
+
+        Raises:
+            ClusterError: workers lack files that the scenario names, or may start no processes.
+        """
+        done, _ = wait_for_calls(self._calls, return_when=FIRST_COMPLETED)
+        found = [(self._calls.pop(call), call.result()) for call in done]
+        yield from sorted(found, key=lambda item: item[0].number)
+
+
+def evaluate_there(parcel: bytes, limit_s: float, task: DesignTask) -> Evaluation:
+    """Evaluate a design; the function that workers of a cluster call.
+
+    Args:
+        parcel: the setting of the exploration, packed.
+        limit_s: a design that takes longer is given up [s].
+        task: the design.
+
+    Raises:
+        ClusterError: files that the scenario names are not here, or this process may start no others.
+    """
+    if getattr(_OWN, "parcel", None) != (parcel, limit_s):
+        if (before := getattr(_OWN, "crew", None)) is not None:
+            before.__exit__()
+        _OWN.crew = _crew(pickle.loads(zlib.decompress(parcel)), limit_s)
+        _OWN.parcel = parcel, limit_s
+    crew: Crew = _OWN.crew
+    crew.submit(task)
+    ((_, found),) = crew.finished()
+    return found
+
+
+def _crew(setting: Setting, limit_s: float) -> Crew:
+    if multiprocessing.current_process().daemon:
+        raise ClusterError(
+            "workers of this cluster may start no processes, which designs need: start them with twin"
+            " cluster up or join, or with DASK_DISTRIBUTED__WORKER__DAEMON=False"
+        )
+    for _, message in find_problems(setting.scenario, setting.folder):
+        raise ClusterError(
+            f"the worker on {socket.gethostname()} has not what the scenario names: {message}; files"
+            f" must be in {setting.folder} on every machine"
+        )
+    return Crew(setting, 1, limit_s)
+
+
 def parallel(
-    tasks: Sequence[DesignTask], crew: Crew
+    tasks: Sequence[DesignTask], crew: Evaluators
 ) -> Iterator[tuple[DesignTask, Evaluation]]:
     """Yield what becomes of some designs, as they are finished."""
     waiting = list(reversed(tasks))

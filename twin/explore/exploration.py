@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from planning.errors import OutputError
-from twin.explore.crew import Crew, DesignTask
+from twin.explore.crew import DesignTask, Evaluators
 from twin.explore.dimensions import (
     Dimension,
     Values,
@@ -72,7 +72,7 @@ class Exploration:
         for row in self.journal.rows:
             self._remember(row)
 
-    def search(self, crew: Crew, designs: int, seconds: float | None) -> None:
+    def search(self, crew: Evaluators, designs: int, seconds: float | None) -> None:
         """Try designs until there are so many, or the time is up.
 
         Args:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Array
-from twin.explore.crew import Crew, DesignTask, parallel
+from twin.explore.crew import DesignTask, Evaluators, parallel
 from twin.explore.dimensions import variant_of
 from twin.explore.exploration import Exploration
 from twin.explore.influence import spread
@@ -194,7 +194,7 @@ class Finals:
             return 0
         return None if None in signs else (1 if 1 in signs else -1)
 
-    def worths(self, best: Finalist, crew: Crew) -> tuple[Worth, ...]:
+    def worths(self, best: Finalist, crew: Evaluators) -> tuple[Worth, ...]:
         """Return what all changes of a design are worth, then each, the greatest first.
 
         Each change is undone alone, planned, and replicated with the same draws.

@@ -12,7 +12,7 @@ import numpy as np
 
 from planning.errors import RequestError
 from twin.check.finding import Subject
-from twin.explore.crew import Crew, DesignTask, parallel
+from twin.explore.crew import DesignTask, Evaluators, parallel
 from twin.explore.dimensions import (
     Dimension,
     base_values,
@@ -208,7 +208,7 @@ def change_dimensions(
 
 def try_changes(
     exploration: Exploration,
-    crew: Crew,
+    crew: Evaluators,
     changes: Sequence[CellChange],
     progress: Report,
 ) -> list[tuple[CellChange, Tried]]:

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from twin.cluster.certificates import Cluster, make_certificates
+
 ROOT = Path(__file__).parents[3]
 
 
@@ -27,3 +29,16 @@ def start(*arguments: str | Path, folder: Path) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def up(folder: Path, workers: int = 1) -> tuple[subprocess.Popen[str], Cluster]:
+    """Start a cluster with certificates of its own in a folder; return its process, and how to reach it."""
+    certificates = make_certificates(folder / "certs", 1)
+    process = start(
+        *("cluster", "up", "--certificates", "certs", "--port", "0"),
+        *("--workers", str(workers)),
+        folder=folder,
+    )
+    assert process.stdout is not None
+    address = process.stdout.readline().split()[0]
+    return process, Cluster(address, certificates)

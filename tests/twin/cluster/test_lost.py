@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Awaitable, Callable, Generator, Iterator
 from concurrent.futures import Executor, Future
@@ -16,10 +15,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from tests.twin.cluster.processes import ROOT, start
+from tests.twin.cluster.processes import ROOT, start, up
 from tests.twin.study.study_toys import toy_workload
 from twin.cli import app
-from twin.cluster.certificates import Cluster, make_certificates
+from twin.cluster.certificates import Cluster
 from twin.cluster.client import ClusterError, ClusterExecutor, ClusterLostError
 from twin.study.replications import runner
 from twin.study.replications.runner import run_replications
@@ -41,25 +40,13 @@ def _twin(*arguments: str | Path) -> tuple[int, str]:
     return found.exit_code, found.output
 
 
-def _up(folder: Path, workers: int = 1) -> tuple[subprocess.Popen[str], Cluster]:
-    certificates = make_certificates(folder / "certs", 1)
-    process = start(
-        *("cluster", "up", "--certificates", "certs", "--port", "0"),
-        *("--workers", str(workers)),
-        folder=folder,
-    )
-    assert process.stdout is not None
-    address = process.stdout.readline().split()[0]
-    return process, Cluster(address, certificates)
-
-
 @pytest.mark.nightly
 def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
     size = ("-n", "40000", "--policy", "asynchronous", "--shortcuts", "0", "-q")
     whole, lost = tmp_path / "whole", tmp_path / "lost"
     code, output = _twin("study", SCENARIO, *size, "--workers", "0", "--out", whole)
     assert code == 0, output
-    scheduler, cluster = _up(tmp_path)
+    scheduler, cluster = up(tmp_path)
     assert cluster.certificates is not None
     study = start(
         *("study", SCENARIO, *size, "--out", lost, "--scheduler", cluster.address),
@@ -107,7 +94,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "BULK_BLOCK", 8)
-    scheduler, cluster = _up(tmp_path, workers=2)
+    scheduler, cluster = up(tmp_path, workers=2)
     killers = []
 
     @contextmanager
@@ -144,8 +131,8 @@ def _die() -> None:
 
 
 @pytest.mark.nightly
-def test_work_that_kills_every_worker_is_given_up(tmp_path: Path) -> None:
-    scheduler, cluster = _up(tmp_path)
+def test_work_that_kills_every_worker_is_givenup(tmp_path: Path) -> None:
+    scheduler, cluster = up(tmp_path)
     with (
         pytest.raises(ClusterLostError, match=r"workers .* died again and again"),
         open_executor(cluster=cluster) as executor,
