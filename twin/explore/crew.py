@@ -48,11 +48,13 @@ class DesignTask:
         number: by which it is known again.
         variant: what it changes about the scenario.
         longest_turns_s: a plan without shortcuts that is longer is behind [s].
+        planner_seed: in place of the scenario's; draws stay those of the scenario.
     """
 
     number: int
     variant: Variant
     longest_turns_s: float = np.inf
+    planner_seed: int | None = None
 
 
 class Evaluators(Protocol):
@@ -214,7 +216,8 @@ def _work(pipe: Connection, setting: Setting) -> None:
     with suppress(EOFError, OSError):
         while True:
             task: DesignTask = pipe.recv()
-            climb = Climb(setting, task.variant, task.longest_turns_s, pipe.send)
+            limits = task.longest_turns_s, task.planner_seed
+            climb = Climb(setting, task.variant, *limits, began=pipe.send)
             pipe.send(climb.evaluate())
 
 

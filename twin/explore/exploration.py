@@ -21,7 +21,7 @@ from twin.explore.dimensions import (
 )
 from twin.explore.folder import PARCELS
 from twin.explore.influence import front
-from twin.explore.journal import SEARCH, Journal, Tried
+from twin.explore.journal import REPLANNED, SEARCH, Journal, Tried
 from twin.explore.rungs import Evaluation
 from twin.explore.search import Search
 from twin.host.guard import replacing
@@ -164,6 +164,8 @@ class Exploration:
 
     def _remember(self, row: Tried) -> None:
         """Know a design by its values; one that was taken further takes the place of one left behind."""
+        if row.purpose == REPLANNED:
+            return
         there = self._known.setdefault(key_of(row.values), row)
         if there.evaluation.outcome == "behind" and row.evaluation.outcome != "behind":
             self._known[key_of(row.values)] = row
@@ -171,6 +173,14 @@ class Exploration:
     def known(self, values: Values) -> Tried | None:
         """Return the design that has some values and was evaluated."""
         return self._known.get(key_of(values))
+
+    def replanned(self, values: Values, planner_seed: int) -> Tried | None:
+        """Return what a design is if it is planned with another seed, where that was tried."""
+        wanted = key_of(values), str(planner_seed)
+        for row in self.journal.rows:
+            if row.purpose == REPLANNED and (key_of(row.values), row.about) == wanted:
+                return row
+        return None
 
     def number_of(self, purpose: str) -> int:
         """Return the number of the next design of a purpose."""

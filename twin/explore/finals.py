@@ -18,16 +18,22 @@ from twin.explore.crew import DesignTask, Evaluators, parallel
 from twin.explore.dimensions import variant_of
 from twin.explore.exploration import Exploration
 from twin.explore.influence import spread
-from twin.explore.journal import UNDONE, Tried
+from twin.explore.journal import REPLANNED, UNDONE, Tried
 from twin.explore.rungs import Climb, Setting, judged, keys_of, replicated_results
 from twin.host.guard import replacing
 from twin.host.progress import Report
 from twin.scenario.sections.exploration import REPLICATED
-from twin.scenario.variations import varied
-from twin.study.replications.statistics import Block, Interval, paired_interval
+from twin.scenario.variations import Variant, varied
+from twin.study.replications.statistics import (
+    Block,
+    Interval,
+    mean_interval,
+    paired_interval,
+)
 from twin.study.replications.workload import compute_block
 
 RACING, UNDOING = "best designs told apart", "what changes are worth"
+REPLANNING = "plans with other seeds"
 """Names of the stages for progress displays."""
 
 _AT_ONCE = 500
@@ -38,6 +44,9 @@ _BY_EVENTS = 200
 
 _COMPROMISES = 20
 """Most compromises that are replicated further."""
+
+_OF_PLANS = REPLICATED | {"makespan_s"}
+"""Results that another plan changes."""
 
 _RESAMPLES = 2000
 """Bootstrap resamples for the interval of what is no mean."""
@@ -73,16 +82,22 @@ class Worth:
         words: the change, in words.
         gain: by how much the goal is better with it; None where there is no design without it.
         reason: why not.
+        by_plans: of all changes at once the mean gain over several plans of both, each with another seed
+            of the planner; None where that is not known.
     """
 
     key: str
     words: str
     gain: Interval | None
     reason: str = ""
+    by_plans: Interval | None = None
 
     def content(self) -> dict[str, Any]:
         """Return it for JSON."""
-        return {**vars(self), "gain": self.gain and self.gain.content()}
+        told = {**vars(self)}
+        for name in ("gain", "by_plans"):
+            told[name] = told[name] and told[name].content()
+        return told
 
 
 class Finals:
@@ -247,9 +262,65 @@ class Finals:
                 found.append(Worth(key, words, None, reason))
                 continue
             gain = self.difference(other, best.row, count, self._section.confidence)
-            found.append(Worth(key, words, gain))
+            anew = None if key else self.gain_by_plans(other, best.row, count, crew)
+            found.append(Worth(key, words, gain, by_plans=anew))
         self._progress(UNDOING, 1, 1)
         return tuple(sorted(found, key=_greatest_first))
+
+    def gain_by_plans(
+        self, base: Tried, best: Tried, count: int, crew: Evaluators
+    ) -> Interval | None:
+        """Return the mean gain of a design over plans of both, each pair with another seed of the planner.
+
+        Among designs of which many are alike good, a search finds the one whose plan is the luckiest. Whoever
+        builds the cell may plan as often as he likes; what stays is what the design is worth over plans.
+
+        Args:
+            base, best: the scenario as it is, and the design.
+            count: of replications.
+            crew: plans and evaluates.
+
+        Returns:
+            Student's interval of the differences; None where the first goal knows no plan, or no pair of
+            plans but the first is possible.
+        """
+        exploration, own = self._exploration, self._setting.scenario.seed
+        seeds = range(own + 1, own + self._section.plans)
+        if not self._goals[0].expression.used & _OF_PLANS:
+            return None
+        wanted = [
+            (row, seed)
+            for seed in seeds
+            for row in (base, best)
+            if exploration.replanned(row.values, seed) is None
+        ]
+        first = exploration.number_of(REPLANNED)
+        tasks = [
+            DesignTask(n, self._variant(row), planner_seed=seed)
+            for n, (row, seed) in enumerate(wanted, start=first)
+        ]
+        for done, (task, evaluation) in enumerate(parallel(tasks, crew)):
+            self._progress(REPLANNING, done, len(tasks))
+            row, seed = wanted[task.number - first]
+            exploration.keep(
+                Tried(
+                    task.number, REPLANNED, row.values, 0, evaluation, about=str(seed)
+                )
+            )
+        self._progress(REPLANNING, 1, 1)
+        pairs = [(base, best)]
+        for seed in seeds:
+            one, other = (exploration.replanned(r.values, seed) for r in (base, best))
+            if one is not None and other is not None and one.done and other.done:
+                pairs.append((one, other))
+        gains = [
+            self._values(one, count)[0] - self._values(other, count)[0]
+            for one, other in pairs
+        ]
+        known = np.array(gains)[np.isfinite(gains)]
+        if len(known) < 2:
+            return None
+        return mean_interval(known, confidence=self._section.confidence)
 
     def difference(
         self,
@@ -312,9 +383,11 @@ class Finals:
 
         return value
 
+    def _variant(self, row: Tried) -> Variant:
+        return variant_of(self._exploration.dimensions, row.values)
+
     def _scenario(self, row: Tried) -> Any:
-        variant = variant_of(self._exploration.dimensions, row.values)
-        return varied(self._setting.scenario, variant)
+        return varied(self._setting.scenario, self._variant(row))
 
     def _sample(self, row: Tried, count: int) -> Array:
         """Return the first new replications of a design that is done; what was done before is in a file."""
@@ -342,8 +415,9 @@ class Finals:
         place = self._exploration.parcel_of(row)
         if place.exists():
             return place.read_bytes()
-        variant = variant_of(self._exploration.dimensions, row.values)
-        found = Climb(self._setting, variant).evaluate()
+        seed = int(row.about) if row.purpose == REPLANNED else None
+        climb = Climb(self._setting, self._variant(row), planner_seed=seed)
+        found = climb.evaluate()
         with replacing(place) as temporary:
             temporary.write_bytes(found.parcel)
         return found.parcel

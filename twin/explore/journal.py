@@ -22,6 +22,9 @@ SEARCH, UNDONE, SINGLE = "search", "undone", "single"
 """What designs are tried for: to find better ones, to see what one change of the best is worth, and each
 change of the scenario alone."""
 
+REPLANNED = "replanned"
+"""Why a design is planned once more: with the seed of the planner that its row is about."""
+
 _log = logging.getLogger(__name__)
 
 

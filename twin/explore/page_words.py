@@ -126,6 +126,8 @@ def worth_words(found: ExploreSummary) -> Iterator[str]:
         yield "no design is better than the scenario as it is"
     for item in found.worths:
         yield f"{_subject(item)} {_gain(item, text, unit)}"
+        if item.by_plans is not None:
+            yield _by_plans(item.by_plans, text, unit)
 
 
 def _subject(item: Worth) -> str:
@@ -143,8 +145,21 @@ def _gain(item: Worth, text: str, unit: str) -> str:
     )
     if gain.low == gain.high or not isfinite(gain.low):
         return f"{worth} of {text}"
-    nothing = " (it may be nothing)" if gain.low <= 0.0 <= gain.high else ""
-    return f"{worth} ({_fixed(gain.low)} to {_fixed(gain.high)}) of {text}{nothing}"
+    return (
+        f"{worth} ({_fixed(gain.low)} to {_fixed(gain.high)}) of {text}{_doubt(gain)}"
+    )
+
+
+def _doubt(gain: Interval) -> str:
+    return " (it may be nothing)" if gain.low <= 0.0 <= gain.high else ""
+
+
+def _by_plans(gain: Interval, text: str, unit: str) -> str:
+    """Say what a design is worth over plans: the luck of one is not taken for it."""
+    return (
+        f"over {gain.count} plans of either, each with another seed of the planner, it is worth"
+        f" {span(gain)}{unit} of {text}{_doubt(gain)}"
+    )
 
 
 def importance_words(found: ExploreSummary) -> Iterator[str]:

@@ -122,6 +122,7 @@ class Climb:
         setting: of the exploration.
         variant: what the design changes about the scenario.
         longest_turns_s: a plan without shortcuts that is longer is behind [s].
+        planner_seed: in place of the scenario's; draws stay those of the scenario.
         began: told of each rung when it is begun.
     """
 
@@ -130,9 +131,12 @@ class Climb:
         setting: Setting,
         variant: Variant,
         longest_turns_s: float = np.inf,
+        planner_seed: int | None = None,
+        *,
         began: Callable[[str], None] = lambda rung: None,
     ) -> None:
         self._setting, self._variant = setting, variant
+        self._planner_seed = planner_seed
         self._longest_turns_s, self._began = longest_turns_s, began
         self._rung, self._since = CHECK, time.process_time()
         self._cpu_s = dict[str, float]()
@@ -178,6 +182,8 @@ class Climb:
         layout, part = own, layout_of(self._variant)
         if part != self._variant:
             layout = varied(setting.scenario, part)
+        if self._planner_seed is not None:
+            layout = layout.changed(seed=self._planner_seed)
         _, turns = _motions(Planned(layout, setting.folder))
         if turns is not None and products(own) == 1:  # it is that of one product
             turns_s = float(earliest_times(turns).makespan)

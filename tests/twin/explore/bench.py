@@ -29,7 +29,8 @@ class Bench(Crew):
         self._evaluate = evaluate or self._climb
 
     def _climb(self, task: DesignTask) -> Evaluation:
-        return Climb(self._setting, task.variant, task.longest_turns_s).evaluate()
+        limits = task.longest_turns_s, task.planner_seed
+        return Climb(self._setting, task.variant, *limits).evaluate()
 
     @property
     def idle(self) -> int:

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.twin.explore.bench import Bench, exploration_of, setting_of
 from tests.twin.explore.sliders import EXPLORE, slider_file
 from tests.twin.program import invoke
 from twin.explore.chosen import scenario_text
+from twin.explore.crew import DesignTask
 from twin.explore.dimensions import Dimension
 from twin.explore.finals import Finals
 from twin.explore.influence import front, importances
@@ -95,7 +97,8 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
     assert all(item.apart for item in race[1:]), "0.4 s of difference, 0.02 s of noise"
     bench = Bench(setting)
     worths = {item.key: item for item in finals.worths(best, bench)}
-    assert len(bench.evaluated) == 1, "of two designs without a change one is known"
+    replanned = 2 * (section.plans - 1)
+    assert len(bench.evaluated) == 1 + replanned, "of two without a change one is known"
     # 0.4 s, and 8 nodes fewer of which each takes 0.01 s longer on average.
     gain = {"makespan_s": 0.4, "2 * mean_s + robots": 0.96}.get(goal, 0.48)
     for item in worths.values():
@@ -109,6 +112,46 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
     # What was replicated is not replicated again.
     again = Finals(exploration, setting, report_nothing).race()
     assert [f.goals for f in again] == [f.goals for f in race]
+
+
+def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) -> None:
+    file = slider_file(tmp_path)
+    section = setting_of(file).section.changed(plans=4)
+    setting = setting_of(file, section)
+    exploration = exploration_of(setting, tmp_path / "out")
+    luck = {0: (0.0, -0.3), 1: (0.1, 0.0), 2: (-0.1, 0.2), 3: (0.0, 0.0)}
+
+    def lucky(found: Evaluation, change_s: float) -> Evaluation:
+        length = found.results["makespan_s"] + change_s
+        return replace(found, results={"makespan_s": length}, goals=(length,))
+
+    def evaluated(task: DesignTask) -> Evaluation:
+        climb = Climb(setting, task.variant, planner_seed=task.planner_seed)
+        assert task.planner_seed is not None
+        moved = bool(task.variant)
+        return lucky(climb.evaluate(), luck[task.planner_seed][moved])
+
+    rows = []
+    for number, left in enumerate((-0.3, 0.0)):
+        values = {LEFT: left, RIGHT: 0.3}
+        found = Climb(setting, {LEFT: left} if number else {}).evaluate()
+        row = Tried(number, SEARCH, values, 0, lucky(found, luck[0][number]))
+        exploration.keep(row)
+        rows.append(row)
+    bench = Bench(setting, 2, evaluated)
+    finals = Finals(exploration, setting, report_nothing)
+    gain = finals.gain_by_plans(*rows, 0, bench)
+    every = [one - other for one, other in luck.values()]
+    shared = rows[0].evaluation.goals[0] - rows[1].evaluation.goals[0] - every[0]
+    assert gain is not None
+    told = stats.ttest_1samp(np.array(every) + shared, 0.0).confidence_interval(0.95)
+    assert gain.estimate == pytest.approx(np.mean(every) + shared)
+    assert (gain.low, gain.high) == pytest.approx((told.low, told.high))
+    assert len(bench.evaluated) == 6
+    again = Finals(exploration_of(setting, tmp_path / "out"), setting, report_nothing)
+    assert again.gain_by_plans(*rows, 0, Bench(setting)) == gain, (
+        "all is in the journal"
+    )
 
 
 def test_designs_that_do_not_differ_are_not_told_apart(tmp_path: Path) -> None:

@@ -140,6 +140,8 @@ class ExploreSection(Section):
         replications: of each design that is planned, all with the same draws.
         finalists: how many of the best are told apart in the end.
         most_replications: of each finalist, where it takes so many to tell them apart.
+        plans: how often the best design and the scenario as it is are planned, each time with another seed of
+            the planner, so that what the design is worth is told apart from the luck of its plan.
         confidence: of all intervals.
         efforts: of single changes by their kind, in any unit: of another order of steps, HOME, grip, place of
             a feeder or of a base, and of a quicker tool.
@@ -161,6 +163,7 @@ class ExploreSection(Section):
     replications: Annotated[int, Field(ge=2, le=10_000)] = 50
     finalists: Annotated[int, Field(ge=1, le=20)] = 3
     most_replications: Annotated[int, Field(ge=2, le=100_000)] = 2000
+    plans: Annotated[int, Field(ge=1, le=100)] = 5
     confidence: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.95
     efforts: dict[Kind, Annotated[float, Field(gt=0, le=1e9)]] = Field(
         default_factory=dict
