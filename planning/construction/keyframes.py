@@ -23,7 +23,7 @@ from planning.construction.step_scenes import StepScenes
 from planning.construction.world.timeline import SkillMotion, skill_motion
 from planning.transforms import Array, Transform
 
-_TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
+TURNS = (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
 """Turns of the tool about its z axis in which a grip is tried [rad]."""
 
 _LIFT = 0.05
@@ -123,6 +123,28 @@ class KeyframeSolver:
     settings: KeyframeSettings
     rng: np.random.Generator
 
+    def in_hand(self, robots: tuple[str, ...], hold: Hold) -> Iterator[Keyframes]:
+        """Yield keyframes of what a robot has in its hand, and puts in place or hands over.
+
+        Args:
+            robots: who has it in hand, in order; at most two.
+            hold: how the first of them has it.
+        """
+        if len(robots) == 1:
+            if places := self.places(robots[0], hold):
+                yield Keyframes((hold,), (), places)
+            return
+        checker = self.scenes.held(robots[0], hold, at_goal=False)
+        having = checker.start_configuration(), checker.start
+        part = self.scenes.part
+        for grip in self.bounds.place_grips(robots[-1], part):
+            for turn in TURNS if part.grips_apart(hold.grip, grip) else ():
+                holds = hold, Hold(grip, turn)
+                if not (places := self.places(robots[-1], holds[1])):
+                    continue
+                if meetings := self.meetings((robots[0], robots[1]), holds, having):
+                    yield Keyframes(holds, (), places, (meetings,))
+
     def alone(self, robot: str) -> Iterator[Keyframes]:
         """Yield keyframes of one robot that picks and places, for one hold after another.
 
@@ -176,7 +198,7 @@ class KeyframeSolver:
         )
         for grips in product(first, *middle, last):
             if all(part.grips_apart(a, b) for a, b in pairwise(grips)):
-                for turns in product(_TURNS, repeat=len(team)):
+                for turns in product(TURNS, repeat=len(team)):
                     yield tuple(map(Hold, grips, turns))
 
     def meetings(
@@ -336,7 +358,7 @@ class KeyframeSolver:
 def holds_of(bounds: ReachBounds, robot: str, part: Part) -> list[Hold]:
     """Return the holds with which a robot can both pick and place a part."""
     grips = set(bounds.pick_grips(robot, part)) & set(bounds.place_grips(robot, part))
-    return [Hold(grip, turn) for grip in sorted(grips) for turn in _TURNS]
+    return [Hold(grip, turn) for grip in sorted(grips) for turn in TURNS]
 
 
 def common(a: Array, b: Array) -> Array:

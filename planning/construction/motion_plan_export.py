@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
 from planning.construction.checks.scene import HALVINGS
 from planning.construction.piece_conflicts import conflicting_pieces
 from planning.construction.problem.problem import ConstructionProblem
@@ -55,7 +54,7 @@ def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
     return export_motion_plan(
         building.world,
         [task for line in lines for task in _tasks(building, line)],
-        rests_on=_rests_on(problem, building),
+        rests_on=rests_on(problem, building),
         covers=problem.graph.covers,
         kept={part: keeping.last for part, keeping in building.kept.items()},
     )
@@ -68,7 +67,7 @@ def _tasks(building: Building, line: RobotTimeline) -> Iterator[PlannedTask]:
         (w for w in building.work if robot in (w.robot, w.holder)),
         key=lambda w: w.start,
     )
-    at, carried = float(line.time[0]), None
+    at, carried = float(line.time[0]), _in_hand(building, robot)
     for work in own:
         span = (at, work.start)
         yield from _transit(line, span, f"to {work.object}", work, carried)
@@ -80,8 +79,23 @@ def _tasks(building: Building, line: RobotTimeline) -> Iterator[PlannedTask]:
         if keeping is not None and (work.kind, work.robot) == ("place-down", robot):
             # It stands until then; on its way back it leaves the part that it kept hold of.
             at, carried = keeping.end, work.object
-    if own:
-        yield from _transit(line, (at, line.end), "HOME", own[-1], carried)
+    done = own[-1] if own else _nothing(building, robot)
+    yield from _transit(line, (at, line.end), "HOME", done, carried)
+
+
+def _in_hand(building: Building, robot: str) -> str | None:
+    """Return what a robot has in its hand when the plan begins."""
+    begins = {
+        k: own.changes[0] for k, own in building.world.objects.items() if own.changes
+    }
+    own = (k for k, c in begins.items() if np.isneginf(c.time) and c.holder == robot)
+    return next(own, None)
+
+
+def _nothing(building: Building, robot: str) -> PlannedTask:
+    """Return what a robot has done that only goes out of others' way."""
+    line = building.world.robots[robot]
+    return PlannedTask(robot, TRANSIT, line.time[:1], line.path[:1], 1, "HOME")
 
 
 def _transit(
@@ -101,7 +115,7 @@ def _transit(
     if not np.any(path[1:] != path[:-1]):
         return
     touching = NOTHING if carried is None else gripped(line.robot, carried)
-    if work.holder == line.robot != work.robot:
+    if line.robot != work.robot and work.holder == line.robot:
         # It stands with both pads at the part while that changes hands.
         part = str(work.object)
         touching |= gripped(line.robot, part) | gripped(work.robot, part)
@@ -132,7 +146,7 @@ def _last_at(line: RobotTimeline, t: float) -> Array:
     return line.at(t)
 
 
-def _rests_on(
+def rests_on(
     problem: ConstructionProblem, building: Building
 ) -> dict[str, tuple[str, ...]]:
     """Return which parts must be in place before which."""
@@ -169,7 +183,7 @@ def export_motion_plan(
     cell = world.cell
     robots = [robot.name for robot in cell.robots]
     tasks = sorted(planned, key=lambda t: (t.start, t.end, robots.index(t.robot)))
-    motions = _motions(cell, tasks, _cut(world, tasks))
+    motions = _motions(world, tasks, _cut(world, tasks))
     handled = [(h, k) for k, task in enumerate(tasks) for h in task.handlings]
     placed = {h.object: k for h, k in handled if h.holder is None}
     taken = {h.object: k for h, k in reversed(handled)}
@@ -306,11 +320,11 @@ def _tasks_of(
 
 
 def _motions(
-    cell: Workcell, tasks: Sequence[PlannedTask], cut: Mapping[str, _Cut]
+    world: FixedWorld, tasks: Sequence[PlannedTask], cut: Mapping[str, _Cut]
 ) -> list[TaskMotion]:
     """Return the path of every task, a waypoint at the end of every piece."""
     out = []
-    last = {robot.name: robot.home for robot in cell.robots}
+    last = {name: line.path[0] for name, line in world.robots.items()}
     for task in tasks:
         if task.kind != TRANSIT:
             path, time = np.array(task.path), np.array(task.time)

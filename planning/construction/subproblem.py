@@ -28,6 +28,7 @@ from planning.construction.keyframes import (
 from planning.construction.paths.rrt import space_time_rrt
 from planning.construction.problem.problem import (
     ConstructionProblem,
+    Hold,
     Part,
     RrtSettings,
     SubproblemSettings,
@@ -202,6 +203,7 @@ class Attempt:
         latest: the part must be in its place by then [s].
         lost: a way with which robots lose as much time as that is of no use [s].
         keep: who places the part keeps hold of it.
+        hold: how the first robot has it in the hand already; None where it is to be picked.
     """
 
     part: Part
@@ -212,6 +214,7 @@ class Attempt:
     latest: float = np.inf
     lost: float = np.inf
     keep: bool = False
+    hold: Hold | None = None
 
 
 @dataclass(frozen=True)
@@ -265,7 +268,11 @@ class SubproblemSolver:
         solver = KeyframeSolver(
             scenes, self.bounds, earliest_times, settings.keyframes, rng
         )
-        options = solver.alone(*team) if len(team) == 1 else solver.handed_over(*team)
+        if attempt.hold is not None:
+            options = solver.in_hand(team, attempt.hold)
+        else:
+            one = len(team) == 1
+            options = solver.alone(*team) if one else solver.handed_over(*team)
         legs = LegPlanner(settings.rrt, rng, self.watch)
         for _ in range(settings.holds):
             with self.watch.time("keyframes"):
@@ -319,25 +326,13 @@ class SubproblemSolver:
             hints: places on a way out for the first robot, shape (h, n).
         """
         problem, part, team = self.problem, attempt.part, attempt.robots
-        robot, hold = team[0], keyframes.holds[0]
+        robot, late, lost = team[0], 0.0, 0.0
         latest = attempt.latest - problem.seconds_of("place-down", team[-1], part)
-        leg = legs.allowing_delay(self._spare(robot, keyframes)).leg(
-            building,
-            robot,
-            keyframes.picks,
-            hints=hints,
-            latest=latest - problem.seconds_of("pick", robot, part),
-            most_loss=attempt.lost,
-        )
-        if leg is None or leg.lost >= attempt.lost:
-            return None
-        building, pick, start, earliest, lost = leg
-        late = start - earliest
-        pose = problem.held_in_flange(robot, part, *hold)
-        touching = gripped(robot, part.name) | problem.start_contacts[part.name]
-        building = building.worked(
-            pick.motion, "pick", part.name, start, robot, pose, touching
-        )
+        if attempt.hold is None:
+            picked = self._pick(building, attempt, keyframes, legs, hints, latest)
+            if picked is None:
+                return None
+            building, late, lost = picked
         for k, robots in enumerate(pairwise(team)):
             met = self._hand_over(building, part, robots, keyframes, k, legs)
             if met is None:
@@ -368,6 +363,37 @@ class SubproblemSolver:
             return Solution(replace(building, kept=kept), late, lost + more)
         done = legs.retreat(building, robot)
         return None if done is None else Solution(done, late, lost + more)
+
+    def _pick(
+        self,
+        building: Building,
+        attempt: Attempt,
+        keyframes: Keyframes,
+        legs: LegPlanner,
+        hints: Array,
+        latest: float,
+    ) -> tuple[Building, float, float] | None:
+        """Return the state with the part in the first robot's hand, how late it is and what is lost [s]."""
+        problem, part = self.problem, attempt.part
+        robot, hold = attempt.robots[0], keyframes.holds[0]
+        leg = legs.allowing_delay(self._spare(robot, keyframes)).leg(
+            building,
+            robot,
+            keyframes.picks,
+            hints=hints,
+            latest=latest - problem.seconds_of("pick", robot, part),
+            most_loss=attempt.lost,
+        )
+        if leg is None or leg.lost >= attempt.lost:
+            return None
+        building, pick, start, earliest, lost = leg
+        late = start - earliest
+        pose = problem.held_in_flange(robot, part, *hold)
+        touching = gripped(robot, part.name) | problem.start_contacts[part.name]
+        building = building.worked(
+            pick.motion, "pick", part.name, start, robot, pose, touching
+        )
+        return building, late, lost
 
     def _spare(self, robot: str, keyframes: Keyframes) -> float:
         """Return how much later than possible a part may be picked and still be in time [s]."""

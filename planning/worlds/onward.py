@@ -114,7 +114,8 @@ def plan_onward(
     away = (*_away(cell, world, left), *sorted(now.aside))
     items += [_Item(_to(world, name, cell.robot(name).home)) for name in away]
     burdens = _burdens(world, left)
-    items += [_Item(_taken_out(cell, world, *item)) for item in burdens.items()]
+    for robot, name in burdens.items():
+        items.append(_Item(_once(partial(taken_out, cell, world, robot, name))))
     undone = frozenset(plan[step].object for step in now.given_up if step in kept)
     scrap = Scrap(world, work.passing, undone)
     goes_on = {item.step.step: item for item in left if not item.ends}
@@ -311,25 +312,29 @@ def _burdens(world: World, left: list[Leftover]) -> dict[str, str]:
     }
 
 
-def _taken_out(
-    cell: Workcell, world: World, robot: str, name: str
-) -> Callable[[int], Iterator[StepTasks]]:
-    """Return how a robot stands at HOME until what it holds has been taken from it."""
+def taken_out(
+    cell: Workcell, world: World, robot: str, name: str, first: int
+) -> StepTasks:
+    """Return how a robot stands at HOME until what it holds has been taken from it.
 
-    def numbered(first: int) -> StepTasks:
-        placed = cell.robot(robot)
-        pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
-        gone = (
-            Handling(name, 1, None, readonly(pose)),
-            Handling(name, 1, GONE, readonly(pose)),
-        )
-        path, label = readonly(placed.home[None]), f"{name} is taken out"
-        task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
-        # As it is let go of, it is still where the tool touches it.
-        touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
-        return StepTasks(1, (task,), (), (touches,))
-
-    return _once(numbered)
+    Args:
+        cell: with the robot.
+        world: in which it holds that.
+        robot: who does.
+        name: what it holds.
+        first: index of the task.
+    """
+    placed = cell.robot(robot)
+    pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
+    gone = (
+        Handling(name, 1, None, readonly(pose)),
+        Handling(name, 1, GONE, readonly(pose)),
+    )
+    path, label = readonly(placed.home[None]), f"{name} is taken out"
+    task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
+    # As it is let go of, it is still where the tool touches it.
+    touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
+    return StepTasks(1, (task,), (), (touches,))
 
 
 def _to(world: World, robot: str, q: Array) -> Callable[[int], Iterator[StepTasks]]:

@@ -301,26 +301,29 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield what falls, from when to when, by the static equilibrium of what is in place.
 
     What is elsewhere, such as in the supply, is taken to lie well. Parts are the bodies that the
-    plan's cell has; where they are is what was executed.
+    plan's cell has; where they are is what was executed. Another part of its kind may have a part's place.
     """
     rules, cell = case.wanted.statics, case.cell
     if rules is None:
         return
     goals = {p.object: p.pose for p in case.wanted.places if p.object is not None}
     bodies = {name: body_at(cell.object(name), pose) for name, pose in goals.items()}
+    kinds = {name: cell.object(name).kind for name in goals}
+    alike = {n: [k for k in goals if kinds[k] == kinds[n] and k != n] for n in goals}
     standing = Standing(bodies, ground_of(cell, bodies), rules)
     since: tuple[float, str, str] | None = None
     kept = held_in_place(case)
     ends = [until for _, until in kept.values() if 0.0 < until <= case.end]
     for t, there in case.states(*ends):
-        placed = [
-            name
-            for name, pose in goals.items()
-            if (stay := there.get(name)) is not None
-            and stay.holder is None
-            and distance_of(cell.object(name), stay.pose, pose) <= PLACED
-        ]
-        held = [n for n in placed if n in kept and kept[n][0] <= t < kept[n][1]]
+        placed, held = [], []
+        for name, pose in goals.items():
+            who = next(
+                (n for n in (name, *alike[name]) if _at(cell, there, n, pose)), None
+            )
+            if who is not None:
+                placed.append(name)
+                if who in kept and kept[who][0] <= t < kept[who][1]:
+                    held.append(name)
         body = standing.falling(placed, joints=standing.joints, held=held)
         if since is not None and body != since[1]:
             yield _fallen(since, t)
@@ -329,6 +332,14 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
             since = t, body, standing.why(body, placed)
     if since is not None:
         yield _fallen(since, case.end)
+
+
+def _at(cell: Workcell, there: Mapping[str, Stay], name: str, at: Transform) -> bool:
+    """Tell whether an object lies at a place."""
+    stay = there.get(name)
+    if stay is None or stay.holder is not None:
+        return False
+    return distance_of(cell.object(name), stay.pose, at) <= PLACED
 
 
 def _fallen(since: tuple[float, str, str], until: float) -> Violation:

@@ -20,6 +20,7 @@ from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.committed import Recut
+from twin.operate.constructing import ConstructionRecovery
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
 from twin.operate.rolling import (
@@ -27,7 +28,7 @@ from twin.operate.rolling import (
     RollingExecution,
     Version,
 )
-from twin.planning.kind import PlannedMotions, assembly_kind
+from twin.planning.kind import PlannedMotions
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
@@ -137,9 +138,13 @@ def operate(
     tpg = _with_late(tpg, [item.part for item in late])
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
-    planner = Recovery(scenario, motions, tpg, draw, person)
-    if halting:
-        planner.cuts = (Recut(steps=False, aside=True),)
+    planner: Recovery | ConstructionRecovery
+    if motions.work is None:
+        planner = ConstructionRecovery(scenario, motions, tpg, draw)
+    else:
+        planner = Recovery(scenario, motions, tpg, draw, person)
+        if halting:
+            planner.cuts = (Recut(steps=False, aside=True),)
     simulated = RollingDrivenExecution if is_driven(tpg) else RollingExecution
     cell = (cell_of or simulated)(
         tpg,
@@ -205,7 +210,10 @@ def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:
     Raises:
         RequestError: names the part.
     """
-    assert motions.work is not None
+    if motions.work is None:
+        if late:
+            raise RequestError(f"{late[0]} is late: parts of a construction may not be")
+        return
     primaries = motions.work.problem.primaries
     picked = {item.object for item in primaries}
     for name in late:
@@ -242,12 +250,6 @@ def require_rolling(scenario: Scenario) -> None:
     Raises:
         RequestError: says why.
     """
-    kind = assembly_kind(scenario.assembly)
-    if kind.at_once:
-        raise RequestError(
-            f"a {scenario.assembly.kind} is planned in space and time at once: it cannot be planned"
-            " anew while it is executed"
-        )
     if (policy := scenario.execution.policy) != "asynchronous":
         raise RequestError(
             f"policy {policy!r}: only asynchronous execution can be planned anew",

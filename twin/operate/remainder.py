@@ -31,6 +31,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.alone import alone, going_on
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from twin.operate.committed import Committed, Recut
+from twin.operate.constructing import ConstructionRecovery
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
 from twin.operate.rolling import Failure, Incident
@@ -69,21 +70,26 @@ def plan_remainder(
     Raises:
         RequestError: something cannot go on, or nothing is left.
     """
-    assert motions.work is not None
     done = complete_tasks(tpg, counts)
     world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
-    _require_tried_once(tpg, world)
-    chosen = _choices_of(motions.work, motions.task_plan, world.begun())
     before = [h for h in tpg.handlings if h.node < counts[h.robot]]
-    planner = Recovery(
-        _with_shortcuts(scenario),
-        replace(motions, task_plan=chosen),
-        tpg,
-        _nobody_draws,
-        Person(None, scenario.seed),
-        {h.object for h in before if h.holder == GONE},
-        cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
-    )
+    gone = frozenset(h.object for h in before if h.holder == GONE)
+    planner: Recovery | ConstructionRecovery
+    if motions.work is None:
+        planner = ConstructionRecovery(scenario, motions, tpg, _nobody_draws, gone)
+        planner.steps = False
+    else:
+        _require_tried_once(tpg, world)
+        chosen = _choices_of(motions.work, motions.task_plan, world.begun())
+        planner = Recovery(
+            _with_shortcuts(scenario),
+            replace(motions, task_plan=chosen),
+            tpg,
+            _nobody_draws,
+            Person(None, scenario.seed),
+            gone,
+            cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
+        )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts)
     union, new, at = planner.plan_alone(tpg, incident)
     first = len(at.committed.tasks)
@@ -126,7 +132,9 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
             )
 
 
-def _require_whole(planner: Recovery, new: TemporalPlanGraph, at: Committed) -> None:
+def _require_whole(
+    planner: Recovery | ConstructionRecovery, new: TemporalPlanGraph, at: Committed
+) -> None:
     """Refuse what cannot go on.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -183,12 +183,19 @@ class ConstructionKind(AssemblyKind):
             for part in self.section.parts
         )
 
-    def problem(self, cell: Workcell, settings: MotionSettings) -> ConstructionProblem:
+    def problem(
+        self,
+        cell: Workcell,
+        settings: MotionSettings,
+        parts: Sequence[ModelPart] | None = None,
+    ) -> ConstructionProblem:
         """Return the construction problem, checked as far as lower bounds go.
 
         Args:
             cell: built of the same scenario.
             settings: nominal durations of the skills, and the seed of everything that is drawn.
+            parts: those that are placed where not all are, or elsewhere than the file says; such a problem
+                is not checked.
 
         Raises:
             ConstructionError: it cannot be built as it is, or not by these robots.
@@ -212,7 +219,7 @@ class ConstructionKind(AssemblyKind):
         }
         problem = build_problem(
             cell,
-            self.parts,
+            self.parts if parts is None else parts,
             offsets=self.section.grips.offsets_m,
             insertions=insertions,
             approach=self.section.approach_m,
@@ -231,7 +238,8 @@ class ConstructionKind(AssemblyKind):
             statics=self._statics(),
             seed=settings.seed,
         )
-        require_buildable(problem)
+        if parts is None:
+            require_buildable(problem)
         return problem
 
 

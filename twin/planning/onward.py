@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.motion.known_motions import KnownMotions
+from planning.motion.known_motions import KnownMotions, MotionPlan
 from planning.tasks.task import Task
 from planning.worlds.onward import Onward, Situation, plan_onward
-from planning.worlds.world import in_world, taken_up
+from planning.worlds.world import World, in_world, taken_up
 from scheduling.build_tpg import build_nodes, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -70,20 +70,7 @@ def plan_from(
     assert motions.work is not None
     with watch.stage("motion"):
         onward = plan_onward(cell, motions.work, motions.settings, now, known=known)
-    plan = onward.motions
-    busy = frozenset(task.robot for task in plan.tasks)
-    first = now.world.tasks
-    inside = plan.dependencies[np.all(plan.dependencies >= first, axis=1)]
-    begins = replace(
-        plan,
-        cell=in_world(plan.cell, now.world, busy),
-        tasks=taken_up(plan.tasks, now.world),
-        dependencies=inside,
-    )
-    with watch.stage("tpg"):
-        nodes = build_nodes(begins)
-        whole = replace(nodes, tasks=(*before[:first], *nodes.tasks))
-        tpg = connect_nodes(DerivedTpg(whole))
+    tpg = graph_from(onward.motions, now.world, before, watch)
     if candidates and len(tpg.chains):
         with watch.stage("shortcut"):
             tpg = shorten_tpg(
@@ -94,3 +81,28 @@ def plan_from(
                 seed=scenario.seed,
             )
     return OnwardPlan(onward, timed(tpg, scenario, watch))
+
+
+def graph_from(
+    plan: MotionPlan, world: World, before: Sequence[Task], watch: StageWatch
+) -> TemporalPlanGraph:
+    """Return the graph of motions that begin in a world.
+
+    Args:
+        plan: of the new tasks, whose indices go on from the world's.
+        world: where it begins.
+        before: see ``plan_from``.
+        watch: measures the stage.
+    """
+    busy, first = frozenset(task.robot for task in plan.tasks), world.tasks
+    inside = plan.dependencies[np.all(plan.dependencies >= first, axis=1)]
+    begins = replace(
+        plan,
+        cell=in_world(plan.cell, world, busy),
+        tasks=taken_up(plan.tasks, world),
+        dependencies=inside,
+    )
+    with watch.stage("tpg"):
+        nodes = build_nodes(begins)
+        whole = replace(nodes, tasks=(*before[:first], *nodes.tasks))
+        return connect_nodes(DerivedTpg(whole))

@@ -166,6 +166,7 @@ class ConstructionProblem:
         statics: friction and joints by which everything must always stand; None if that is not
             looked at.
         seed: of everything that is drawn.
+        idle: robots that only stand where they are.
     """
 
     cell: Workcell
@@ -177,6 +178,7 @@ class ConstructionProblem:
     carried: bool = True
     statics: StandingRules | None = None
     seed: int = 0
+    idle: frozenset[str] = frozenset()
 
     @cached_property
     def balance(self) -> SiteBalance:
@@ -189,8 +191,9 @@ class ConstructionProblem:
 
     @cached_property
     def team(self) -> tuple[str, ...]:
-        """Names of the robots."""
-        return tuple(robot.name for robot in self.cell.robots)
+        """Names of the robots that work."""
+        names = (robot.name for robot in self.cell.robots)
+        return tuple(name for name in names if name not in self.idle)
 
     def part(self, name: str) -> Part:
         """Return the part called ``name``; KeyError lists no choices: names are checked."""

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -115,6 +115,10 @@ class FixedWorld:
         }
         object.__setattr__(self, "robots", MappingProxyType(robots))
         object.__setattr__(self, "objects", MappingProxyType(objects))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how it is made anew in another process."""
+        return type(self), (self.cell, dict(self.robots), dict(self.objects))
 
     @property
     def end(self) -> float:

@@ -223,8 +223,6 @@ def test_robots_that_are_out_are_operated(plan: PlanResult, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("scenario", "options", "words"),
     [
-        ("tower", {}, "planned in space and time at once"),
-        ("kitting", {}, "machines"),
         ("cliff", {"policies": ["open-loop"]}, "'open-loop' cannot be planned anew"),
         ("cliff", {"vary": {"policy": ["sequential"]}}, "only asynchronous"),
         ("cliff", {"vary": {"robots": [1, 2]}}, "study each layout by itself"),

@@ -1,0 +1,166 @@
+"""Constructions that go on from the middle: the parts that are left, one after another, from where everything is.
+
+Robots stand anywhere at rest, some parts stand in their places, and robots may have others in their hands, by
+which they put them in place first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, islice
+
+import numpy as np
+
+from planning.cell.workcell import Attachment
+from planning.construction.candidates import Skeleton, rank_parts, skeletons
+from planning.construction.keyframes import TURNS
+from planning.construction.problem.problem import (
+    ConstructionProblem,
+    Hold,
+    Part,
+    PlannerSettings,
+)
+from planning.construction.problem.reach_bounds import reach_bounds
+from planning.construction.subproblem import Attempt, LegPlanner, SubproblemSolver
+from planning.construction.world.fixed_world import Building, FixedWorld, lying_at
+from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
+from planning.kinematics.kinematics import frame_pose
+from planning.steps.skill import NOTHING, gripped
+from planning.transforms import Array
+
+_ALWAYS = float("-inf")
+_SAME = 1e-6
+"""Configurations and poses that differ by less are the same."""
+
+_TEAMS = 8
+"""Teams that are tried for a part, before another one is."""
+
+
+@dataclass(frozen=True)
+class Middle:
+    """Where a construction goes on.
+
+    Attributes:
+        configurations: of all robots, by name.
+        placed: parts that are in their places, in their order.
+        held: parts in hands.
+    """
+
+    configurations: Mapping[str, Array]
+    placed: tuple[str, ...] = ()
+    held: Mapping[str, Attachment] = field(default_factory=dict)
+
+    def building(self, problem: ConstructionProblem) -> Building:
+        """Return the state of the search there."""
+        robots = {
+            name: RobotTimeline(name, np.zeros(1), q[None])
+            for name, q in self.configurations.items()
+        }
+        world = FixedWorld(problem.cell, robots)
+        for name in self.placed:
+            world = lying_at(world, name, problem.part(name).goal)
+        for name, at in self.held.items():
+            line = ObjectTimeline(name).then(_ALWAYS, at.holder, at.pose)
+            world = world.with_object(line)
+        return Building(world, placed=dict.fromkeys(self.placed, 0.0))
+
+
+def plan_rest(
+    problem: ConstructionProblem, middle: Middle, effort: PlannerSettings
+) -> Building:
+    """Return the state in which all is placed that can be, and every robot that is not out is at HOME.
+
+    Args:
+        problem: all parts that stand or are to.
+        middle: where it goes on.
+        effort: of the search.
+    """
+    return _Rest(problem, middle, effort).building
+
+
+class _Rest:
+    """Searches what is left, and takes nothing back."""
+
+    def __init__(
+        self, problem: ConstructionProblem, middle: Middle, effort: PlannerSettings
+    ) -> None:
+        self.problem, self.effort = problem, effort
+        self.solver = SubproblemSolver(reach_bounds(problem), effort.subproblem)
+        self.rng = np.random.default_rng([problem.seed, 8, len(middle.placed)])
+        self.holds = {
+            name: (str(at.holder), hold)
+            for name, at in middle.held.items()
+            if (hold := self._hold_of(name, at)) is not None
+        }
+        self.busy = {str(at.holder): name for name, at in middle.held.items()}
+        self.building = self._out_of_the_way(middle.building(problem))
+        while (after := self._next()) is not None:
+            self.building = after
+
+    def _hold_of(self, name: str, at: Attachment) -> Hold | None:
+        """Return how a part is held; None where it is none of the problem's."""
+        parts = {part.name: part for part in self.problem.parts}
+        if name not in parts or at.holder not in self.problem.team:
+            return None
+        for grip in range(len(parts[name].grips)):
+            for turn in TURNS:
+                pose = self.problem.held_in_flange(at.holder, parts[name], grip, turn)
+                if np.allclose(pose, at.pose, atol=_SAME):
+                    return Hold(grip, turn)
+        return None
+
+    def _out_of_the_way(self, building: Building) -> Building:
+        """Return the state in which robots go HOME with what they hold, until there is something to do."""
+        legs = LegPlanner(self.effort.subproblem.rrt, self.rng, self.solver.watch)
+        for name in self.problem.team:
+            robot = self.problem.cell.robot(name)
+            here = building.world.robots[name].path[-1]
+            if np.abs(here - robot.home).max() > _SAME:
+                part = self.busy.get(name)
+                allowed = NOTHING if part is None else gripped(name, part)
+                leg = legs.leg(building, name, (), allowed=allowed, work=False)
+                building = building if leg is None else leg.building
+        return building
+
+    def _next(self) -> Building | None:
+        """Return the state with one more part in its place, None where none can be placed."""
+        names = self._ranked()
+        for low, effort in ((True, 0), (False, 0), (False, 1)):
+            for name in names:
+                part = self.problem.part(name)
+                for k, robots in enumerate(islice(self._teams(part), _TEAMS)):
+                    seed = [self.problem.seed, 9, self.building.step, k, effort, low]
+                    held = self.holds.get(name)
+                    hold = None if held is None else held[1]
+                    tried = Attempt(part, robots, seed, effort, low, hold=hold)
+                    done = self.solver.solve(self.building, tried)
+                    if done is not None:
+                        self.busy = {r: p for r, p in self.busy.items() if p != name}
+                        return done.building
+        return None
+
+    def _teams(self, part: Part) -> Iterator[Skeleton]:
+        """Yield who may place a part: who has it in the hand goes on with it."""
+        if part.name in self.busy.values() and part.name not in self.holds:
+            return
+        holder, _ = self.holds.get(part.name, (None, None))
+        teams = skeletons(self.solver.bounds, self.building, part)
+        if holder is not None:
+            others = (name for name in self.problem.team if name != holder)
+            teams = chain([(holder,)], ((holder, other) for other in others))
+        busy = self.busy.keys() - {holder}
+        yield from (robots for robots in teams if busy.isdisjoint(robots))
+
+    def _ranked(self) -> Sequence[str]:
+        """Return the parts that may be placed next: those in hands first, then the best."""
+        world = self.building.world
+        robot = min(self.problem.team, key=world.free_from, default=None)
+        if robot is None:
+            return ()
+        free = world.free_from(robot)
+        q = world.robots[robot].at(free)
+        tool = frame_pose(self.problem.cell.robot(robot), q, self.problem.frame)[:3, 3]
+        placed = self.building.placed
+        ranked = rank_parts(self.problem, placed, {}, self.rng, free, tool)
+        return sorted(ranked, key=lambda name: name not in self.holds)

@@ -1,0 +1,134 @@
+"""Constructions go on from the middle: parts in hands are placed first, what is lost is replaced by its like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import twin
+from planning.errors import RequestError
+from planning.tasks.task import FAILED, GONE, TAKEN_OUT
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.invariant import check_invariant
+from scheduling.rolling.cut import state_at
+from scheduling.verification.verify import verify_plan
+from tests.twin.operate.operated import lost, operated
+from twin.operate.operation import Operation
+from twin.planning.kind import assembly_kind
+from twin.recorders.observers import MemoryRecorder
+from twin.trial.loaded_scenario import load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate
+from twin.trial.simulation import execute
+
+ROOT = Path(__file__).parents[3] / "scenarios" / "construction"
+LEVELS = 6
+
+
+@pytest.fixture(scope="module")
+def plan() -> PlanResult:
+    """A low tower, by three robots."""
+    few = {"assembly.model.levels": LEVELS, "cell.team.count": 3}
+    return plan_to_operate(load(ROOT / "tower.yaml").varied(few))
+
+
+def require_true(plan: PlanResult, done: Operation) -> list[int]:
+    """Check what was executed against the file alone; return the steps that were done, in order."""
+    check_invariant(DerivedTpg(done.tpg))
+    assert not verify_plan(done.tpg).problems
+    start, end = done.record.start_ns, done.record.end_ns
+    assert all((own >= 0).all() for own in (*start, *end))
+    for k, u, i, v in done.tpg.edges.tolist():
+        assert end[k][u] <= start[i][v]
+    put = [t for t in done.tpg.tasks if t.kind == "place-down"]
+    steps = [t.step for t in put]
+    assert len(steps) == len(set(steps))
+    undone = done.given_up.keys() | done.dropped.keys()
+    assert sorted({*steps, *undone}) == list(range(1, LEVELS + 1))
+    assert not set(steps) & undone
+    # In a tower each level waits for the one below: a level that is missing ends it.
+    assert sorted(steps) == list(range(1, len(steps) + 1))
+    goals = [p.goal for p in assembly_kind(plan.scenario.sections.assembly).parts]  # type: ignore[attr-defined]
+    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    for task in put:
+        at = state.attachments[str(task.object)]
+        assert at.holder is None
+        assert np.allclose(at.pose, goals[task.step - 1], atol=1e-9)
+    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
+    assert not gone & {t.object for t in put}
+    assert len(gone) + len(state.attachments) == LEVELS
+    holders = {at.holder for at in state.attachments.values()}
+    assert holders <= {None, *done.out} or done.given_up
+    return steps
+
+
+def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
+    case, memory = plan.scenario, MemoryRecorder()
+    execute(case.sections, plan.tpg, case.folder, recorders=(memory,))
+    done, events = operated(plan, case.sections.seed)
+    assert events == memory.events
+    assert len(require_true(plan, done)) == LEVELS
+
+
+@settings(max_examples=4, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_whatever_fails_it_goes_on(plan: PlanResult, seed: int) -> None:
+    done, events = operated(plan, seed, **lost(0.2), **{"recovery.again": 3})
+    require_true(plan, done)
+    failures = [e for e in events if e.kind == "failed"]
+    assert len([t for t in done.tpg.tasks if t.kind == FAILED]) == len(failures)
+
+
+@pytest.mark.nightly
+@settings(max_examples=20, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    out=st.sampled_from(["robot1", "robot2", "robot3"]),
+    at_s=st.floats(0.0, 60.0),
+)
+def test_whoever_is_out_the_others_go_on(
+    plan: PlanResult, seed: int, out: str, at_s: float
+) -> None:
+    outages = {"outages": [{"robot": out, "at_s": at_s}]}
+    done, _ = operated(plan, seed, **lost(0.05), **outages)
+    require_true(plan, done)
+
+
+def test_what_is_lost_is_replaced_by_what_least_rests_on(plan: PlanResult) -> None:
+    once = {"failures.place-down": {"probability": 0.4, "retries": 0, "loses": 1.0}}
+    dones = (operated(plan, seed, **once)[0] for seed in range(20))
+    done = next(d for d in dones if len(d.given_up) == 1)
+    # One beam less: the top is missing, whichever fell, and the others stand on each other.
+    assert list(done.given_up) == [LEVELS]
+    (words,) = done.given_up.values()
+    assert words.endswith(" is lost")
+    assert len(require_true(plan, done)) == LEVELS - 1
+
+
+def test_what_goes_nowhere_is_taken_out(plan: PlanResult) -> None:
+    never = {"failures.place-down": {"probability": 0.5, "retries": 0, "loses": 0.0}}
+    dones = (operated(plan, k, **never, **{"recovery.again": 0})[0] for k in range(20))
+    done = next(d for d in dones if 1 < len(d.given_up) < LEVELS)
+    require_true(plan, done)
+    assert any(t.kind == TAKEN_OUT for t in done.tpg.tasks)
+
+
+def test_what_is_left_of_a_run_is_planned(plan: PlanResult, tmp_path: Path) -> None:
+    run = twin.run(plan, out=tmp_path / "run", recording=False, audit=False)
+    left = twin.plan(world=f"{run.files}@{0.2 * run.makespan_s}")
+    assert not verify_plan(left.tpg).problems
+    went = twin.run(left, out=tmp_path / "went", recording=False)
+    assert went.outcome == "completed"
+    assert went.summary["audit"]["violations"] == []
+    before = dict(left.tpg.cell.begun.done if left.tpg.cell.begun else ())
+    after = sum(t.kind == "place-down" for t in went.tpg.tasks)
+    assert before.get("place-down", 0) + after == LEVELS
+
+
+def test_parts_of_a_construction_are_not_late(plan: PlanResult) -> None:
+    with pytest.raises(RequestError, match="parts of a construction may not be"):
+        operated(plan, 0, late=[{"part": "beam1", "at_s": 5.0}])

@@ -1,0 +1,381 @@
+"""What is done when something fails in a construction: the parts that are left, planned from where all is.
+
+A part that fell or broke cannot be had again. Of the parts of its kind one that is not placed yet takes its
+place, and what is given up is the place on which least rests.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from planning.cell.workcell import Workcell
+from planning.construction.motion_plan_export import motion_plan, rests_on
+from planning.construction.onward import Middle, plan_rest
+from planning.construction.problem.models import ModelPart
+from planning.construction.problem.problem import ConstructionProblem, PlannerSettings
+from planning.construction.world.fixed_world import Building
+from planning.errors import ConstructionError, PlanInvariantError, RequestError
+from planning.motion.known_motions import MotionPlan, TaskMotion
+from planning.tasks.task import AllowedContact, Task
+from planning.worlds.onward import taken_out
+from planning.worlds.world import World
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.rolling.cut import complete_tasks, cut_after
+from scheduling.rolling.extension import committed_part, extended
+from twin.durations.model import NANOSECONDS
+from twin.host.progress import StageWatch
+from twin.operate.committed import Committed, cause_of, committed_at, not_executed
+from twin.operate.judging import Judging
+from twin.operate.ledger import Ledger
+from twin.operate.luck import Luck
+from twin.operate.person import Ask, Person
+from twin.operate.recovery import Draw
+from twin.operate.rolling import Incident, Version
+from twin.planning.construction import ConstructionKind
+from twin.planning.kind import PlannedMotions, assembly_kind, timed
+from twin.planning.onward import graph_from
+from twin.scenario.sections.scenario import Scenario
+
+_PUT = "place-down"
+
+
+@dataclass(frozen=True)
+class _Built:
+    """What is known of a plan from which it can be gone on.
+
+    Attributes:
+        parts: where each belongs by now.
+        step_of: step that puts it there, by its name.
+        luck: of its tasks.
+        ledger: what has become of steps and parts.
+    """
+
+    parts: tuple[ModelPart, ...]
+    step_of: Mapping[str, int]
+    luck: Luck
+    ledger: Ledger
+
+    def exchanged(self, one: str, other: str) -> _Built:
+        """Return the same where each of two parts has the other's place."""
+        if one == other:
+            return self
+        goals = {part.name: part.goal for part in self.parts}
+        goals |= {one: goals[other], other: goals[one]}
+        steps = {**self.step_of, one: self.step_of[other], other: self.step_of[one]}
+        parts = tuple(replace(part, goal=goals[part.name]) for part in self.parts)
+        return replace(self, parts=parts, step_of=steps)
+
+
+@dataclass
+class ConstructionRecovery:
+    """Plans what is left of a construction whenever something has failed.
+
+    Args:
+        scenario: its recovery section says how.
+        motions: what the first plan was made of.
+        tpg: the first plan, or what was executed of it.
+        draw: times of new nodes.
+        gone: parts that are lost already.
+        asks: nobody is asked.
+        steps: whether robots bring their steps to an end before the cut; their tasks only otherwise.
+    """
+
+    scenario: Scenario
+    motions: PlannedMotions
+    tpg: TemporalPlanGraph
+    draw: Draw
+    gone: frozenset[str] = frozenset()
+    asks: tuple[Ask, ...] = ()
+    steps: bool = True
+    _made: dict[object, ConstructionProblem] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Take note of the first plan.
+
+        Raises:
+            RequestError: parts are kept hold of in it until others are in place.
+        """
+        building = self.motions.assembly.building
+        if building.kept:
+            raise RequestError(
+                f"{min(building.kept)} is kept hold of until the next part is in place: such a construction cannot"
+                " be planned anew while it is executed"
+            )
+        kind = assembly_kind(self.scenario.assembly)
+        assert isinstance(kind, ConstructionKind)
+        self.kind, tpg = kind, self.tpg
+        steps = {name: k for k, name in enumerate(building.placed, start=1)}
+        carriers = self.motions.assembly.problem.graph.carriers
+        above = {
+            steps[name]: frozenset(steps[k] for k in steps if name in carriers[k])
+            for name in steps
+        }
+        ledger = Ledger(above, gone=set(self.gone))
+        self._executed = _Built(kind.parts, steps, Luck.of(tpg), ledger)
+        self._planned = self._executed
+
+    @property
+    def given_up(self) -> Mapping[int, str]:
+        """Steps that are not done any more in what is executed, by number, with the reason."""
+        return self._executed.ledger.given_up
+
+    @property
+    def dropped(self) -> Mapping[int, str]:
+        """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
+        return self._executed.ledger.dropped
+
+    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
+        """Return the steps that have begun once so many nodes of each chain are executed."""
+        done = (tpg.tasks[k] for k in complete_tasks(tpg, counts))
+        return {task.step for task in done if task.kind in ("pick", "handover", _PUT)}
+
+    def due(self, _tpg: TemporalPlanGraph, _released: Sequence[int]) -> bool:
+        """Tell that all is planned."""
+        return False
+
+    def swapped(self) -> None:
+        """Take note that what was planned last has taken its place."""
+        self._executed = self._planned
+
+    def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
+        """Return the graph that goes on."""
+        begin = time.process_time()
+        union, new, at = self._onward(tpg, incident)
+        luck = self._executed.luck.onward(union, len(at.committed.tasks))
+        self._planned = replace(self._planned, luck=luck)
+        counts = at.lengths
+        return Version(
+            union,
+            tuple(counts.get(chain.robot, 0) for chain in union.chains),
+            tuple(chain.robot for chain in new.chains),
+            self.draw(new, luck.names),
+            round(self.scenario.execution.recovery.planning_s * NANOSECONDS),
+            time.process_time() - begin,
+            cause_of(tpg, incident, range(0)),
+            at.judged.words,
+        )
+
+    def plan_alone(
+        self, tpg: TemporalPlanGraph, incident: Incident
+    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+        """Return all, what is new only, and what there was before; what is given up is told from then on."""
+        found = self._onward(tpg, incident)
+        self._executed = self._planned
+        return found
+
+    def _onward(
+        self, tpg: TemporalPlanGraph, incident: Incident
+    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+        """Return all, what is new only, and what there was before."""
+        ledger = self._executed.ledger.copy()
+        section = self.scenario.execution
+        judging = Judging(section, ledger, Person(None, self.scenario.seed))
+        judged = judging.judged(tpg, incident)
+        never = not_executed(tpg, incident)
+        counts = cut_after(tpg, incident.released, never, steps=self.steps)
+        at = committed_at(tpg, counts, incident, judged)
+        for step in incident.unwanted - self.begun(tpg, counts):
+            ledger.drop(step)
+        there = at.state.attachments
+        ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
+        placed = tuple(
+            str(task.object)
+            for task in at.committed.tasks
+            if task.kind == _PUT and task.index in at.complete
+        )
+        built = replace(self._executed, ledger=ledger)
+        for name in placed:
+            goals = {part.name: part.goal for part in built.parts}
+            lies = there[name].pose
+            (own,) = (k for k in goals if np.allclose(goals[k], lies, atol=1e-6))
+            built = built.exchanged(name, own)
+        for name in sorted(ledger.gone):
+            built = self._exchanged(built, name, placed, at)
+        self._planned = built
+        problem = self._problem(tpg.cell, built, placed, at)
+        names = {part.name for part in problem.parts}
+        held = {
+            name: own
+            for name, own in there.items()
+            if own.holder is not None and own.holder not in at.out
+        }
+        robots = {r.name: at.state.configurations[r.name] for r in tpg.cell.robots}
+        complete = frozenset(at.complete)
+        size = len(at.committed.tasks)
+        world = World(at.state, complete=complete, out=at.out, tasks=size)
+        try:
+            effort = PlannerSettings().finding(self.motions.settings.paths)
+            rest = plan_rest(problem, Middle(robots, placed, held), effort)
+            self._give_up(built, rest.placed)
+            plan = self._motions(problem, rest, world, tpg.cell)
+            new = graph_from(plan, world, at.committed.tasks, StageWatch())
+            new = timed(new, self.scenario, StageWatch())
+            waits = self._waits(problem, rest, plan, at)
+            union = extended(at.committed, new, tpg.cell, waits, order=at.robots)
+        except (ConstructionError, PlanInvariantError) as error:
+            for name in names - {*placed}:
+                why = str(error).partition("\n")[0]
+                ledger.given_up.setdefault(built.step_of[name], why)
+            self._give_up(built, placed)
+            new = committed_part(at.committed, [0] * len(at.committed.chains))
+            none = np.empty((0, 2), dtype=np.int64)
+            union = extended(at.committed, new, tpg.cell, none, order=at.robots)
+        return union, new, at
+
+    def _exchanged(
+        self, built: _Built, name: str, placed: Sequence[str], at: Committed
+    ) -> _Built:
+        """Return where parts belong once another one of its kind has the place of one that is lost."""
+        ledger, steps = built.ledger, built.step_of
+        if steps[name] in ledger.undone:
+            return built
+        parts = {part.name: part for part in built.parts}
+        there = at.state.attachments
+        own = self._alike(parts[name])
+        spare = [
+            other
+            for other in parts
+            if other not in {*placed, *ledger.gone}
+            and steps[other] not in ledger.undone
+            and other in there
+            and there[other].holder is None
+            and self._alike(parts[other]) == own
+        ]
+        # What least rests on is missed least; of these what comes last.
+        least = min(
+            [name, *spare], key=lambda k: (self._above(ledger, steps[k]), -steps[k])
+        )
+        return built.exchanged(name, least)
+
+    def _alike(self, part: ModelPart) -> object:
+        """Return what parts have in common of which each may have the place of the other."""
+        ways = {own.name: own.insertion for own in self.kind.section.parts}
+        about = part.size.tobytes(), part.mass, part.faces
+        return *about, ways.get(part.name)
+
+    def _above(self, ledger: Ledger, step: int) -> int:
+        """Return on how many steps a step is not to be missed, those given up left out."""
+        found, todo = set[int](), [step]
+        while todo:
+            more = ledger.resting.get(todo.pop(), frozenset()) - found - ledger.undone
+            found |= more
+            todo += more
+        return len(found)
+
+    def _problem(
+        self, cell: Workcell, built: _Built, placed: Sequence[str], at: Committed
+    ) -> ConstructionProblem:
+        """Return the problem of all parts that stand or are to."""
+        there, ledger = at.state.attachments, built.ledger
+        wanted = tuple(
+            part
+            for part in built.parts
+            if part.name in placed
+            or (
+                part.name in there
+                and part.name not in ledger.gone
+                and built.step_of[part.name] not in ledger.undone
+            )
+        )
+        key = (
+            tuple((p.name, p.goal.tobytes()) for p in wanted),
+            at.out,
+            frozenset(there),
+        )
+        if key not in self._made:
+            objects = tuple(
+                replace(item, later=item.name not in there) for item in cell.objects
+            )
+            now = replace(cell, objects=objects)
+            found = self.kind.problem(now, self.motions.settings, wanted)
+            self._made[key] = replace(found, idle=at.out)
+        return self._made[key]
+
+    def _give_up(
+        self, built: _Built, placed: Mapping[str, float] | Sequence[str]
+    ) -> None:
+        """Give up the steps of parts that are not placed, with the reason."""
+        ledger = built.ledger
+        undone = {k: name for name, k in built.step_of.items() if name not in placed}
+        for step, name in sorted(undone.items()):
+            if step not in ledger.undone and name in ledger.gone:
+                ledger.give_up(step, f"{name} is lost")
+        for step, name in sorted(undone.items()):
+            if step not in ledger.undone:
+                ledger.give_up(step, f"no way was found to place {name}")
+
+    def _motions(
+        self,
+        problem: ConstructionProblem,
+        rest: Building,
+        world: World,
+        cell: Workcell,
+    ) -> MotionPlan:
+        """Return the motions of what is left, numbered on, with what persons take from hands at its end."""
+        plan, first = motion_plan(problem, rest), world.tasks
+        order, steps = list(rest.placed), self._planned.step_of
+        tasks = [
+            replace(
+                task,
+                index=task.index + first,
+                step=steps[order[task.step - 1]] if task.step <= len(order) else 1,
+            )
+            for task in plan.tasks
+        ]
+        allowed = [
+            replace(c, tasks=frozenset(k + first for k in c.tasks))
+            for c in plan.allowed
+        ]
+        motions, end = list(plan.motions), rest.world.end
+        for name, contacts, task in self._removed(
+            rest, world, cell, first + len(tasks)
+        ):
+            home = cell.robot(name).home
+            lasts = self.scenario.execution.recovery.remove_s
+            motions.append(
+                TaskMotion(np.stack([home, home]), np.array([end, end + lasts]))
+            )
+            tasks.append(task)
+            allowed += contacts
+        waits = np.asarray(plan.dependencies, dtype=np.int64).reshape(-1, 2) + first
+        return MotionPlan(cell, tuple(tasks), tuple(motions), waits, tuple(allowed))
+
+    def _removed(
+        self, rest: Building, world: World, cell: Workcell, first: int
+    ) -> Iterator[tuple[str, Sequence[AllowedContact], Task]]:
+        """Yield whoever has something in its hand at HOME that goes nowhere, and how that is taken from it."""
+        for name, own in world.held():
+            holder = str(own.holder)
+            if own.holder in world.out or name in rest.placed:
+                continue
+            ends = rest.world.robots[holder].path[-1]
+            if np.abs(ends - cell.robot(holder).home).max() < 1e-6:
+                step = taken_out(cell, world, holder, name, first)
+                yield holder, step.allowed, step.tasks[0]
+                first += 1
+
+    def _waits(
+        self,
+        problem: ConstructionProblem,
+        rest: Building,
+        plan: MotionPlan,
+        at: Committed,
+    ) -> np.ndarray:
+        """Return what waits for what, of what is new and what is committed, shape (e, 2)."""
+        before = [task for task in at.committed.tasks if task.kind in ("pick", _PUT)]
+        put = {t.object: t.index for t in before if t.kind == _PUT}
+        taken = {t.object: t.index for t in before if t.kind == "pick"}
+        needs, covers = rests_on(problem, rest), problem.graph.covers
+        pairs = [tuple(pair) for pair in plan.dependencies.tolist()]
+        for task in plan.tasks:
+            name = str(task.object)
+            if task.kind == _PUT:
+                pairs += [(put[k], task.index) for k in needs[name] if k in put]
+            elif task.kind == "pick":
+                own = covers.get(name, ())
+                pairs += [(taken[k], task.index) for k in own if k in taken]
+        return np.array(sorted(set(pairs)), dtype=np.int64).reshape(-1, 2)
