@@ -141,6 +141,7 @@ def operate(
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
         planner = ConstructionRecovery(scenario, motions, tpg, draw)
+        planner.steps = not halting
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:
