@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+import networkx as nx
 import numpy as np
 
 from planning.tasks.task import GONE, TRANSIT
@@ -47,12 +48,79 @@ def open_plan_files(run: RunResult) -> Mapping[str, bytes]:
 def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
     """Return a plan as JSON has it, executed with nominal durations.
 
+    Motions between which a robot does not come to rest are late as one there, and begin once all that they
+    wait for is over. Where robots would so wait for each other in a circle, they come to rest before they wait.
+
     Args:
         plan: the plan.
         release: how its nodes are released.
     """
-    nominal = _as_planned(plan, release)
-    tpg = nominal.tpg
+    tpg = plan.tpg
+    if release == "sequential":
+        tpg = with_turns(tpg)
+    elif release == "synchronous":
+        tpg = with_barriers(tpg)
+    while True:
+        document, borders = _document(_as_planned(replace(plan, tpg=tpg)), release)
+        rests = [borders[name] for name in waits_in_circles(document)]
+        if not rests or release == "open-loop":
+            return document
+        tpg = _resting(tpg, rests)
+
+
+def waits_in_circles(document: Mapping[str, Any]) -> list[str]:
+    """Return the motions that wait within passages at speed that wait for each other in a circle.
+
+    A *passage* is what a robot does from rest to rest, such as several motions between which it does not stop.
+
+    Args:
+        document: an open plan, as JSON has it.
+    """
+    passage: dict[str, int] = {}
+    graph: Any = nx.DiGraph()
+    inner: list[str] = []
+    everybody = [robot["motions"] for robot in document["robots"].values()]
+    everybody += document.get("machines", {}).values()
+    number = 0
+    for motions in everybody:
+        number += 1  # a gap: nobody comes after the last of another
+        begins = True
+        for motion in motions:
+            if begins:
+                number += 1
+                graph.add_edge(number - 1, number)
+            elif motion.get("after"):
+                inner.append(motion["id"])
+            passage[motion["id"]] = number
+            begins = not motion.get("v") or not np.any(motion["v"][-1])
+    for motions in everybody:
+        for motion in motions:
+            for other in motion.get("after", ()):
+                graph.add_edge(passage[other], passage[motion["id"]])
+    circles = [c for c in nx.strongly_connected_components(graph) if len(c) > 1]
+    within = {number for circle in circles for number in circle}
+    return [name for name in inner if passage[name] in within]
+
+
+def _resting(
+    tpg: TemporalPlanGraph, borders: list[tuple[int, int]]
+) -> TemporalPlanGraph:
+    """Return a graph whose robots rest before some nodes, by chain and node."""
+    chains = list(tpg.chains)
+    for number, node in borders:
+        drive = chains[number].drive
+        assert drive is not None
+        rests = drive.rests.copy()
+        rests[node - 1] = True
+        chains[number] = replace(chains[number], drive=replace(drive, rests=rests))
+    return replace(tpg, chains=tuple(chains))
+
+
+def _document(
+    nominal: RunResult, release: Policy
+) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
+    """Return a run as JSON has it, and with which node, by chain and number, each motion begins."""
+    plan, tpg = nominal.plan, nominal.tpg
     smooth = bool(nominal.smooth_motions)  # whose own rows are written, however sampled
     whole = list(segments(nominal, CONTROLLER_RATE_HZ if smooth else _EVERY_NS))
     machines: dict[str, list[Any]] = {item.name: [] for item in tpg.cell.machines}
@@ -66,7 +134,8 @@ def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
             entry = {k: v for k, v in entry.items() if k not in ("q", "v", "a")}
             entry["t_s"] = [entry["t_s"][0], entry["t_s"][-1]]
         own.append({key: value for key, value in entry.items() if value or key == "id"})
-    return {
+    borders = {s.id: (tpg.chain_index[s.robot], s.nodes[0]) for s in whole}
+    document = {
         "format": FORMAT,
         "version": VERSION,
         "scenario": plan.scenario.name,
@@ -81,23 +150,19 @@ def open_plan_of(plan: PlanResult, release: Policy) -> dict[str, Any]:
         },
         "machines": {name: motions for name, motions in machines.items() if motions},
     }
+    return document, borders
 
 
-def _as_planned(plan: PlanResult, release: Policy) -> RunResult:
+def _as_planned(plan: PlanResult) -> RunResult:
     """Return the run of a plan in which all takes as long as planned.
 
     What waits for what by the policy, turns or slots, is in its graph.
     """
-    tpg = plan.tpg
-    if release == "sequential":
-        tpg = with_turns(tpg)
-    elif release == "synchronous":
-        tpg = with_barriers(tpg)
     memory = MemoryRecorder()
-    done = Simulator(tpg, ExecutionModel(SkillDurations({}))).run(
+    done = Simulator(plan.tpg, ExecutionModel(SkillDurations({}))).run(
         seed=0, recorders=(memory,)
     )
-    return RunResult(plan=replace(plan, tpg=tpg), history=memory.events, record=done)
+    return RunResult(plan=plan, history=memory.events, record=done)
 
 
 def _motion(

@@ -157,7 +157,7 @@ def _rows(
     for k, motion in enumerate(own):
         span, rows = spans[motion.id], configurations(motion, columns)
         times = span.begin + (np.array(motion.t_s) - motion.t_s[0]) * span.factor
-        table.stand_until(float(times[0]), k - 1)
+        table.stand_until(float(times[0]))
         if np.max(np.abs(rows[0] - table.q[-1])) > _SAME:
             name = own[k - 1].id if k else "its HOME"
             words = table.q[-1], rows[0], name, motion.id
@@ -165,7 +165,7 @@ def _rows(
             times = np.maximum(times, table.t[-1] + _JUMP_S)
         v = _rates(motion.v, columns, span.factor, rows)
         table.add(times, rows, v, _rates(motion.a, columns, span.factor**2, rows), k)
-    table.stand_until(end, len(own) - 1)
+    table.stand_until(end)
     return table.rows(smooth=any(motion.v is not None for motion in own))
 
 
@@ -181,11 +181,11 @@ class _Table:
         self.t, self.q, self.node = [0.0], [q], [-1]
         self.v, self.a = [still], [still]
 
-    def stand_until(self, t: float, node: int) -> None:
-        """Add that the robot stands until a time [s]."""
+    def stand_until(self, t: float) -> None:
+        """Add that the robot stands until a time [s]: it is in no node then, as the last one is over."""
         if t > self.t[-1] + _TICK:
             still = np.zeros((1, len(self.q[0])))
-            self.add(np.array([t]), self.q[-1][None], still, still, node)
+            self.add(np.array([t]), self.q[-1][None], still, still, -1)
 
     def add(self, t: Array, q: Array, v: Array, a: Array, node: int) -> None:
         """Add the rows of a node."""

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twin.exports.open_plan import waits_in_circles
 from twin.judge.delays import (
     CircularWaitsError,
     DelayModel,
@@ -18,8 +19,15 @@ from twin.judge.delays import (
 from twin.judge.open_plan import FORMAT, OpenMotion, OpenPlan
 
 
-def plan_of(lengths: list[list[int]], after: list[tuple[int, int]]) -> OpenPlan:
-    """Return a plan of robots with motions of some seconds, and waits between them by number."""
+def content_of(
+    lengths: list[list[int]],
+    after: list[tuple[int, int]],
+    at_speed: frozenset[int] = frozenset(),
+) -> dict[str, Any]:
+    """Return a plan of robots with motions of some seconds, and waits between them by number.
+
+    Those at speed do not come to rest at their ends, but for the last of a robot.
+    """
     robots: dict[str, Any] = {}
     number = 0
     for k, own in enumerate(lengths):
@@ -32,11 +40,18 @@ def plan_of(lengths: list[list[int]], after: list[tuple[int, int]]) -> OpenPlan:
                 "q": ((0.0,), (0.0,)),
                 "after": waits,
             }
+            if at_speed:
+                last = float(number in at_speed and len(motions) < len(own) - 1)
+                motion["v"] = ((0.0,), (last,))
             motions.append(motion)
             t, number = t + seconds, number + 1
         robots[f"r{k}"] = {"joints": ("j",), "motions": tuple(motions)}
-    content = {"format": FORMAT, "version": 1, "execution": "waits", "robots": robots}
-    return OpenPlan.model_validate(content)
+    return {"format": FORMAT, "version": 1, "execution": "waits", "robots": robots}
+
+
+def plan_of(lengths: list[list[int]], after: list[tuple[int, int]]) -> OpenPlan:
+    """Return such a plan, read."""
+    return OpenPlan.model_validate(content_of(lengths, after))
 
 
 def longest(plan: OpenPlan) -> dict[str, float] | None:
@@ -61,8 +76,11 @@ def _no_skill(_name: str, _motion: OpenMotion, _u: float) -> None:
     return None
 
 
+Waits = tuple[list[list[int]], list[tuple[int, int]]]
+
+
 @st.composite
-def plans_with_waits(draw: st.DrawFn) -> OpenPlan:
+def waiting(draw: st.DrawFn) -> Waits:
     lengths = draw(
         st.lists(
             st.lists(st.integers(0, 9), min_size=1, max_size=4), min_size=1, max_size=4
@@ -71,7 +89,12 @@ def plans_with_waits(draw: st.DrawFn) -> OpenPlan:
     last = sum(map(len, lengths)) - 1
     pair = st.tuples(st.integers(0, last), st.integers(0, last))
     some = draw(st.lists(pair.filter(lambda p: p[0] != p[1]), max_size=6))
-    return plan_of(lengths, some)
+    return lengths, some
+
+
+@st.composite
+def plans_with_waits(draw: st.DrawFn) -> OpenPlan:
+    return plan_of(*draw(waiting()))
 
 
 @settings(max_examples=150)
@@ -112,3 +135,24 @@ def test_stalls_come_as_often_as_they_should() -> None:
     last = plan.motions["r0"][-1]
     stalls = (spans[last.id].end(last) - 360_000.0) / 6.0
     assert stalls == pytest.approx(3000, abs=4 * 3000**0.5)
+
+
+@settings(max_examples=150)
+@given(waiting(), st.frozensets(st.integers(0, 15), min_size=1))
+def test_robots_that_rest_where_they_wait_do_not_wait_in_circles(
+    waits: Waits, at_speed: frozenset[int]
+) -> None:
+    if longest(plan_of(*waits)) is None:
+        return  # robots that rest everywhere wait for each other, too
+    left = at_speed
+    for _ in range(20):
+        content = content_of(*waits, left)
+        circling = waits_in_circles(content)
+        plan = OpenPlan.model_validate(content)
+        if not circling:
+            nominal_spans(plan)
+            return
+        with pytest.raises(CircularWaitsError):
+            nominal_spans(plan)
+        left = frozenset({k for k in left if f"m{k + 1}" not in circling} | {99})
+    pytest.fail("there is no end to it")
