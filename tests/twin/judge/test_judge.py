@@ -24,6 +24,17 @@ def test_our_own_plan_is_clean_through_the_door_of_all(
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize("name", ["assembly/truss", "assembly/taskboard"])
+def test_plans_that_wait_where_they_pass_at_speed_are_clean(
+    shipped: ShippedRuns, tmp_path: Path, name: str
+) -> None:
+    """A bar is held until it is welded, where the torch stands on; three robots wait within their passages."""
+    found = judged(exported(shipped, name), tmp_path, seeds=2)
+    assert found.findings == ()
+    assert [run.findings for run in found.delayed] == [(), ()]
+
+
+@pytest.mark.nightly
 def test_the_judge_says_of_our_plan_what_the_audit_says_of_its_run(
     shipped: ShippedRuns, tmp_path: Path
 ) -> None:
