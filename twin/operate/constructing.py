@@ -79,6 +79,7 @@ class ConstructionRecovery:
         motions: what the first plan was made of.
         tpg: the first plan, or what was executed of it.
         draw: times of new nodes.
+        person: names the random draws; nobody is asked.
         gone: parts that are lost already.
         asks: nobody is asked.
         steps: whether robots bring their steps to an end before the cut; their tasks only otherwise.
@@ -88,6 +89,7 @@ class ConstructionRecovery:
     motions: PlannedMotions
     tpg: TemporalPlanGraph
     draw: Draw
+    person: Person
     gone: frozenset[str] = frozenset()
     asks: tuple[Ask, ...] = ()
     steps: bool = True
@@ -173,7 +175,7 @@ class ConstructionRecovery:
         """Return all, what is new only, and what there was before."""
         ledger = self._executed.ledger.copy()
         section = self.scenario.execution
-        judging = Judging(section, ledger, Person(None, self.scenario.seed))
+        judging = Judging(section, ledger, self.person)
         judged = judging.judged(tpg, incident)
         never = not_executed(tpg, incident)
         counts = cut_after(tpg, incident.released, never, steps=self.steps)

@@ -5,9 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planning.tasks.task import (
+    FAILED,
     GONE,
     HANDLING,
+    HOLD,
+    LEAVE_TOOL,
+    LEFT_OUT,
+    STRAIGHT,
     SUPPLY_KINDS,
+    TAKE_TOOL,
+    TAKEN_OUT,
     TRANSIT,
     Handling,
     Task,
@@ -20,6 +27,18 @@ from twin.operate.ledger import Ledger
 from twin.operate.person import Person
 from twin.operate.rolling import Failure, Incident
 from twin.scenario.sections.execution import ExecutionSection
+from twin.uncertainty.draws import uniforms
+
+LOST, SLIPPED, WRONG = "is lost", "has slipped in the hand", "is a wrong part"
+"""What has become of an object that is of no use any more, in words."""
+
+_NO_PROCESS = (
+    *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
+    *(LEAVE_TOOL, TAKE_TOOL, TAKEN_OUT),
+)
+
+_AGAIN = 2**32
+"""Added to the number of a step for each time that it is tried once more."""
 
 
 @dataclass(frozen=True)
@@ -41,18 +60,24 @@ class Judging:
         words, changes, reopened = [], [], dict[int, frozenset[str]]()
         for failure in incident.failures:
             task = tried_task(tpg, failure)
-            change = self._changes(tpg, incident, failure, task)
+            change, fate = self._changes(tpg, incident, failure, task)
             changes.append(change)
             self.ledger.tries[task.step, task.kind] += not failure.missing
             often = self.ledger.tries[task.step, task.kind]
             if often > self.section.recovery.again and not self._sees_to(task):
                 self.ledger.give_up(task.step, f"{task.label} failed {often} times")
                 words.append(f"step {task.step} is given up")
-            elif change or task.kind == "pick":
+            elif fate or task.kind == "pick":
                 reopened[task.step] = frozenset({task.robot})
-                how = "is lost" if change else "is left where it is"
+                how = fate or "is left where it is"
                 how = "has not come yet" if failure.missing else how
                 words.append(f"step {task.step} is begun anew: {task.object} {how}")
+            elif (then := self._then(task)) == "scrap":
+                self.ledger.give_up(task.step, f"{task.object} is scrapped")
+                words.append(f"step {task.step} is given up: {task.object} is scrapped")
+            elif then == "rework" and (before := _worked_before(tpg, task)):
+                reopened[before.step] = frozenset()
+                words.append(f"{before.label} is done again, and then {task.label}")
             else:
                 words.append(f"{task.label} is done again")
         return Judged(tuple(words), tuple(changes), reopened)
@@ -68,20 +93,39 @@ class Judging:
         self.ledger.tries[task.step, task.kind] = 0
         return True
 
+    def _then(self, task: Task) -> str:
+        """Return what is done about a process that has failed for good."""
+        said = self.section.failures.get(task.kind)
+        return "again" if said is None else said.then
+
+    def _fate(self, task: Task, *, held: bool) -> str:
+        """Return what has become of an object that is of no use any more, in words."""
+        said = self.section.failures.get(task.kind)
+        if said is None:
+            return LOST
+        tries = self.ledger.tries[task.step, task.kind]
+        number = task.step + tries * _AGAIN
+        mine = [self.person.replication]
+        about = self.person.seed, mine, [task.kind], number, ["fate"], "failure"
+        share = said.slips if held else said.wrong
+        if float(uniforms(*about)[0][0]) >= share:
+            return LOST
+        return SLIPPED if held else WRONG
+
     def _changes(
         self,
         tpg: TemporalPlanGraph,
         incident: Incident,
         failure: Failure,
         task: Task,
-    ) -> tuple[Handling, ...]:
-        """Return what becomes of the object of a skill that failed: nothing, unless it is lost."""
+    ) -> tuple[tuple[Handling, ...], str]:
+        """Return what becomes of the object of a skill that failed, and in words where it is of no use any more."""
         name = task.object
         if name is None or task.kind not in HANDLING:
-            return ()
+            return (), ""
         if failure.missing:
             self.ledger.shunned.add(self.ledger.lost(name))
-            return ()
+            return (), ""
         # What it holds does not change any more before its robot goes on.
         counts = cut_after(
             tpg, incident.released, not_executed(tpg, incident), steps=False
@@ -91,12 +135,32 @@ class Judging:
         if not failure.lost or at is None:
             if task.kind == "pick":
                 self.ledger.shunned.add(self.ledger.lost(name))
-            return ()
+            return (), ""
         self.ledger.gone.add(self.ledger.lost(name))
+        fate = self._fate(task, held=at.holder is not None)
+        if fate != LOST:
+            return (), fate  # it is still where it was
         if at.holder is None:
-            return (Handling(name, 1, GONE, at.pose),)
+            return (Handling(name, 1, GONE, at.pose),), fate
         pose = pose_of(tpg.cell, state, name)
-        return Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)
+        return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), fate
+
+
+def _worked_before(tpg: TemporalPlanGraph, task: Task) -> Task | None:
+    """Return the last process that was done to a part before another one, where it lies; None for none.
+
+    Nor for one behind a door, which is shut once.
+    """
+    own = [t for t in tpg.tasks if t.object == task.object and t.step < task.step]
+    works = [t for t in own if t.kind not in _NO_PROCESS]
+    last = max(works, key=lambda t: t.step, default=None)
+    if (
+        last is None
+        or last.handlings
+        or any(t.kind in HANDLING and t.step > last.step for t in own)
+    ):
+        return None
+    return last
 
 
 def interrupted(

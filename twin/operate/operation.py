@@ -140,7 +140,8 @@ def operate(
     person = Person(asked, seed, replication, says)
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
-        planner = ConstructionRecovery(scenario, motions, tpg, draw)
+        nobody = Person(None, seed, replication)
+        planner = ConstructionRecovery(scenario, motions, tpg, draw, nobody)
         planner.steps = not halting
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)

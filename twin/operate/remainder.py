@@ -76,7 +76,10 @@ def plan_remainder(
     gone = frozenset(h.object for h in before if h.holder == GONE)
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
-        planner = ConstructionRecovery(scenario, motions, tpg, _nobody_draws, gone)
+        nobody = Person(None, scenario.seed)
+        planner = ConstructionRecovery(
+            scenario, motions, tpg, _nobody_draws, nobody, gone
+        )
         planner.steps = False
     else:
         _require_tried_once(tpg, world)

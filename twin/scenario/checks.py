@@ -302,7 +302,17 @@ def _check_skills(scenario: Scenario) -> Found:
     things = [part.name for part in own]
     robots = [robot.name for robot in scenario.cell.robots]
     for skill, failure in execution.failures.items():
-        if failure.loses > 0.0 and skill not in HANDLING:
+        at_a_part = skill in HANDLING
+        if failure.then != "again" and at_a_part:
+            words = f"{skill} is no process: what has failed is done again, or anew with another object"
+            yield ("execution", "failures", skill, "then"), f"{words} (valid: again)"
+        if failure.wrong > 0.0 and skill != "pick":
+            words = f"no wrong part is found in {skill}: leave it out (valid: pick)"
+            yield ("execution", "failures", skill, "wrong"), words
+        if failure.slips > 0.0 and skill not in ("place-down", "place-up", "handover"):
+            words = f"nothing is in the hand before {skill}, so that it could slip: leave it out"
+            yield ("execution", "failures", skill, "slips"), words
+        if failure.loses > 0.0 and not at_a_part:
             words = f"nothing can be lost in {skill}, in which nothing changes hands: leave it out"
             place = ("execution", "failures", skill, "loses")
             yield place, f"{words} (valid: {', '.join(HANDLING)})"

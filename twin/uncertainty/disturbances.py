@@ -181,6 +181,10 @@ class SkillFailure(Section):
             the skill takes in that run.
         loses: probability that the object is lost in an attempt that fails, dropped or broken, so that
             it is not made again; of picks, places and handovers.
+        slips: share of those in which it does not fall, but slips in the hand, which then brings it to a person.
+        wrong: share of those of a pick in which it is a wrong part or a broken one, and stays where it lies.
+        then: what is done when all attempts at a process have failed, such as an inspection that rejects a part:
+            ``again``; ``rework``, what was done to the part before, there, and then again; or ``scrap``, it is given up.
     """
 
     probability: Probability
@@ -188,6 +192,9 @@ class SkillFailure(Section):
     retries: Annotated[int, Field(ge=0, le=1000)] = 2
     retry: AnyDuration | None = None
     loses: Probability = 0.0
+    slips: Probability = 0.0
+    wrong: Probability = 0.0
+    then: Literal["again", "rework", "scrap"] = "again"
 
     def of(self, robot: str, part: str | None) -> float:
         """Return the probability that an attempt of a robot with a part fails, whatever the reason."""

@@ -38,6 +38,9 @@ stack | failures: {pick: {probability: often}}                         | often  
 stack | failures: {pick: {retries: 2}}                                 | {retries | key 'probability' is missing
 stack | failures: {pick: {probability: 0.1, retries: 1.5}}             | 1.5      | a whole number expected, not 1.5
 stack | failures: {pick: {probability: 0.1, loses: 2}}                 | 2}}      | must be at most 1, not 2
+stack | failures: {pick: {probability: 0.1, slips: 0.2}}               | 0.2      | nothing is in the hand before pick
+stack | failures: {place-down: {probability: 0.1, wrong: 0.2}}         | 0.2      | no wrong part is found in place-down: leave it out (valid: pick)
+stack | failures: {pick: {probability: 0.1, then: scrap}}              | scrap    | pick is no process
 stack | failures: {pick: {probability: 0.1, lose: 0.2}}                | lose     | unknown key 'lose'; did you mean 'loses'?
 stack | failures: {support-top: {probability: 0.1, loses: 0.2}}        | 0.2      | nothing can be lost in support-top, in which nothing changes hands: leave it out (valid: pick, place-down, place-up, handover)
 stack | failures: {pick: {probability: 0.1, retry: {kind: fixd, value_s: 1}}} | fixd | unknown kind 'fixd'; did you mean 'fixed'? (valid: empirical

@@ -1,0 +1,130 @@
+"""Kinds of failures: what slips in the hand or is a wrong part is of no use, and a process says what follows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from planning.tasks.task import FAILED, GONE, TAKEN_OUT
+from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.invariant import check_invariant
+from scheduling.rolling.cut import state_at
+from scheduling.verification.verify import verify_plan
+from tests.twin.operate.operated import operated, stack
+from twin.operate.operation import Operation
+from twin.trial.loaded_scenario import load
+from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate
+
+TENDING = Path(__file__).parents[3] / "scenarios" / "assembly" / "machine_tending.yaml"
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+    return stack(tmp_path_factory.mktemp("stack"))
+
+
+def fails(plan: PlanResult, skill: str, **values: Any) -> tuple[Operation, list[str]]:
+    """Operate until something fails for good, and return what became of it."""
+    own = {"probability": 0.3, "retries": 0, "loses": 1.0, **values}
+    for seed in range(30):
+        done, events = operated(plan, seed, **{f"failures.{skill}": own})
+        words = [e.detail for e in events if e.kind == "recovered"]
+        if len(words) == 1:
+            check_invariant(DerivedTpg(done.tpg))
+            assert not verify_plan(done.tpg).problems
+            return done, words
+    raise AssertionError("nothing failed once")
+
+
+def test_what_has_slipped_is_brought_to_a_person(plan: PlanResult) -> None:
+    done, words = fails(plan, "place-down", slips=1.0)
+    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    assert words == [
+        f"step {tried.step} is begun anew: {tried.object} has slipped in the hand"
+    ]
+    # It stays in the hand, and leaves it at HOME.
+    assert tried.handlings == ()
+    (taken,) = [t for t in done.tpg.tasks if t.kind == TAKEN_OUT]
+    assert (taken.robot, taken.object) == (tried.robot, tried.object)
+    placed = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    assert sorted(placed) == [1, 2, 3, 4]
+    assert placed[tried.step] != tried.object
+    assert done.record.outcome == "completed"
+
+
+def test_a_wrong_part_stays_where_it_lies(plan: PlanResult) -> None:
+    done, words = fails(plan, "pick", wrong=1.0)
+    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    assert words == [f"step {tried.step} is begun anew: {tried.object} is a wrong part"]
+    state = state_at(done.tpg, [len(chain) for chain in done.tpg.chains])
+    start = done.tpg.cell.object(str(tried.object)).start
+    assert (state.attachments[str(tried.object)].pose == start).all()
+    assert not [h for h in done.tpg.handlings if h.holder == GONE]
+    assert tried.object not in {t.object for t in done.tpg.tasks if t.kind == "pick"}
+    assert done.record.outcome == "completed"
+
+
+@pytest.fixture(scope="module")
+def inspected(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+    """Two products that are inspected where they were milled."""
+    text = TENDING.read_text()
+    for old, new in (
+        (
+            "    mill: {door: {size_m: [0.44, 0.44, 0.012], pose: {xyz_m: [0, 0.62, 0.807]}}}",
+            "    mill: {}\n    gauge: {}",
+        ),
+        (
+            "    washing: {",
+            "    inspecting: {duration: {kind: fixed, value_s: 3}, machine: gauge}\n    washing: {",
+        ),
+        (
+            "    - {process: milling, at: {part: blank}}\n",
+            "    - {process: milling, at: {part: blank}}\n    - {process: inspecting, at: {part: blank}}\n",
+        ),
+        ("count: 24, places: {counts: [2, 2]", "count: 2, places: {counts: [1, 1]"),
+        ("    mill: {breakdowns: {mtbf_s: 1800, mttr_s: 120}}\n", "    mill: {}\n"),
+        ("tools/gripper.urdf", f"{TENDING.parent}/tools/gripper.urdf"),
+    ):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    file = tmp_path_factory.mktemp("inspected") / "inspected.yaml"
+    file.write_text(text)
+    return plan_to_operate(load(file))
+
+
+def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
+    done, (words,) = fails(inspected, "inspecting", loses=0.0, then="rework")
+    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    name = tried.object
+    assert words == f"milling {name} is done again, and then inspecting {name}"
+    order = [t.kind for t in done.tpg.tasks if t.object == name]
+    assert order.count("milling") == 2
+    assert order.count("inspecting") == 1
+    # The second inspection comes after the second time that it was milled.
+    ends = {
+        task: end_ns
+        for chain, own in zip(done.tpg.chains, done.record.end_ns, strict=True)
+        for task, end_ns in zip(chain.task.tolist(), own.tolist(), strict=True)
+    }
+    milled = [
+        ends[t.index] for t in done.tpg.tasks if (t.kind, t.object) == ("milling", name)
+    ]
+    seen = [
+        ends[t.index]
+        for t in done.tpg.tasks
+        if (t.kind, t.object) == ("inspecting", name)
+    ]
+    assert max(milled) < min(seen)
+    assert done.record.outcome == "completed"
+
+
+def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
+    done, (words,) = fails(inspected, "inspecting", loses=0.0, then="scrap")
+    (tried,) = [t for t in done.tpg.tasks if t.kind == FAILED]
+    assert words == f"step {tried.step} is given up: {tried.object} is scrapped"
+    assert done.given_up[tried.step] == f"{tried.object} is scrapped"
+    (taken,) = [t for t in done.tpg.tasks if t.kind == TAKEN_OUT]
+    assert taken.object == tried.object
