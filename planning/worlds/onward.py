@@ -159,7 +159,9 @@ def plan_onward(
                 done[item.machines] = StepTasks(item.machines, own, (), ())
         every = (task for step in (*past, *steps.values()) for task in step.tasks)
         waits = work.link([done[number] for number in sorted(done)])
-        inside = [pair for tasks in planned for pair in tasks.dependencies]
+        pairs = zip(items, planned, strict=True)
+        machines = [tasks for item, tasks in pairs if item.machines is not None]
+        inside = [pair for tasks in machines for pair in tasks.dependencies]
         more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
         return np.unique(np.concatenate([waits, more]), axis=0)
 

@@ -128,3 +128,16 @@ def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
     assert done.given_up[tried.step] == f"{tried.object} is scrapped"
     (taken,) = [t for t in done.tpg.tasks if t.kind == TAKEN_OUT]
     assert taken.object == tried.object
+
+
+def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> None:
+    plan = plan_to_operate(load(TENDING.parents[1] / "lego" / "cliff.yaml"))
+    own = {"probability": 0.15, "retries": 1, "loses": 0.5}
+    kinds = {
+        "failures.place-down": {**own, "slips": 0.6},
+        "failures.pick": {**own, "wrong": 0.6},
+    }
+    more = {"failures.place-up": own, "failures.handover": own}
+    done, _ = operated(plan, 0, **kinds, **more)
+    assert not [words for words in done.given_up.values() if "depends on" in words]
+    assert not verify_plan(done.tpg).problems
