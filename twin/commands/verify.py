@@ -16,8 +16,7 @@ from twin.host.guard import COMPLETED, FAILED, print_json
 
 if TYPE_CHECKING:
     from planning.cell.workcell import PoseError
-    from scheduling.verification.base_errors import SurvivedErrors
-    from scheduling.verification.verify import VerificationReport
+    from scheduling.verification.verify import SurvivedErrors, VerificationReport
     from twin.trial.simulation import AdversaryReport
 
 

@@ -19,11 +19,10 @@ from planning.tasks.task import AllowedContact
 from planning.transforms import Array, Transform, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.base_errors import SurvivedErrors
 from scheduling.verification.motion import Motion
 from scheduling.verification.reference import ReferenceRobot
 from scheduling.verification.sweeps import farthest_from
-from scheduling.verification.verify import verify_plan
+from scheduling.verification.verify import SurvivedErrors, verify_plan
 from tests.scheduling.two_arms import Writer, block, random_turns, two_arms
 from twin.audit.worlds.engines import open_world
 from twin.audit.worlds.world import AuditWorld
