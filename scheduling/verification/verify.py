@@ -29,8 +29,11 @@ from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import StillBodies, VerifiedRobot
 from scheduling.verification.encounters import Encounter, Encounters
-from scheduling.verification.fulfilment import not_as_said
-from scheduling.verification.graph_structure import Precedence, check_structure
+from scheduling.verification.graph_structure import (
+    Precedence,
+    check_structure,
+    not_as_said,
+)
 from scheduling.verification.measuring import Measuring
 from scheduling.verification.object_places import (
     Carried,
