@@ -28,7 +28,6 @@ from planning.progress import Progress, no_progress
 from planning.transforms import Transform
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.verification.bodies import StillBodies, VerifiedRobot
-from scheduling.verification.encounters import Encounter, Encounters
 from scheduling.verification.graph_structure import (
     Precedence,
     check_structure,
@@ -44,6 +43,8 @@ from scheduling.verification.object_places import (
 from scheduling.verification.problems import Moment, Problem
 from scheduling.verification.reference import TOLERANCE, ReferenceRobot
 from scheduling.verification.touching import (
+    Encounter,
+    Encounters,
     allowed_depths,
     too_deep_in_hand,
     touching_itself,
