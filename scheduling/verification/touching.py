@@ -26,8 +26,7 @@ from scheduling.verification.bodies import (
     while_there,
 )
 from scheduling.verification.graph_structure import Precedence
-from scheduling.verification.measuring import Measuring
-from scheduling.verification.motion import Motion
+from scheduling.verification.motion import Measuring, Motion
 from scheduling.verification.object_places import Carried
 from scheduling.verification.problems import Moment, Problem, node_problem
 from scheduling.verification.reference import (

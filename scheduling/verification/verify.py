@@ -33,7 +33,7 @@ from scheduling.verification.graph_structure import (
     check_structure,
     not_as_said,
 )
-from scheduling.verification.measuring import Measuring
+from scheduling.verification.motion import Measuring
 from scheduling.verification.object_places import (
     Carried,
     Resting,

@@ -12,8 +12,7 @@ import pytest
 from planning.transforms import Array, rotation
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.verification.measuring import Measuring
-from scheduling.verification.motion import Motion
+from scheduling.verification.motion import Measuring, Motion
 from scheduling.verification.reference import ReferenceRobot, _hull, measure
 from scheduling.verification.sweeps import (
     DIRECTIONS,
