@@ -33,6 +33,7 @@ from scheduling.shortcuts.candidates import (
     find_spans,
     join_nodes,
     new_nodes,
+    take_sidesteps,
 )
 from scheduling.shortcuts.replacement_check import (
     EARLY,
@@ -46,7 +47,6 @@ from scheduling.shortcuts.replacement_check import (
     stands_stay_clear,
 )
 from scheduling.shortcuts.scenery import KnownWays, Scenery
-from scheduling.shortcuts.sidesteps import take_sidesteps
 
 _LATER = 1e-9
 """Makespans that differ by less are the same [s]."""

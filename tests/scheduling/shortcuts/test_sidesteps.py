@@ -16,8 +16,8 @@ from scheduling.build_tpg import build_tpg
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.dispatcher import earliest_times, latest_ends
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGraph
+from scheduling.shortcuts.candidates import runs_beside_waits, waits
 from scheduling.shortcuts.shortcutting import Board, shorten_tpg
-from scheduling.shortcuts.sidesteps import runs_beside_waits, waits
 from tests.scheduling.algorithm_one import PlainGraph, check_conflicts_are_ordered
 from tests.scheduling.mini_world import random_plan
 from tests.scheduling.random_dispatch import run_at_random
