@@ -17,7 +17,6 @@ from planning.tasks.task import TRANSIT, Task, still_borders
 from planning.transforms import Array, Indices, readonly
 from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import dependency_edges
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -28,7 +27,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
     join_chains,
 )
-from scheduling.graph.total_order import nodes_before
+from scheduling.graph.total_order import nodes_before, order_and_reduce
 from scheduling.invariant import check_invariant
 
 _SAME = 1e-9

@@ -32,14 +32,13 @@ from planning.tasks.time_window import TimeWindow
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.reduction import order_and_reduce
 from scheduling.graph.task_edges import task_nodes
 from scheduling.graph.temporal_plan_graph import (
     NodeChain,
     NodeHandling,
     TemporalPlanGraph,
 )
-from scheduling.graph.total_order import planned_ranks
+from scheduling.graph.total_order import order_and_reduce, planned_ranks
 
 _SAME = 1e-9
 """Joint values that differ by less are the same configuration [rad or m]."""

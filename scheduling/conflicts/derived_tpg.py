@@ -41,9 +41,14 @@ from scheduling.conflicts.occupancy import (
     standing_occupancy,
 )
 from scheduling.graph.dispatcher import Rollout, earliest_times
-from scheduling.graph.reduction import NodeOrder, order_and_reduce
 from scheduling.graph.temporal_plan_graph import Causes, NodeChain, TemporalPlanGraph
-from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
+from scheduling.graph.total_order import (
+    FlatGraph,
+    NodeOrder,
+    flatten,
+    order_and_reduce,
+    planned_ranks,
+)
 
 
 @dataclass(frozen=True, eq=False)

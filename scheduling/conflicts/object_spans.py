@@ -16,8 +16,8 @@ from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import GONE
 from planning.transforms import Indices, Transform
-from scheduling.graph.reduction import NodeOrder
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
+from scheduling.graph.total_order import NodeOrder
 
 Moment = tuple[int, int]
 """A node, and a waypoint of it: 0 = when it starts, k = at its k-th waypoint."""

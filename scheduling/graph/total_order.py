@@ -2,17 +2,24 @@
 
 Every type-2 edge follows this order, so a temporal plan graph has no cycle. Task indices settle
 ties (a robot's index never does): zero-length nodes start when the node before them does.
+
+Order between chains is kept as vector clocks, and transitive reduction takes one pass. The clock of a node holds, for
+each robot, its last node that must be complete before the node may start. One look-up tells whether one node precedes
+another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.errors import PlanInvariantError
+from planning.kernels import kernel
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import NodeChain
 
@@ -96,3 +103,162 @@ def with_edges(graph: FlatGraph, edges: Indices) -> FlatGraph:
         source=(first[edges[:, 0]] + edges[:, 1])[row],
         row=row,
     )
+
+
+@dataclass(frozen=True)
+class NodeOrder:
+    """Precedence between the nodes of a graph, as vector clocks.
+
+    Attributes:
+        first: number of the first node of each robot when all nodes are counted, shape
+            (robots + 1,).
+        clock: last node of each robot that must be complete before a node starts, -1 for
+            none, shape (all nodes, robots).
+    """
+
+    first: Indices
+    clock: Indices
+
+    def of(self, robot: int) -> Indices:
+        """Return the clocks of a robot's nodes, shape (nodes, robots)."""
+        return self.clock[self.first[robot] : self.first[robot + 1]]
+
+    def precedes(self, robot_u: int, u: int, robot_v: int, v: int) -> bool:
+        """Tell whether node u must be complete before node v starts, in O(1)."""
+        return bool(self.clock[self.first[robot_v] + v, robot_u] >= u)
+
+    def last_before(self, robot: int, other: int) -> Indices:
+        """Return, for each node of ``robot``, the last node of ``other`` it waits for, or -1."""
+        return self.of(robot)[:, other]
+
+    def first_after(
+        self, robot: int, other: int, nodes: Indices | None = None
+    ) -> Indices:
+        """Return, for nodes of ``robot``, the first node of ``other`` that waits for each.
+
+        The number of nodes of ``other`` stands for none.
+
+        Args:
+            robot: whose nodes.
+            other: who waits.
+            nodes: which of them, all by default.
+        """
+        waits_for = np.ascontiguousarray(self.of(other)[:, robot])
+        if nodes is None:
+            nodes = np.arange(self.first[robot + 1] - self.first[robot])
+        return np.searchsorted(waits_for, nodes, side="left").astype(np.int64)
+
+
+@kernel
+def _clocks(
+    graph: FlatGraph,
+    keep: npt.NDArray[np.bool_],
+    clock: Indices,
+    changed: npt.NDArray[np.bool_],
+) -> None:
+    """Work out clocks; ``keep`` becomes False for edges that other paths imply.
+
+    Args:
+        graph: the graph.
+        keep: of each edge, in the order of the graph.
+        clock: of each node; those of nodes that nothing changed for are right already.
+        changed: nodes with other edges into them than ``clock`` was made from. Becomes True
+            where a clock is another one.
+    """
+    first, source = graph.first, graph.source
+    robots = len(first) - 1
+    mine = np.empty(robots, dtype=np.int64)
+    for n in graph.order:
+        own = graph.chain[n]
+        again = changed[n] or (n > first[own] and changed[n - 1])
+        for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
+            again = again or changed[source[e]]
+        if not again:
+            continue
+        for k in range(robots):
+            mine[k] = -1
+        if n > first[own]:
+            for k in range(robots):
+                mine[k] = clock[n - 1, k]
+            mine[own] = n - 1 - first[own]
+        lo, hi = graph.edge_first[n], graph.edge_first[n + 1]
+        for e in range(lo, hi):
+            r = graph.chain[source[e]]
+            u = source[e] - first[r]
+            if mine[r] >= u:
+                keep[e] = False
+                continue
+            for other in range(lo, hi):
+                if other == e:
+                    continue
+                if graph.chain[source[other]] == r:
+                    implied = source[other] > source[e] or (
+                        source[other] == source[e] and other < e
+                    )
+                else:
+                    implied = clock[source[other], r] >= u
+                if implied:
+                    keep[e] = False
+                    break
+        for e in range(lo, hi):
+            r = graph.chain[source[e]]
+            theirs = clock[source[e]]
+            for k in range(robots):
+                mine[k] = max(mine[k], theirs[k])
+            mine[r] = max(mine[r], source[e] - first[r])
+        changed[n] = False
+        for k in range(robots):
+            if clock[n, k] != mine[k]:
+                clock[n, k] = mine[k]
+                changed[n] = True
+
+
+def order_and_reduce(
+    ranks: Sequence[Indices], edges: Indices
+) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
+    """Return the order that edges impose, and which of them say it already.
+
+    Args:
+        ranks: place of every node in the total order, one array a robot, see ``planned_ranks``.
+        edges: type-2 edges, shape (e, 4).
+
+    Returns:
+        The order, and True for the edges of the transitive reduction, shape (e,). Of equal
+        edges the first one stays.
+
+    Raises:
+        PlanInvariantError: an edge goes against the total order.
+    """
+    graph = flatten(ranks, edges)
+    place = np.argsort(graph.order)
+    target = np.repeat(np.arange(len(place)), np.diff(graph.edge_first))
+    against = graph.row[place[graph.source] >= place[target]]
+    if len(against):
+        r, u, s, v = edges[against.min()]
+        raise PlanInvariantError(
+            f"the edge from node {u} of robot {r} to node {v} of robot {s} goes against"
+            " the planned order"
+        )
+    nodes = len(graph.chain)
+    clock = np.full((nodes, len(ranks)), -1)
+    return reduce_again(
+        graph, NodeOrder(graph.first, clock), np.ones(nodes, dtype=np.bool_)
+    )
+
+
+def reduce_again(
+    graph: FlatGraph, before: NodeOrder, changed: npt.NDArray[np.bool_]
+) -> tuple[NodeOrder, npt.NDArray[np.bool_]]:
+    """Return order and reduction, see ``order_and_reduce``, after some edges have changed.
+
+    Args:
+        graph: with its edges, which follow the total order.
+        before: order of the same nodes with the edges before, reduced.
+        changed: nodes that have other edges into them now, shape (all nodes,).
+    """
+    clock, changed = before.clock.copy(), changed.copy()
+    kept = np.ones(len(graph.row), dtype=np.bool_)
+    _clocks(graph, kept, clock, changed)
+    keep = np.empty(len(kept), dtype=np.bool_)
+    keep[graph.row] = kept
+    return NodeOrder(graph.first, clock), keep

@@ -32,14 +32,13 @@ from scheduling.conflicts.derived_tpg import (
 )
 from scheduling.conflicts.object_spans import while_at_rest
 from scheduling.graph.drive import joined_corners
-from scheduling.graph.reduction import reduce_again
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     Causes,
     NodeChain,
     TemporalPlanGraph,
 )
-from scheduling.graph.total_order import planned_ranks, with_edges
+from scheduling.graph.total_order import planned_ranks, reduce_again, with_edges
 from scheduling.shortcuts.candidates import Span
 
 Edge = tuple[int, int, int, int]

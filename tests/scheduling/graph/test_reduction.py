@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
-from scheduling.graph.reduction import order_and_reduce
+from scheduling.graph.total_order import order_and_reduce
 
 Ranks = list[npt.NDArray[np.int64]]
 
