@@ -1,4 +1,8 @@
-"""Assembly as the planners need it: the expansion of its steps to tasks, and what machines bring and take away."""
+"""Assembly as the planners need it: the expansion of its steps to tasks, and what machines bring and take away.
+
+The task graph (APEX-MR IV-A) says what robots do, where they are then, and what waits for what. It stands between the
+tasks and how anybody moves at once: it knows no conflicts of motions. Whoever asks what a task waits for reads it here.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import networkx as nx
 import numpy as np
 
 from planning.tasks.assignment import AssignmentProblem, TaskPlan, alternatives
@@ -199,3 +204,36 @@ class Supply:
             for refill in self.refills.values()
             if refill.arrivals is not None and refill.buffer is not None
         }
+
+
+if TYPE_CHECKING:
+    TaskGraph = nx.DiGraph[int]
+else:
+    TaskGraph = nx.DiGraph
+
+ORDER, DEPENDENCY = "order", "dependency"
+"""Kinds of edges: a robot does one task after another; a task waits for one of any robot."""
+
+
+def task_graph(tasks: Iterable[Task], dependencies: Indices) -> TaskGraph:
+    """Return the task graph of tasks.
+
+    Nodes are the indices of tasks, with the ``task``, and as ``target`` the configuration at which its
+    robot ends it, shape (n,), None of a task without a path. An edge from a to b says that a must be
+    complete before b starts; its ``kind`` is ORDER or DEPENDENCY, the latter where it is both.
+
+    Args:
+        tasks: in the order in which robots do theirs.
+        dependencies: pairs (a, b) of indices: a must be complete before b starts, shape (e, 2).
+    """
+    graph: TaskGraph = nx.DiGraph()
+    last: dict[str, int] = {}
+    for task in tasks:
+        target = task.path[-1] if len(task.path) else None
+        graph.add_node(task.index, task=task, target=target)
+        if task.robot in last:
+            graph.add_edge(last[task.robot], task.index, kind=ORDER)
+        last[task.robot] = task.index
+    for first, second in np.asarray(dependencies).reshape(-1, 2).tolist():
+        graph.add_edge(first, second, kind=DEPENDENCY)
+    return graph
