@@ -270,10 +270,10 @@ def _study_in_this_process(graph: Path, count: int) -> float:
     """Run a study of one cell and return the peak memory of this process [MiB]."""
     import tempfile
 
+    from twin.study.folder import write_replications
     from twin.study.replications.runner import run_replications
     from twin.study.replications.statistics import Experiment
     from twin.study.replications.workload import Workload, open_executor
-    from twin.study.tables import write_replications
 
     path = ROOT / "scenarios" / "lego" / "cliff.yaml"
     models = load_scenario(path).execution.skill_models(path.parent)

@@ -41,9 +41,15 @@ from twin.study.folder import (
     SUMMARY,
     TASKS,
     StudyRequest,
+    cell_table,
+    edge_columns,
     read_request,
     require_same_plans,
+    task_columns,
+    write_cells,
+    write_replications,
     write_request,
+    write_tables,
 )
 from twin.study.gains.gains import CellGains, study_gains, write_gains
 from twin.study.operated import (
@@ -69,14 +75,6 @@ from twin.study.replications.runner import OpenExecutor, run_replications
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import Workload
 from twin.study.summary import StudySummary, summarise_study
-from twin.study.tables import (
-    cell_table,
-    edge_columns,
-    task_columns,
-    write_cells,
-    write_replications,
-    write_tables,
-)
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import skill_durations

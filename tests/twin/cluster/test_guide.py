@@ -25,10 +25,10 @@ from twin.cluster.certificates import (
     make_certificates,
 )
 from twin.cluster.client import ClusterError
+from twin.study.folder import write_replications
 from twin.study.replications.runner import run_replications
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import open_executor, parallelism
-from twin.study.tables import write_replications
 
 pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

@@ -20,11 +20,11 @@ from tests.twin.study.study_toys import toy_workload
 from twin.cli import app
 from twin.cluster.certificates import Cluster
 from twin.cluster.client import ClusterError, ClusterExecutor, ClusterLostError
+from twin.study.folder import write_replications
 from twin.study.replications import runner
 from twin.study.replications.runner import run_replications
 from twin.study.replications.statistics import Experiment
 from twin.study.replications.workload import open_executor
-from twin.study.tables import write_replications
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

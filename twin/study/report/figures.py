@@ -27,13 +27,13 @@ from twin.host.pictures import INK
 from twin.run.throughput import takts_s
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.scenario.variations import Variant, is_of_execution
+from twin.study.folder import plain
 from twin.study.products import Due
 from twin.study.replications.block_results import WAIT_COLUMNS, ProductTimes
 from twin.study.replications.statistics import Interval
 from twin.study.report.layout import bar_chart, legend_below, one_chart
 from twin.study.study import StudyResult
 from twin.study.summary import StudySummary, cell_label
-from twin.study.tables import plain
 from twin.uncertainty.disturbances import MachineBreakdowns, Stalls
 
 COLOURS = (

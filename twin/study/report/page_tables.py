@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.drawing.markup import breakable, bullets, paragraph, table, text
 from twin.run.policies import OPEN_LOOP
+from twin.study.folder import task_columns
 from twin.study.gains.candidates import task_names
 from twin.study.gains.gains import QUANTILE, SHORTER, CellGains, Gain
 from twin.study.replications.block_results import TaskTally
@@ -17,7 +18,6 @@ from twin.study.replications.statistics import Interval
 from twin.study.replications.workload import Workload
 from twin.study.study import StudyResult
 from twin.study.summary import CellSummary, StudySummary
-from twin.study.tables import task_columns
 
 KINDS = {"stall": "standstill", "message": "messages"}
 """What kinds of levers are called where that is not their name."""

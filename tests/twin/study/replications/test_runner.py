@@ -17,6 +17,7 @@ import pytest
 from planning.errors import TwinError
 from tests.twin.study.study_toys import toy_workload
 from twin.engine.execution_model import ExecutionModel
+from twin.study.folder import write_replications
 from twin.study.replications import runner
 from twin.study.replications.block_results import blocks_done, read_block
 from twin.study.replications.runner import run_replications
@@ -28,7 +29,6 @@ from twin.study.replications.workload import (
     open_executor,
     pack,
 )
-from twin.study.tables import write_replications
 from twin.uncertainty.disturbances import Disturbances, SkillFailure
 from twin.uncertainty.skill_durations import SkillDurations
 
