@@ -15,8 +15,7 @@ from twin.host.progress import Report, report_nothing
 from twin.live.session import Session
 from twin.operate.operation import require_picked, require_rolling
 from twin.operate.person import Says
-from twin.page.attended_execution import AttendedSession
-from twin.page.panel import Panel
+from twin.page.attended import AttendedSession, Panel
 from twin.run.folder import EVENTS, run_folder
 from twin.run.policies import NAMED_POLICIES
 from twin.scenario.variations import Variant, layout_of, varied

@@ -14,8 +14,7 @@ from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.wire import LocalWire
 from twin.operate.operation import Operation, operate
-from twin.page.attended_execution import AttendedExecution
-from twin.page.panel import Panel, Shown, ShownRobot
+from twin.page.attended import AttendedExecution, Panel, Shown, ShownRobot
 from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.trial.plan_result import PlanResult

@@ -26,7 +26,7 @@ from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK
 from twin.follow.follow import served
-from twin.page.panel import Order, Panel, Shown, ShownRobot
+from twin.page.attended import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
 
 LEFT = ShownRobot(
