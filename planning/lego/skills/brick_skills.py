@@ -22,22 +22,20 @@ from planning.lego.bricks.brick_world import (
     goal_name,
     press_of,
 )
-from planning.lego.skills.allowed_contacts import (
-    PRESSED,
-    contacts_at_rest,
-    leaned_on,
-    room_at_rest,
-    supporting,
-)
 from planning.lego.skills.handovers import brick_meetings, giver_rest
 from planning.lego.skills.targets import (
     APPROACH_HEIGHT,
     HIGH_APPROACH,
+    PRESSED,
     BrickGrip,
+    contacts_at_rest,
+    leaned_on,
     pick_targets,
     place_targets,
+    room_at_rest,
     support_targets,
     supported_span,
+    supporting,
 )
 from planning.steps.handovers import Handover, find_handover
 from planning.steps.skill import (

@@ -18,14 +18,14 @@ from planning.lego.bricks.brick_world import (
     press_of,
     source_of,
 )
-from planning.lego.skills.allowed_contacts import (
+from planning.lego.skills.candidates import LegoCandidates
+from planning.lego.skills.targets import (
     Bricks,
     contacts_at_rest,
     room_at_rest,
+    supported_span,
     supporting,
 )
-from planning.lego.skills.candidates import LegoCandidates
-from planning.lego.skills.targets import supported_span
 from planning.steps.handovers import Handover
 from planning.steps.skill import (
     NOTHING,

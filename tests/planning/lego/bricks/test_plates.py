@@ -36,8 +36,7 @@ from planning.lego.bricks.grid import (
     top_pose,
 )
 from planning.lego.sequencing.sequencing import sequence_structure
-from planning.lego.skills.allowed_contacts import contacts_at_rest
-from planning.lego.skills.targets import support_targets
+from planning.lego.skills.targets import contacts_at_rest, support_targets
 from planning.lego.stability.contacts import (
     by_name,
     filled_places,

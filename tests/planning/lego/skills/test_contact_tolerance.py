@@ -22,11 +22,10 @@ from planning.lego.bricks.assembly import (
     StockBrick,
 )
 from planning.lego.bricks.brick_world import BrickWorld, grasp_number
-from planning.lego.skills.allowed_contacts import PRESSED
 from planning.lego.skills.brick_skills import BrickSkills
 from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
-from planning.lego.skills.targets import DEFAULT_TWIST
+from planning.lego.skills.targets import DEFAULT_TWIST, PRESSED
 from planning.steps.skill import Obstruction, SkillPath
 from planning.steps.skill_scene import ResolvedSkill
 from planning.tasks.highs_solver import assign_steps
