@@ -11,7 +11,6 @@ import typer
 from twin.commands.doctor import doctor
 from twin.commands.explore import explore
 from twin.commands.fit import fit
-from twin.commands.judge import judge
 from twin.commands.operate import drive, operate
 from twin.commands.plan import plan
 from twin.commands.robots import robots
@@ -20,7 +19,7 @@ from twin.commands.scenario_imports import app as import_app
 from twin.commands.scenarios import check, init, scenarios, schema, validate
 from twin.commands.sequence import sequence
 from twin.commands.study import cluster, compare, study
-from twin.commands.verify import verify
+from twin.commands.verify import judge, verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 
 app = typer.Typer(
