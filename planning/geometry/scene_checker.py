@@ -12,7 +12,6 @@ import numpy as np
 
 from planning.cell.workcell import PoseError, Workcell, WorldState
 from planning.geometry.clearing import BOX, HIT, SELF, CompiledScene, find_undecided
-from planning.geometry.deviating import while_deviating
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
@@ -25,6 +24,7 @@ from planning.geometry.robot_bodies import (
     entity,
     held_by,
     robot_bodies,
+    while_deviating,
 )
 from planning.geometry.separation import room_for
 from planning.geometry.standing import (

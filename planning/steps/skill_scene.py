@@ -17,8 +17,7 @@ from planning.cell.workcell import (
     Workcell,
     WorldState,
 )
-from planning.geometry.deviating import while_deviating
-from planning.geometry.robot_bodies import entity, robot_bodies
+from planning.geometry.robot_bodies import entity, robot_bodies, while_deviating
 from planning.geometry.scene_checker import SceneChecker
 from planning.geometry.standing import StandingBoxes, stand_boxes
 from planning.geometry.swept import boxes_in_reach, make_swept

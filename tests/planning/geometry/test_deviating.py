@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from planning.cell.workcell import PlacedRobot, PoseError
-from planning.geometry.deviating import how_far, while_deviating
 from planning.geometry.exact import Solid, place
-from planning.geometry.robot_bodies import robot_bodies
+from planning.geometry.robot_bodies import how_far, robot_bodies, while_deviating
 from planning.kinematics.kinematics import inverse_kinematics, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.transforms import Array, rotation, translation

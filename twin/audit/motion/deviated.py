@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from planning.cell.workcell import PlacedRobot, Workcell
-from planning.geometry.deviating import UNREACHED, flange_jacobians
+from planning.geometry.robot_bodies import UNREACHED, flange_jacobians
 from planning.kinematics.kinematics import joint_poses_of
 from planning.transforms import Array
 from twin.audit.motion.executed import STANDING, Recording, RobotRows
