@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import networkx as nx
 import numpy as np
 
-from planning.tasks import task_graph as planned_tasks
+from planning.tasks.work import task_graph as planned_graph
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -193,7 +193,7 @@ def task_graph(tpg: TemporalPlanGraph, name: str = "") -> Graph:
         name: of the graph.
     """
     graph: Graph = nx.DiGraph(name=name)
-    tasks = planned_tasks.task_graph(tpg.tasks, tpg.dependencies)
+    tasks = planned_graph(tpg.tasks, tpg.dependencies)
     for index, data in tasks.nodes(data=True):
         target = data["target"]
         told = "" if target is None else " ".join(map(repr, target.tolist()))

@@ -78,13 +78,19 @@ class ResumeError(TwinError):
 
 def write_plan(plan: PlanResult, folder: Path) -> None:
     """Write a plan with its scenario into a folder that it can be read back from."""
-    case = plan.scenario
     with new_results(folder):
-        about = asdict(prepare(plan))
-        write_manifest(folder, case.sections, plan.tpg.cell, case.folder, run=about)
-        save_plan(plan.tpg, folder)
-        if plan.turns is not None:
-            save_plan(plan.turns, folder / TURNS)
+        _write_begun(plan, folder, prepare(plan))
+
+
+def _write_begun(plan: PlanResult, folder: Path, about: Preparation) -> None:
+    """Write the manifest, the plan, and what it was made of."""
+    case = plan.scenario
+    write_manifest(folder, case.sections, plan.tpg.cell, case.folder, run=asdict(about))
+    save_plan(plan.tpg, folder)
+    if about.operated:
+        save_plan(plan.tpg, folder / FIRST)
+    if plan.turns is not None:
+        save_plan(plan.turns, folder / TURNS)
 
 
 def try_plan(
@@ -115,7 +121,6 @@ def try_plan(
         IncompleteRunError: a file cannot be written.
         DeadlockError: no robot could go on.
     """
-    scenario, base, tpg = plan.scenario.sections, plan.scenario.folder, plan.tpg
     about = prepare(plan, recording=recording, audit=audit, operated=operated)
     about = replace(
         about,
@@ -123,21 +128,15 @@ def try_plan(
         session=None if session is None else session.content(),
     )
     with new_results(folder), whole_or_failed(folder):
-        write_manifest(folder, scenario, tpg.cell, base, run=asdict(about))
-        save_plan(tpg, folder)
-        if operated:
-            save_plan(tpg, folder / FIRST)
-        if plan.turns is not None:
-            save_plan(plan.turns, folder / TURNS)
+        _write_begun(plan, folder, about)
         progress(SIMULATION, 0, 1)
         memory = MemoryRecorder()
         log = JsonlRecorder(folder / EVENTS)
         live = None
         if session is not None:
-            live = session.execution(tpg.cell, log.sync, folder / MEASURED)
+            live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED)
         done = _executed(plan, about, (log, memory), says, live)
         log.require_whole()
-        progress(SIMULATION, 1, 1)
         _conclude(done, folder, memory.events, about, progress)
     return RunResult(folder, plan=done.plan, history=memory.events, record=done.record)
 
@@ -213,6 +212,7 @@ def _conclude(
     progress: Report,
 ) -> None:
     """Write everything about a run that has been simulated, besides its event log."""
+    progress(SIMULATION, 1, 1)
     plan, record = done.plan, done.record
     scenario, tpg = plan.scenario.sections, plan.tpg
     if done.operation is not None:
@@ -339,7 +339,6 @@ def resume_run(
         for event in memory.events[len(known) :]:
             recorder.record(event)
         recorder.close()
-        progress(SIMULATION, 1, 1)
         _conclude(done, folder, memory.events, about, progress)
     keep_new(folder)
     found = Resumed(len(known), len(lines) - len(known))
@@ -380,7 +379,6 @@ def _go_on(
         live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED, history)
         done = _executed(plan, about, (log, memory), None, live)
         log.require_whole()
-        progress(SIMULATION, 1, 1)
         _conclude(done, folder, memory.events, about, progress)
     keep_new(folder)
     told = Resumed(len(known), len(memory.events) - len(known))
