@@ -14,25 +14,13 @@ import pytest
 
 from planning.errors import InfeasibleStepError, OutputError, TransitError, TwinError
 from tests.twin.program import invoke
+from tests.twin.scenarios.cells import ONE_BRICK
 from twin.host.guard import guarded
 
 ROOT = Path(__file__).parents[2]
 CLIFF = ROOT / "scenarios" / "lego" / "cliff.yaml"
-
-SMALL = """\
-version: 1
-name: small
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.4, 0, 1.1145]}}
-  stock:
-    - {name: b1, brick: 2x4, at: [4, 24, 1]}
-  steps:
-    - {brick: 2x4, at: [24, 24, 1], press: {side: 1, offset: 1}}
-"""
+SMALL = "".join(line for line in ONE_BRICK.splitlines(True) if "right" not in line)
+"""One arm and a brick."""
 
 
 @pytest.fixture

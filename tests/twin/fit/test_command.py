@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 from planning.tasks.task import SKILLS
 from planning.transforms import Array
+from tests.twin.scenarios.cells import ONE_BRICK as SMALL
 from twin.cli import app
 from twin.durations.bounded import Fixed
 from twin.durations.measured import MeasuredTimes
@@ -23,22 +24,6 @@ from twin.planning.build_workcell import build_workcell
 from twin.planning.pipeline import motion_settings
 from twin.scenario.manifest import load_scenario
 from twin.trial.simulation import skill_durations
-
-SMALL = """\
-version: 1
-name: small
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [1, 0, 0.9246]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.4, 0, 1.1145]}}
-  stock:
-    - {name: b1, brick: 2x4, at: [4, 24, 1]}
-  steps:
-    - {brick: 2x4, at: [24, 24, 1]}
-"""
 
 LEFT = stats.gamma(30, 0, 0.2).rvs(40, random_state=1).round(3)
 RIGHT = stats.gamma(30, 0, 0.3).rvs(40, random_state=2).round(3)

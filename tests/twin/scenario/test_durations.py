@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS
 from tests.planted import planted
+from tests.twin.scenarios.cells import ONE_BRICK
 from tests.twin.twin_toys import random_tpg
 from tests.twin.written import Change, loaded, refusal
 from twin.durations.bounded import Fixed, Pert, Triangular, Uniform
@@ -37,27 +38,10 @@ from twin.uncertainty.skill_durations import SkillDurations
 
 SECTION: TypeAdapter[DurationModel] = TypeAdapter(AnyDuration)
 
-SMALL = """\
-version: 1
-name: small
-cell:
-  robots:
-    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
-    - {name: right, model: gp4, base: {xyz_m: [1, 0, 0.9246]}}
-assembly:
-  kind: lego
-  plate: {pose: {xyz_m: [0.4, 0, 1.1145]}}
-  stock:
-    - {name: b1, brick: 2x4, at: [4, 24, 1]}
-    - {name: b2, brick: 1x2, at: [4, 30, 1]}
-  steps:
-    - {brick: 2x4, at: [24, 24, 1]}
-execution:
-  skills:
-    pick: {kind: fixed, value_s: 2}
-"""
-
 LAST = "    pick: {kind: fixed, value_s: 2}\n"
+SECOND = "    - {name: b2, brick: 1x2, at: [4, 30, 1]}\n"
+SMALL = ONE_BRICK.replace("  steps:\n", f"{SECOND}  steps:\n")
+SMALL += f"execution:\n  skills:\n{LAST}"
 
 
 def section(content: dict[str, object]) -> DurationModel:

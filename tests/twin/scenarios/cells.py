@@ -9,6 +9,23 @@ GP4S = (
 )
 """Two arms of LEGO cells on either side of a plate."""
 
+ONE_BRICK = """\
+version: 1
+name: small
+cell:
+  robots:
+    - {name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}
+    - {name: right, model: gp4, base: {xyz_m: [1, 0, 0.9246]}}
+assembly:
+  kind: lego
+  plate: {pose: {xyz_m: [0.4, 0, 1.1145]}}
+  stock:
+    - {name: b1, brick: 2x4, at: [4, 24, 1]}
+  steps:
+    - {brick: 2x4, at: [24, 24, 1]}
+"""
+"""Two arms and a brick, as a file of its own."""
+
 
 def panda(name: str, at: float, more: str = "") -> str:
     """Return a Panda that looks to the middle of the cell, from so far along x."""
