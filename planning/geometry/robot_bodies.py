@@ -21,7 +21,7 @@ from planning.cell.workcell import (
 )
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid
-from planning.geometry.hull_table import HullTable, hull_table
+from planning.geometry.separation import HullTable, hull_table
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import placed_joints
 from planning.kinematics.kinematics import joint_poses_of

@@ -19,7 +19,6 @@ from planning.cell.shape import Placed
 from planning.cell.workcell import Attachment, CellObject, Fixture, PlacedRobot
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, resting_solid
-from planning.geometry.hull_table import AT_REST, HullTable
 from planning.geometry.robot_bodies import (
     AllowedPairs,
     Held,
@@ -28,6 +27,7 @@ from planning.geometry.robot_bodies import (
     places_of,
     skip_allowed,
 )
+from planning.geometry.separation import AT_REST, HullTable
 from planning.geometry.swept import SKIP
 from planning.kinematics.chain import NO_JOINTS
 from planning.kinematics.kinematics import joint_poses_of

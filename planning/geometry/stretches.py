@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planning.geometry.distance import BETWEEN, FAR, gap_class
-from planning.geometry.hull_table import (
+from planning.geometry.separation import (
     AT_REST,
     HullTable,
     place_corners,

@@ -21,8 +21,8 @@ from planning.cell.cover import ConvexBody
 from planning.cell.shape import Shape
 from planning.cell.workcell import PlacedRobot, PoseError, Workcell
 from planning.geometry.exact import Solid, resting_solid
-from planning.geometry.hull_table import HullTable, hull_table, standing_hulls
 from planning.geometry.robot_bodies import how_far, robot_bodies
+from planning.geometry.separation import HullTable, hull_table, standing_hulls
 from planning.geometry.swept import bound_travel
 from planning.kinematics.chain import NO_JOINTS, placed_joints, standing_at
 from planning.packed import packed

@@ -9,8 +9,7 @@ import numpy as np
 
 from planning.construction.world.timeline import STEP
 from planning.construction.world.tracks import Carrier, Fleet, Tracks, make_fleet
-from planning.geometry.hull_table import HullTable
-from planning.geometry.separation import Scratch, room_for
+from planning.geometry.separation import HullTable, Scratch, room_for
 from planning.geometry.swept import (
     SweepRoom,
     Sweeps,

@@ -12,8 +12,8 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, CellObject, PlacedRobot
 from planning.construction.world.timeline import HandChange, MotionPieces, pose_of
-from planning.geometry.hull_table import HullTable
 from planning.geometry.robot_bodies import Held, RobotBodies, robot_bodies
+from planning.geometry.separation import HullTable
 from planning.geometry.swept import (
     SweepRoom,
     Sweeps,
