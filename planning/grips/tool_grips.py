@@ -14,9 +14,8 @@ from planning.cell.shape import Shape
 from planning.cell.workcell import CellObject, PlacedRobot
 from planning.files import KeptAnswers
 from planning.geometry.exact import Solid, distance, place, resting_solid
-from planning.grips.grip import Grip, GripRules
+from planning.grips.grip import Grip, GripRules, part_grips, thinnest
 from planning.grips.pads import own_bodies, why_not_held
-from planning.grips.shape_grips import part_grips, thinnest
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import Obstruction
 from planning.transforms import Array, Transform, inverse, translation

@@ -14,9 +14,8 @@ from planning.cell.cover import ConvexBody, box_body
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.workcell import PlacedRobot
 from planning.geometry.exact import Solid, distance_at
-from planning.grips.grip import GripRules
+from planning.grips.grip import GripRules, thinnest
 from planning.grips.pads import finger_sides
-from planning.grips.shape_grips import thinnest
 from planning.grips.tool_grips import tool_bodies, tool_grips, tool_heights, tool_rules
 from planning.robots.descriptions.xml_files import read_xml
 from planning.robots.overview import flange_doubt, overview

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from planning.cell.robot_model import ToolGrip
 from planning.cell.shape import Box, Cylinder, Element, Shape, box_shape, shape_of
 from planning.cell.workcell import PlacedRobot
-from planning.grips.grip import GripRules, box_grips
-from planning.grips.shape_grips import part_grips
+from planning.grips.grip import GripRules, box_grips, part_grips
 from planning.grips.tool_grips import (
     beyond_part,
     own_grips,
