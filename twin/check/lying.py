@@ -371,8 +371,7 @@ def _from_door(own: MachineSection, lying: Lying, subject: Subject) -> float | N
 
 def check_helpers(subject: Subject) -> Findings:
     """Yield temporary bricks that nobody can take out again: an error where the rules ask for that."""
-    from planning.lego.sequencing.remedies import Design
-    from planning.lego.sequencing.removal import shut_in
+    from planning.lego.sequencing.remedies import Design, shut_in
     from twin.planning.lego import (
         build_lego,
         sequencing_rules,

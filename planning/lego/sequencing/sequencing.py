@@ -28,8 +28,7 @@ from planning.lego.bricks.assembly import LegoStep, PlacedBrick
 from planning.lego.insertion.insertion import MOST_SPOTS, Insertion, Insertions
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
 from planning.lego.sequencing.blocking import Refusal
-from planning.lego.sequencing.remedies import Design
-from planning.lego.sequencing.removal import ShutIn
+from planning.lego.sequencing.remedies import Design, ShutIn
 from planning.lego.stability.partial_structures import Names
 from planning.progress import Progress, no_progress
 

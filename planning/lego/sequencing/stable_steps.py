@@ -33,7 +33,7 @@ from planning.lego.bricks.assembly import (
 from planning.lego.bricks.grid import presses
 from planning.lego.insertion.insertion import Insertions, InsertionSite
 from planning.lego.insertion.rules import InsertionWay, SequencingRules
-from planning.lego.sequencing.removal import ShutIn, shut_in
+from planning.lego.sequencing.remedies import ShutIn, shut_in
 from planning.lego.skills.candidates import LegoCandidates, exchange_steps
 from planning.lego.skills.expansion import lego_work
 from planning.lego.stability.contacts import ToolHold

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from planning.errors import InfeasibleStepError
 from planning.lego.bricks.assembly import BRICKS, PlacedBrick
 from planning.lego.insertion.rules import SequencingRules
-from planning.lego.sequencing.removal import shut_in
+from planning.lego.sequencing.remedies import shut_in
 from planning.lego.sequencing.sequencing import sequence_structure
 from tests.planning.lego.structures import brick, scattered
 
