@@ -34,7 +34,7 @@ from twin.audit.motion.efforts import (
     tool_speeds_of_run,
 )
 from twin.audit.motion.executed import Recording, ReplayedRun, read_recording
-from twin.audit.motion.sampling import stretches
+from twin.audit.motion.movers import stretches
 from twin.audit.order import NodeSpans, edge_violations, logged_spans
 from twin.audit.places import (
     helpers_left,

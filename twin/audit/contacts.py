@@ -12,8 +12,8 @@ import numpy as np
 from planning.tasks.task import AllowedContact
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase
+from twin.audit.motion.movers import RunStretch
 from twin.audit.motion.pairs import SLACK, Asked, gaps
-from twin.audit.motion.sampling import RunStretch
 from twin.audit.order import tasks_at
 from twin.audit.violation import Violation
 from twin.audit.worlds.world import WatchedShape

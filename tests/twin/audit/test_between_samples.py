@@ -18,8 +18,8 @@ from tests.twin.audit.audit_cell import (
 )
 from twin.audit.audit import Auditor, audit_run
 from twin.audit.motion.executed import ReplayedRun, read_recording
+from twin.audit.motion.movers import stretches
 from twin.audit.motion.pairs import FINEST
-from twin.audit.motion.sampling import stretches
 from twin.audit.worlds.engines import open_world
 
 

@@ -18,8 +18,8 @@ from scheduling.verification.reference import ReferenceRobot
 from tests.shipped_runs import ShippedRuns
 from tests.twin.audit.audit_cell import HandWrittenRun, brick, reach, two_arm_cell
 from twin.audit.audit import AuditReport, audit_run
+from twin.audit.motion.movers import STEP
 from twin.audit.motion.pairs import SLACK
-from twin.audit.motion.sampling import STEP
 from twin.audit.worlds.coal_world import CoalWorld
 from twin.audit.worlds.engines import (
     Engine,
