@@ -21,7 +21,7 @@ from benchmarks.tracking.exported_motion import ExportedMotion, States
 from benchmarks.tracking.plant import STEP_S, Flaws, Plant, load_body, new_world
 from planning.transforms import Array
 from twin.audit.worlds.bullet_world import MARGIN
-from twin.audit.worlds.exact_urdf import one_shape_a_link
+from twin.audit.worlds.link_chain import one_shape_a_link
 
 FAR_M = 0.5
 """What is farther away counts as so far [m]."""

@@ -21,8 +21,7 @@ from planning.errors import RobotModelError
 from planning.robots.registry import ROBOTS
 from planning.silence import silenced
 from planning.transforms import Array, Transform, quat_wxyz
-from twin.audit.worlds.exact_urdf import ShapeLink
-from twin.audit.worlds.link_chain import Frames, JointAxes
+from twin.audit.worlds.link_chain import Frames, JointAxes, ShapeLink
 from twin.audit.worlds.world import (
     BASE,
     AuditWorld,

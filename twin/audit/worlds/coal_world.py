@@ -18,8 +18,7 @@ from planning.cell.shape import Box, Capsule, Cylinder
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.transforms import Array, Transform
 from twin.audit.worlds.described_arm import DescribedArm
-from twin.audit.worlds.exact_urdf import ShapeLink
-from twin.audit.worlds.link_chain import Frames, JointAxes
+from twin.audit.worlds.link_chain import Frames, JointAxes, ShapeLink
 from twin.audit.worlds.world import (
     BASE,
     AuditWorld,

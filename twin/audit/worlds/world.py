@@ -14,8 +14,14 @@ from planning.cell.shape import Box, Capsule, Cylinder, Mesh, Shape
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import ROBOTS
 from planning.transforms import Array, Transform, translation
-from twin.audit.worlds.exact_urdf import ShapeLink, one_shape_a_link
-from twin.audit.worlds.link_chain import Frames, JointAxes, LinkChain, measured_chain
+from twin.audit.worlds.link_chain import (
+    Frames,
+    JointAxes,
+    LinkChain,
+    ShapeLink,
+    measured_chain,
+    one_shape_a_link,
+)
 
 BASE = -1
 """In place of a joint's index: what the base of a robot carries."""
