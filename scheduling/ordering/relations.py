@@ -5,19 +5,30 @@ only the order of the robots' tasks among each other is left open. Each is searc
 first asked for, and remembered.
 
 Edges of a graph whose tasks are in a given order, from what is known of pairs of tasks.
+
+Robots planned as one beside skills: clear of all that these sweep, whenever they are done.
+
+A skill follows its reference path and takes a time that nobody knows before, so there is no lock
+step with it. What a motion and a skill occupy is compared as in the search for conflicts, which
+therefore finds none between them later.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain as joined
 
 import numpy as np
 
-from planning.transforms import Indices
+from planning.motion.composite import CompositeChecker
+from planning.motion.known_motions import TaskMotion
+from planning.motion.sequential import MARGIN
+from planning.transforms import Array, Indices
 from scheduling.build_tpg import connect_nodes
+from scheduling.conflicts.close_bodies import contact_table
+from scheduling.conflicts.conflict_search import first_conflict
 from scheduling.conflicts.derived_tpg import (
     DerivedTpg,
     GraphStretch,
@@ -28,8 +39,9 @@ from scheduling.conflicts.derived_tpg import (
     rest_stretch,
     standing_stretch,
 )
-from scheduling.conflicts.object_spans import Node, handlings_in_order
-from scheduling.graph.task_edges import dependency_edges, task_nodes
+from scheduling.conflicts.object_spans import Node, ObjectSpan, handlings_in_order
+from scheduling.conflicts.occupancy import chain_occupancy
+from scheduling.graph.task_edges import TaskNodes, dependency_edges, task_nodes
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
     TASK_DEPENDENCY,
@@ -255,3 +267,99 @@ def _motion_edges(
         complete[unit], last[own.chain] = known, unit
         done[own.chain] += 1
     return np.array(edges, dtype=np.int64).reshape(-1, 4)
+
+
+class BesideSkills:
+    """Collision checks of robots that move as one while others do skills.
+
+    Args:
+        checker: of the robots that move, without those that do skills.
+        graph: of the sequential plan.
+        transits: the nodes of each moving robot's task there; what it carries follows from them.
+        skills: what is done meanwhile.
+    """
+
+    def __init__(
+        self,
+        checker: CompositeChecker,
+        graph: DerivedTpg,
+        transits: Mapping[str, TaskNodes],
+        skills: Sequence[GraphStretch],
+    ) -> None:
+        self.speed = checker.speed
+        self._checker, self._graph, self._transits = checker, graph, transits
+        self._skills = skills
+        cell = graph.tpg.cell
+        wider = replace(
+            cell.clearances,
+            robot_robot=cell.clearances.robot_robot + MARGIN,
+            robot_object=cell.clearances.robot_object + MARGIN,
+        )
+        self._table = contact_table(
+            graph.entities, len(cell.robots), graph.tpg.allowed, wider
+        )
+        self._held = {name: _in_hand(graph, nodes) for name, nodes in transits.items()}
+
+    def configuration_free(self, q: Array) -> bool:
+        """Tell whether all robots may stand at composite ``q`` during the skills, shape (n,)."""
+        return self._checker.configuration_free(q) and self._clear(q, q)
+
+    def motion_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether the composite line from ``q_a`` to ``q_b`` is free, shape (n,)."""
+        return self._checker.motion_free(q_a, q_b) and self._clear(q_a, q_b)
+
+    def seems_free(self, q_a: Array, q_b: Array) -> bool:
+        """Tell whether some configurations of the line are free, and all of it of the skills."""
+        return self._checker.seems_free(q_a, q_b) and self._clear(q_a, q_b)
+
+    def motions(self, path: Array) -> dict[str, TaskMotion] | None:
+        """Return the motion of each robot on a composite polyline; see ``CompositeChecker``."""
+        found = self._checker.motions(path)
+        if found is None or not all(
+            self._clear_of_skills(name, motion.path) for name, motion in found.items()
+        ):
+            return None
+        return found
+
+    def _clear(self, q_a: Array, q_b: Array) -> bool:
+        return all(
+            self._clear_of_skills(name, np.stack([q_a[own], q_b[own]]))
+            for name, own in zip(
+                self._checker.robots, self._checker.joints, strict=True
+            )
+        )
+
+    def _clear_of_skills(self, robot: str, path: Array) -> bool:
+        """Tell whether a robot on a polyline, shape (w, n), is clear of what the skills sweep."""
+        path = path if len(path) > 1 else np.repeat(path, 2, axis=0)
+        count = len(path) - 1
+        nodes = NodeChain(
+            robot,
+            path[0],
+            path[1:],
+            np.ones(count),
+            np.arange(count + 1),
+            np.full(count, self._transits[robot].task),
+            np.zeros(count, dtype=np.bool_),
+            np.zeros(count),
+            np.zeros(count),
+        )
+        held = [replace(span, end=(count, 0)) for span in self._held[robot]]
+        own = chain_occupancy(self._graph.tpg.cell, nodes, held, self._graph.entities)
+        floor = np.full(count, -1, dtype=np.int64)
+        return all(
+            first_conflict(
+                own, skill.occupancy, floor, np.full(count, skill.nodes), self._table
+            )
+            is None
+            for skill in self._skills
+        )
+
+
+def _in_hand(graph: DerivedTpg, nodes: TaskNodes) -> list[ObjectSpan]:
+    """Return what a robot carries all through a transit, as spans from its first node on."""
+    return [
+        replace(span, start=(0, 0))
+        for span in graph.spans[nodes.chain]
+        if span.carried and span.start <= (nodes.first, 0) < span.end
+    ]

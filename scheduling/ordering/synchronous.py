@@ -28,8 +28,7 @@ from planning.tasks.work import task_graph
 from planning.transforms import Indices
 from scheduling.build_tpg import build_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.ordering.beside_skills import BesideSkills
-from scheduling.ordering.relations import TaskRelations
+from scheduling.ordering.relations import BesideSkills, TaskRelations
 
 _SHORTEST = 1e-3
 """A slot in which nobody moves takes this long, so that slots do not start at once [s]."""
