@@ -36,8 +36,8 @@ from planning.errors import RequestError
 from twin.drivers.driver import ClearedNode
 from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
-from twin.live.messages import Command, Report
 from twin.live.service import drive_remotely
+from twin.live.wire_format import Command, Report
 from twin.trial.loaded_scenario import load
 
 FAULTS = (

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from twin.drivers.driver import Driver, DriverState, Sample
-from twin.live.messages import Command, Report
+from twin.live.wire_format import Command, Report
 
 _AGAIN_S = 0.5
 """After so long, samples that have not been heard of are told again [s]."""

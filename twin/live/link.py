@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Sample, ToolOrder
-from twin.live.messages import Command, Report
+from twin.live.wire_format import Command, Report
 
 _SAME_CLOCK_S = 1.0
 """A clock on this machine that is so near to that of the dispatcher is the same one [s]."""

@@ -28,8 +28,8 @@ from twin.engine.processes import Steps
 from twin.live.history import ANEW, History
 from twin.live.link import AwaitedAct, Link, see_to_tools
 from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
-from twin.live.messages import Report
 from twin.live.wire import Wire
+from twin.live.wire_format import Report
 from twin.operate.rolling import RollingExecution, Version
 from twin.run.events import EventKind, Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes

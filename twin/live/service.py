@@ -15,10 +15,11 @@ from planning.errors import RequestError
 from twin.cluster.certificates import Certificates, on_this_machine
 from twin.host.extras import extra_module
 from twin.live.driver_end import DriverEnd
-from twin.live.messages import Command, Report
 from twin.live.wire import Deliver
 from twin.live.wire_format import (
+    Command,
     MessageError,
+    Report,
     command_bytes,
     message_class,
     read_command,

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from twin.live.driver_end import DriverEnd
-from twin.live.messages import Command, Report
+from twin.live.wire_format import Command, Report
 
 Deliver = Callable[[Report], None]
 """Is given every report; it may be called from any thread."""

@@ -28,8 +28,8 @@ from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
 from twin.live.measured import MeasuredLog
-from twin.live.messages import Command, Report
 from twin.live.wire import LocalWire
+from twin.live.wire_format import Command, Report
 from twin.operate.operation import Operation, operate
 from twin.operate.recovery import Recovery
 from twin.recorders.observers import MemoryRecorder

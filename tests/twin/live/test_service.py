@@ -31,11 +31,12 @@ from twin.drivers.simulated_arm import SimulatedArm
 from twin.live.driver_end import DriverEnd
 from twin.live.link import Link
 from twin.live.live_execution import LiveExecution
-from twin.live.messages import Command, Report
 from twin.live.service import METHOD, Service, channel_to, drive_remotely
 from twin.live.wire_format import (
     DESCRIPTION,
+    Command,
     MessageError,
+    Report,
     command_bytes,
     read_command,
     read_report,
