@@ -13,10 +13,9 @@ from twin.commands.explore import explore
 from twin.commands.fit import fit
 from twin.commands.operate import drive, operate
 from twin.commands.plan import plan
-from twin.commands.robots import robots
 from twin.commands.run import export, follow, replay, resume, run
 from twin.commands.scenario_imports import app as import_app
-from twin.commands.scenarios import check, init, scenarios, schema, validate
+from twin.commands.scenarios import check, init, robots, scenarios, schema, validate
 from twin.commands.sequence import sequence
 from twin.commands.study import cluster, compare, study
 from twin.commands.verify import judge, verify
