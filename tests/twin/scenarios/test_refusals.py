@@ -8,13 +8,13 @@ import pytest
 
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
-from tests.twin.scenarios.test_balance import SCENARIO as CANTILEVER
 from tests.twin.scenarios.test_construction_scenarios import OWN
 from tests.twin.scenarios.test_part_assembly import SCENARIO as CROSSING
 from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from tests.twin.scenarios.test_storage_plate import SCENARIO as STORED
 from tests.twin.scenarios.test_tool_changes import scenario_text
 from tests.twin.scenarios.test_trusses import KEPT
+from tests.twin.scenarios.test_trusses import SCENARIO as CANTILEVER
 from tests.twin.written import refusal
 
 GOALS = SCENARIOS / "multi_arm" / "multi_goal.yaml"
