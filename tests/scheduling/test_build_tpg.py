@@ -1,4 +1,7 @@
-"""The fast construction against Algorithm 1's double loop and networkx, on random plans."""
+"""The fast construction against Algorithm 1's double loop and networkx, on random plans.
+
+The invariant holds for what is built, and its breaches are found and named.
+"""
 
 from __future__ import annotations
 

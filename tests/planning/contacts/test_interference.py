@@ -1,4 +1,7 @@
-"""How deep things are in each other, against formulas, and against points spread over surfaces."""
+"""How deep things are in each other, against formulas, and against points spread over surfaces.
+
+Play of parts across their ways in, and the chance to fit, against formulas and drawn positions.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What is left out of a scene is too far away to matter, and checkers share their memory rightly."""
+"""What is left out of a scene is too far away to matter, and checkers share their memory rightly.
+
+A thing of several pieces is in the way exactly as its pieces would be, one by one.
+"""
 
 from __future__ import annotations
 

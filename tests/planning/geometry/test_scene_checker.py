@@ -1,4 +1,7 @@
-"""Scene checks against every pair of hulls measured at dense samples."""
+"""Scene checks against every pair of hulls measured at dense samples.
+
+The exact motion check with a long rod in hand, against dense samples of hull distances.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Pads come to parts as linear programs say; what they do not touch is not held, and is told by direction."""
+"""Pads come to parts as linear programs say; what they do not touch is not held, and is told by direction.
+
+Grips on boxes keep the rules; each tool holds what it can, and is named where it cannot.
+"""
 
 from __future__ import annotations
 

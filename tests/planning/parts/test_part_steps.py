@@ -1,4 +1,7 @@
-"""Two arms lay two rods side by side and a third across them: who can, what waits for what."""
+"""Two arms lay two rods side by side and a third across them: who can, what waits for what.
+
+Orders that are found: against brute force, against what lies on what, and past what blocks.
+"""
 
 from __future__ import annotations
 

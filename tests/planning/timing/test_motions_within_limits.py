@@ -1,4 +1,7 @@
-"""Quickest motions along lines and polylines: within limits, on the path, and not slower than need be."""
+"""Quickest motions along lines and polylines: within limits, on the path, and not slower than need be.
+
+Stops in the middle of a skill, and speeds at borders: within limits, on the path, and no longer or slower than need be.
+"""
 
 from __future__ import annotations
 

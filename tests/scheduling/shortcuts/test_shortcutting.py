@@ -1,4 +1,7 @@
-"""Shortcuts keep every guarantee: against brute force, networkx and the slow verification."""
+"""Shortcuts keep every guarantee: against brute force, networkx and the slow verification.
+
+Sidesteps: the plan ends sooner, nothing else changes, and the guarantee stays.
+"""
 
 from __future__ import annotations
 

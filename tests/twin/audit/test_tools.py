@@ -1,4 +1,7 @@
-"""The audit sees tools of cells: their bodies from the description, how far their fingers open."""
+"""The audit sees tools of cells: their bodies from the description, how far their fingers open.
+
+The audit sees processes that were done where they belong, however short they were.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Robots: a HOME that is named where nobody gives one, bases, efforts, and what they carry."""
+"""Robots: a HOME that is named where nobody gives one, bases, efforts, and what they carry.
+
+``twin robots MODEL``: what is in a description, in tables that are never cut, and a picture.
+"""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Skills that take as long as their reference paths, as in the simulations of APEX-MR."""
+
 from __future__ import annotations
 
 import json

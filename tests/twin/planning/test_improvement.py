@@ -1,4 +1,7 @@
-"""A better choice of robots, objects and grips: rated exactly, never worse, the same everywhere."""
+"""A better choice of robots, objects and grips: rated exactly, never worse, the same everywhere.
+
+More than two robots: whoever only stands in the way of the others gets nothing to do.
+"""
 
 from __future__ import annotations
 

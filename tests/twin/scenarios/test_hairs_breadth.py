@@ -2,6 +2,8 @@
 
 One bench with two arms: grips that hold nothing, parts in each other, joints across air, loads that
 nobody carries, work that happens nowhere, and plans in which parts jump.
+
+Plans of shipped scenarios that were changed by hand are not called safe.
 """
 
 from __future__ import annotations

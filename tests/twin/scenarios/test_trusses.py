@@ -1,4 +1,7 @@
-"""Bars that meet in nodes: how deep they may be in each other, and who keeps hold of them."""
+"""Bars that meet in nodes: how deep they may be in each other, and who keeps hold of them.
+
+A beam that would fall off a post: refused, propped in a found order, or joined, up to the audit.
+"""
 
 from __future__ import annotations
 

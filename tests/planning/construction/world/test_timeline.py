@@ -1,4 +1,7 @@
-"""Timelines, the fixed world made of them, and dropping ways out."""
+"""Timelines, the fixed world made of them, and dropping ways out.
+
+What robots sweep: against corners of their bodies, and remembered against worked out anew.
+"""
 
 from __future__ import annotations
 

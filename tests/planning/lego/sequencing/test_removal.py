@@ -1,4 +1,7 @@
-"""Helpers that can be taken out of a structure again, against all orders and boxes in motion."""
+"""Helpers that can be taken out of a structure again, against all orders and boxes in motion.
+
+Sequences and blocking sets against all permutations, and remedies of blocked structures.
+"""
 
 from __future__ import annotations
 

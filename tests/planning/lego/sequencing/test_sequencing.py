@@ -1,4 +1,7 @@
-"""Assembly sequences of small structures, replayed step by step with the plain program."""
+"""Assembly sequences of small structures, replayed step by step with the plain program.
+
+What a structure bears at a step, against the plain program at forces on either side of it.
+"""
 
 from __future__ import annotations
 
