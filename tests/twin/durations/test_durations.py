@@ -1,4 +1,4 @@
-"""Skills that take as long as their reference paths, as in the simulations of APEX-MR."""
+"""How long skills take: drawn from what was measured, or as long as their reference paths."""
 
 from __future__ import annotations
 
