@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from tests.planted import planted
 from tests.twin.judge.judged import Document, judged, yard
 from twin.judge.delays import delayed_spans
 from twin.judge.foreign_execution import planned_spans
@@ -55,15 +56,24 @@ def test_the_same_plan_by_the_clock_is_clean_until_somebody_is_late(
     assert case.delayed(worst, late).contacts > 0
 
 
+def _set(place: str, value: str) -> Plant:
+    """Return the fault that another value stands somewhere in a plan."""
+    robot, *way, last = (int(key) if key.isdigit() else key for key in place.split())
+
+    def plant(west: Motions, east: Motions) -> None:
+        found: Any = {"west": west, "east": east}[robot]
+        for key in way:
+            found = found[key]
+        found[last] = json.loads(value)
+
+    return plant
+
+
 def _later(some: Motions, by: float, first: int = 0) -> None:
     for motion in some[first:]:
         motion["t_s"] = [t + by for t in motion["t_s"]]
         for event in motion.get("events", ()):
             event["t_s"] += by
-
-
-def _takes_too_early(west: Motions, east: Motions) -> None:
-    west[1]["events"][0]["t_s"] = 2.5
 
 
 def _takes_what_is_elsewhere(west: Motions, east: Motions) -> None:
@@ -77,29 +87,12 @@ def _is_not_there_yet(west: Motions, east: Motions) -> None:
     east[2].pop("after")
 
 
-def _puts_too_early(west: Motions, east: Motions) -> None:
-    west[3]["events"][0]["t_s"] = 13.0
-
-
-def _puts_too_late(west: Motions, east: Motions) -> None:
-    west[3]["events"][0]["t_s"] = 16.0
-
-
 def _jumps(west: Motions, east: Motions) -> None:
     west[2]["q"][0][0] += 0.2
 
 
 def _jumps_at_the_start(west: Motions, east: Motions) -> None:
     west[0]["q"][0][1] -= 0.1
-
-
-def _part_jumps_into_place(west: Motions, east: Motions) -> None:
-    west[3]["events"][0]["pose"] = {"xyz_m": [0.05, 0.0, 1.1]}
-
-
-def _part_jumps_into_the_hand(west: Motions, east: Motions) -> None:
-    # The flange of a crane is 0.13 m above its pad.
-    east[1]["events"][0]["pose"] = {"xyz_m": [0.1, 0.0, -0.23]}
 
 
 def _passes_between_two_rows(west: Motions, east: Motions) -> None:
@@ -114,36 +107,12 @@ def _does_not_wait(west: Motions, east: Motions) -> None:
     _later(east, -15.0, 2)
 
 
-def _presses_into_the_table(west: Motions, east: Motions) -> None:
-    west[3]["q"][1][2] = 1.26
-
-
-def _presses_into_a_part(west: Motions, east: Motions) -> None:
-    east[3]["q"][1][2] = 1.06
-
-
-def _dips_into_what_it_takes(west: Motions, east: Motions) -> None:
-    west[1]["q"][1][2] = 1.3
-
-
 def _swings_low(west: Motions, east: Motions) -> None:
     for row in (west[1]["q"][2], west[2]["q"][0], west[2]["q"][1], west[3]["q"][0]):
         row[2] = 1.24
     west[2]["q"].insert(1, [0.8, 3.2, 1.45, -0.8])
     west[2]["t_s"].insert(1, 9.5)
     west[2]["q"][2][1] = west[3]["q"][0][1] = 3.0
-
-
-def _slews_too_fast(west: Motions, east: Motions) -> None:
-    west[2]["t_s"] = [7, 10]
-
-
-def _runs_too_fast(west: Motions, east: Motions) -> None:
-    east[0]["t_s"] = [0, 1]
-
-
-def _leaves_its_range(west: Motions, east: Motions) -> None:
-    west[4]["q"][1][2] = -0.1
 
 
 def _places_beside(west: Motions, east: Motions) -> None:
@@ -156,48 +125,12 @@ def _places_turned(west: Motions, east: Motions) -> None:
         row[3] += 0.1
 
 
-def _keeps_it(west: Motions, east: Motions) -> None:
-    east[3]["events"] = []
-
-
 def _never_comes(west: Motions, east: Motions) -> None:
     del east[2:]
 
 
-def _takes_it_out_of_the_cell(west: Motions, east: Motions) -> None:
-    east[3]["events"] = [{"t_s": 29.5, "leave": "upper"}]
-
-
 def _begins_before_what_it_waits_for(west: Motions, east: Motions) -> None:
     _later(east, -1.0, 2)
-
-
-def _waits_in_a_circle(west: Motions, east: Motions) -> None:
-    west[2]["after"] = ["east places"]
-
-
-def _takes_with_a_full_hand(west: Motions, east: Motions) -> None:
-    west[2]["events"] = [{"t_s": 8.0, "take": "upper"}]
-
-
-def _puts_what_it_does_not_have(west: Motions, east: Motions) -> None:
-    west[0]["events"] = [{"t_s": 1.0, "put": "lower"}]
-
-
-def _puts_what_another_has(west: Motions, east: Motions) -> None:
-    west[3]["events"][0] = {"t_s": 14.5, "put": "upper"}
-
-
-def _takes_twice(west: Motions, east: Motions) -> None:
-    west[2]["events"] = [{"t_s": 8.0, "take": "lower"}]
-
-
-def _appears_again(west: Motions, east: Motions) -> None:
-    west[0]["events"] = [{"t_s": 1.0, "appear": "upper"}]
-
-
-def _gives_to_who_is_far(west: Motions, east: Motions) -> None:
-    west[2]["events"] = [{"t_s": 9.0, "give": "lower", "to": "east"}]
 
 
 def _picks_too_quickly(west: Motions, east: Motions) -> None:
@@ -210,41 +143,51 @@ def _calls_its_pick_a_move(west: Motions, east: Motions) -> None:
     del west[1]["skill"], west[1]["object"]
 
 
+# One value of a plan that is another one: in a motion of a robot, by keys and indices. The flange
+# of a crane is 0.13 m above its pad.
+VALUES = planted(r"""
+fault                               | motion               | value                                         | kind        | who
+part taken before the hand is there | west 1 events 0 t_s  | 2.5                                           | grip        | lower
+part let go of in the air           | west 3 events 0 t_s  | 13.0                                          | hanging     | lower
+part let go of on the way back      | west 3 events 0 t_s  | 16.0                                          | hanging     | lower
+part jumps into its place           | west 3 events 0 pose | {"xyz_m": [0.05, 0.0, 1.1]}                   | jump        | lower
+part jumps into the hand            | east 1 events 0 pose | {"xyz_m": [0.1, 0.0, -0.23]}                  | jump        | upper
+contact with a fixture              | west 3 q 1 2         | 1.26                                          | contact     | lower
+contact with a part                 | east 3 q 1 2         | 1.06                                          | contact     | upper
+tool too deep in its part           | west 1 q 1 2         | 1.3                                           | contact     | west/
+joint too fast                      | west 2 t_s           | [7, 10]                                       | joint-speed | west
+sliding joint too fast              | east 0 t_s           | [0, 1]                                        | joint-speed | east
+joint out of its range              | west 4 q 1 2         | -0.1                                          | joint-limit | west
+part still in the hand              | east 3 events        | []                                            | place       | upper
+part gone                           | east 3 events        | [{"t_s": 29.5, "leave": "upper"}]             | place       | upper
+waits in a circle                   | west 2 after         | ["east places"]                               | edge-order  | plan
+hands full                          | west 2 events        | [{"t_s": 8.0, "take": "upper"}]               | hand        | west
+hands empty                         | west 0 events        | [{"t_s": 1.0, "put": "lower"}]                | hand        | west
+part of another's hand              | west 3 events 0      | {"t_s": 14.5, "put": "upper"}                 | hand        | west
+part taken twice                    | west 2 events        | [{"t_s": 8.0, "take": "lower"}]               | hand        | west
+part there twice                    | west 0 events        | [{"t_s": 1.0, "appear": "upper"}]             | hand        | west
+part given over a distance          | west 2 events        | [{"t_s": 9.0, "give": "lower", "to": "east"}] | grip        | lower
+""")
+
 PLANTED: dict[str, tuple[Plant, str, str]] = {
-    "part taken before the hand is there": (_takes_too_early, "grip", "lower"),
     "part taken that lies elsewhere": (_takes_what_is_elsewhere, "grip", "lower"),
     "part placed before what it stands on": (_is_not_there_yet, "hanging", "upper"),
     "precedence broken": (_is_not_there_yet, "process", "upper"),
-    "part let go of in the air": (_puts_too_early, "hanging", "lower"),
-    "part let go of on the way back": (_puts_too_late, "hanging", "lower"),
     "robot jumps between motions": (_jumps, "jump", "west"),
     "robot does not begin at HOME": (_jumps_at_the_start, "jump", "west"),
-    "part jumps into its place": (_part_jumps_into_place, "jump", "lower"),
-    "part jumps into the hand": (_part_jumps_into_the_hand, "jump", "upper"),
     "contact between two rows": (_passes_between_two_rows, "contact", "west/arm"),
     "contact for want of a wait": (_does_not_wait, "contact", "west/arm"),
-    "contact with a fixture": (_presses_into_the_table, "contact", "lower"),
-    "contact with a part": (_presses_into_a_part, "contact", "upper"),
-    "tool too deep in its part": (_dips_into_what_it_takes, "contact", "west/"),
     "part dragged through its stand": (_swings_low, "contact", "lower"),
-    "joint too fast": (_slews_too_fast, "joint-speed", "west"),
-    "sliding joint too fast": (_runs_too_fast, "joint-speed", "east"),
-    "joint out of its range": (_leaves_its_range, "joint-limit", "west"),
     "wrong goal, beside": (_places_beside, "place", "lower"),
     "wrong goal, turned": (_places_turned, "place", "upper"),
-    "part still in the hand": (_keeps_it, "place", "upper"),
     "part never placed": (_never_comes, "place", "upper"),
-    "part gone": (_takes_it_out_of_the_cell, "place", "upper"),
     "wait not kept": (_begins_before_what_it_waits_for, "edge-order", "east"),
-    "waits in a circle": (_waits_in_a_circle, "edge-order", "plan"),
-    "hands full": (_takes_with_a_full_hand, "hand", "west"),
-    "hands empty": (_puts_what_it_does_not_have, "hand", "west"),
-    "part of another's hand": (_puts_what_another_has, "hand", "west"),
-    "part taken twice": (_takes_twice, "hand", "west"),
-    "part there twice": (_appears_again, "hand", "west"),
-    "part given over a distance": (_gives_to_who_is_far, "grip", "lower"),
     "work too short": (_picks_too_quickly, "duration", "west"),
     "work too short under another name": (_calls_its_pick_a_move, "duration", "west"),
+}
+PLANTED |= {
+    name: (_set(place, value), kind, who)
+    for name, (place, value, kind, who) in VALUES.items()
 }
 
 
