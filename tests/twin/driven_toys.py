@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from planning.cell.robot_model import MotionLimits
 from planning.cell.workcell import PlacedRobot
+from planning.transforms import Array
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 from scheduling.motion_times import stretch_numbers, within_limits
@@ -80,19 +81,27 @@ def _limited(
 def _straightened(chain: NodeChain, rng: np.random.Generator) -> NodeChain:
     """Return a chain in which each task's pose nodes lie on one straight way, or on two."""
     points = chain.waypoints.copy()
+    for rows, start in _motions(chain, points):
+        bend, end = int(rng.integers(0, len(rows))), points[rows[-1]]
+        corner = points[rows[bend]] if bend else start
+        _lay(points, rows[:bend], start, corner)
+        _lay(points, rows[bend:], corner, end)
+    return replace(chain, waypoints=points)
+
+
+def _motions(chain: NodeChain, points: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield the rows of each task's pose nodes, and where these begin as points lie by then."""
     for task in np.unique(chain.task):
         nodes = np.flatnonzero((chain.task == task) & ~chain.skill)
-        if not len(nodes):
-            continue
-        rows = chain.first[nodes]
-        before = chain.start if rows[0] == 0 else points[rows[0] - 1]
-        bend = int(rng.integers(0, len(rows)))
-        corner = points[rows[bend]] if bend else before
-        ends = [(0, bend, before, corner), (bend, len(rows), corner, points[rows[-1]])]
-        for low, high, a, b in ends:
-            for k in range(low, high):
-                points[rows[k]] = a + (b - a) * ((k - low + 1) / (high - low))
-    return replace(chain, waypoints=points)
+        if len(nodes):
+            rows = chain.first[nodes]
+            yield rows, chain.start if rows[0] == 0 else points[rows[0] - 1]
+
+
+def _lay(points: Array, rows: Array, start: Array, end: Array) -> None:
+    """Lay rows on a straight way."""
+    for k, row in enumerate(rows, start=1):
+        points[row] = start + (end - start) * (k / len(rows))
 
 
 def bent_tpg(
@@ -169,17 +178,11 @@ def _bent(graph: DerivedTpg, run: Run, rng: np.random.Generator) -> DerivedTpg:
 def _with_legs(chain: NodeChain, rng: np.random.Generator) -> NodeChain:
     """Return a chain in which each task's pose nodes lie on several straight ways."""
     points = chain.waypoints.copy()
-    for task in np.unique(chain.task):
-        nodes = np.flatnonzero((chain.task == task) & ~chain.skill)
-        if not len(nodes):
-            continue
-        rows = chain.first[nodes]
-        at = chain.start if rows[0] == 0 else points[rows[0] - 1]
+    for rows, at in _motions(chain, points):
         low = 0
         while low < len(rows):
             high = min(len(rows), low + int(rng.integers(1, 8)))
             end = at + rng.normal(size=len(at)) * 10.0 ** rng.uniform(-1.5, 0.3)
-            for k in range(low, high):
-                points[rows[k]] = at + (end - at) * ((k - low + 1) / (high - low))
+            _lay(points, rows[low:high], at, end)
             at, low = end, high
     return replace(chain, waypoints=points)

@@ -51,11 +51,11 @@ CASES = [(2, 0), (2, 4), (2, 7), (3, 3), (3, 5), (4, 1), (5, 2)]
 
 
 def _shorten(
-    plan: MotionPlan, step: float, candidates: int = 150, seed: int = 0
+    plan: MotionPlan, step: float, candidates: int = 150, **options: int
 ) -> TemporalPlanGraph:
     speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
     return shorten_tpg(
-        build_tpg(plan), speeds, step=step, candidates=candidates, seed=seed
+        build_tpg(plan), speeds, step=step, candidates=candidates, **options
     )
 
 
@@ -324,20 +324,6 @@ def test_no_way_back_is_taken_through_what_was_given(
         take_detours(cliff)
 
 
-def shortened(
-    plan: MotionPlan, step: float, sidesteps: int, seed: int = 0
-) -> TemporalPlanGraph:
-    speeds = {robot.name: L1Speed() for robot in plan.cell.robots}
-    return shorten_tpg(
-        build_tpg(plan),
-        speeds,
-        step=step,
-        candidates=150,
-        seed=seed,
-        sidesteps=sidesteps,
-    )
-
-
 def makespan(tpg: TemporalPlanGraph) -> float:
     return float(earliest_times(tpg).makespan)
 
@@ -348,8 +334,8 @@ def test_the_plan_ends_no_later_and_what_is_done_stays(
     robots: int, seed: int, draws: int
 ) -> None:
     plan = random_plan(robots, seed, rounds=9, step=0.5)
-    before = shortened(plan, 0.5, 0, draws)
-    tpg = shortened(plan, 0.5, 60, draws)
+    before = _shorten(plan, 0.5, seed=draws)
+    tpg = _shorten(plan, 0.5, seed=draws, sidesteps=60)
     check_conflicts_are_ordered(tpg)
     assert makespan(tpg) <= makespan(before) + 1e-9
     for old, new in zip(before.chains, tpg.chains, strict=True):
@@ -361,7 +347,7 @@ def test_the_plan_ends_no_later_and_what_is_done_stays(
 @pytest.mark.parametrize("seed", [7, 9])
 def test_they_gain_where_shortcuts_have_ended(seed: int) -> None:
     plan = random_plan(3, seed, rounds=10)
-    without, tpg = (shortened(plan, 0.15, n) for n in (0, 200))
+    without, tpg = (_shorten(plan, 0.15, sidesteps=n) for n in (0, 200))
     assert makespan(tpg) < 0.98 * makespan(without)
     plain = PlainGraph(tpg, -TOLERANCE)
     run_at_random(tpg, plain, np.random.default_rng(seed), set())
@@ -405,6 +391,6 @@ def test_runs_beside_waits_hold_the_node_that_waits_or_is_waited_for() -> None:
 
 def test_the_same_seed_steps_aside_alike() -> None:
     plan = random_plan(3, 7, rounds=10)
-    one, two = (shortened(plan, 0.15, 100) for _ in range(2))
+    one, two = (_shorten(plan, 0.15, sidesteps=100) for _ in range(2))
     for a, b in zip(one.chains, two.chains, strict=True):
         assert np.array_equal(a.waypoints, b.waypoints)
