@@ -51,16 +51,33 @@ def fitted(tool: Tool, grip: ToolGrip) -> tuple[RobotModel, Transform]:
     return model, frame_in_last_joint(model, "tool")
 
 
+def hand_shapes(fingers: int = 2) -> tuple[Element, ...]:
+    """Return a palm with fingers 60 mm apart, 20 mm wide, 50 mm long."""
+    palm = Element(Box((0.05, 0.1, 0.1)), translation(0, 0, 0.05))
+    sides = [
+        Element(Box((0.02, 0.01, 0.05)), translation(0, y, TIPS - 0.025))
+        for y in (-0.035, 0.035)
+    ]
+    return (palm, *sides[:fingers])
+
+
+def cup_shapes(ring: bool = False) -> tuple[Element, ...]:
+    """Return what a cup of suction is drawn as: a cylinder, or four posts around its middle."""
+    if not ring:
+        return (Element(Cylinder(0.02, 0.1), translation(0, 0, 0.05)),)
+    return tuple(
+        Element(Box((0.01, 0.01, 0.1)), translation(x, y, 0.05))
+        for x in (-0.02, 0.02)
+        for y in (-0.02, 0.02)
+    )
+
+
 def hand(
     *, tcp: float = TIPS, off: float = 0.0, aside: float = 0.0, bodies: int = 2
 ) -> tuple[RobotModel, Transform]:
-    """Return an arm with two fingers 60 mm apart, 20 mm wide, 50 mm long, and its tool frame."""
-    shapes = [Element(Box((0.05, 0.1, 0.1)), translation(0, 0, 0.05))]
-    shapes += [
-        Element(Box((0.02, 0.01, 0.05)), translation(0, y, TIPS - 0.025))
-        for y in (-0.035, 0.035)
-    ][:bodies]
-    tool = Tool(name="hand", shapes=tuple(shapes), tcp=translation(aside, off, tcp))
+    """Return an arm with a hand of two fingers, and its tool frame."""
+    at = translation(aside, off, tcp)
+    tool = Tool(name="hand", shapes=hand_shapes(bodies), tcp=at)
     return fitted(tool, ToolGrip((0.0, 0.06), "hand"))
 
 
@@ -210,14 +227,7 @@ def test_fingers_drawn_in_a_part_are_followed_from_outside() -> None:
 def cup(
     tcp: float, aside: float = 0.0, ring: bool = False
 ) -> tuple[RobotModel, Transform]:
-    shapes = [Element(Cylinder(0.02, 0.1), translation(0, 0, 0.05))]
-    if ring:
-        shapes = [
-            Element(Box((0.01, 0.01, 0.1)), translation(x, y, 0.05))
-            for x in (-0.02, 0.02)
-            for y in (-0.02, 0.02)
-        ]
-    tool = Tool(name="cup", shapes=tuple(shapes), tcp=translation(aside, 0, tcp))
+    tool = Tool(name="cup", shapes=cup_shapes(ring), tcp=translation(aside, 0, tcp))
     return fitted(tool, ToolGrip(None, "cup"))
 
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from planning.cell.robot_model import RobotModel, ToolGrip
 from planning.cell.shape import (
-    Box,
     Capsule,
     Cylinder,
     Element,
@@ -27,6 +26,7 @@ from planning.kinematics.kinematics import frame_in_last_joint, frame_pose
 from planning.robots.descriptions.fitting import Fitting, Tool
 from planning.robots.registry import robot_model
 from planning.transforms import Transform, from_rpy, identity, inverse, translation
+from tests.planning.grips.test_pads import TIPS, cup_shapes, hand_shapes
 from tests.twin.audit.audit_cell import HandWrittenRun
 from twin.audit.audit import audit_run
 from twin.audit.case import AuditCase
@@ -36,35 +36,22 @@ from twin.audit.supports import nearest_hand
 from twin.audit.wanted import Wanted
 from twin.audit.worlds.engines import ENGINES, Engine, open_world
 
-TIPS = 0.15
-"""Fingers end so far in front of the mount [m]."""
-
 
 def hand(
     turn: float = 0.0, *, fingers: int = 2, opening: float | None = 0.07
 ) -> RobotModel:
     """Return an arm with two fingers 60 mm apart, 20 mm wide, turned on its flange."""
-    shapes = [Element(Box((0.05, 0.1, 0.1)), translation(0, 0, 0.05))]
-    shapes += [
-        Element(Box((0.02, 0.01, 0.05)), translation(0, y, TIPS - 0.025))
-        for y in (-0.035, 0.035)
-    ][:fingers]
     tcp, mount = translation(0, 0, TIPS), from_rpy((0, 0, 0), (0, 0, turn))
     grip = None if opening is None else ToolGrip((0.0, opening), "hand")
-    tool = Tool(name="hand", shapes=tuple(shapes), tcp=tcp, mount=mount, grip=grip)
+    tool = Tool(
+        name="hand", shapes=hand_shapes(fingers), tcp=tcp, mount=mount, grip=grip
+    )
     return robot_model("ur5e", None, Fitting(tool=tool))
 
 
 def cup(ring: bool = False) -> RobotModel:
-    shapes = [Element(Cylinder(0.02, 0.1), translation(0, 0, 0.05))]
-    if ring:
-        shapes = [
-            Element(Box((0.01, 0.01, 0.1)), translation(x, y, 0.05))
-            for x in (-0.02, 0.02)
-            for y in (-0.02, 0.02)
-        ]
     tcp, grip = translation(0, 0, 0.1), ToolGrip(None, "cup")
-    tool = Tool(name="cup", shapes=tuple(shapes), tcp=tcp, grip=grip)
+    tool = Tool(name="cup", shapes=cup_shapes(ring), tcp=tcp, grip=grip)
     return robot_model("ur5e", None, Fitting(tool=tool))
 
 
