@@ -21,9 +21,7 @@ from tests.twin.operate.operated import STACK, lost, operated, stack
 from tests.twin.program import invoke
 from twin.operate.operation import Operation, operate
 from twin.recorders.observers import MemoryRecorder
-from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
-from twin.trial.planning import with_failures
 from twin.trial.simulation import execute, scenario_execution
 
 
@@ -235,13 +233,10 @@ def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
 def test_what_cannot_be_planned_anew_is_refused(plan: PlanResult) -> None:
     with pytest.raises(RequestError, match="only asynchronous"):
         operated(plan, 0, policy="sequential")
-    tower = load(
-        Path(__file__).parents[3] / "scenarios" / "construction" / "tower.yaml"
-    )
-    with_failures(tower, plan.tpg, 0.0)  # says nothing of it yet
-    result = invoke("operate", tower.document.path)
+    gluing = Path(__file__).parents[3] / "scenarios" / "assembly" / "gluing.yaml"
+    result = invoke("operate", gluing)
     assert result.exit_code == 2
-    assert "space and time" in result.output
+    assert "windows of time" in result.output
 
 
 def test_what_fails_for_a_reason_that_no_section_names_is_planned_anew(
