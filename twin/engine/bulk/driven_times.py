@@ -4,6 +4,10 @@ How fast a robot passes a border depends on how far it is cleared at that moment
 are no longest paths. Replications are executed one after the other, each as a queue of what the
 robots do next, in the order of time: what starts from rest before what is decided on at a border, as
 in the event engine. A robot that is cleared to the end of its stretch has nothing to decide any more.
+Where it then begins at rest and nothing disturbs it, it passes its nodes as it did in the replication before.
+
+Inner functions are handed arrays one by one and numbers by value: of an array that is taken out of a tuple
+numba counts the references atomically, each time, which took three quarters of the time.
 """
 
 from __future__ import annotations
