@@ -12,7 +12,6 @@ from planning.tasks.task import (
     DOOR,
     GOES_ON,
     STILL,
-    AllowedContact,
     Handling,
     Task,
 )
@@ -22,6 +21,7 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
     join_chains,
 )
+from scheduling.rolling.extension import allowed_during
 
 _LATER = 1.0
 """How much later all others are planned to start than what machines go on with, so that it comes first [s]."""
@@ -47,19 +47,12 @@ def alone(
         ),
         chains=tuple(replace(c, task=c.task + shift) for c in new.chains),
         allowed=tuple(
-            own
-            for c in new.allowed
-            if (own := _from(c, first, shift)).tasks or not c.tasks
+            replace(c, tasks=frozenset(k + shift for k in c.tasks))
+            for c in allowed_during(new.allowed, range(first, len(new.tasks)))
         ),
         dependencies=new.dependencies + shift,
         slots=np.empty(0, dtype=np.int64),
         products=np.empty(0, dtype=np.int64),
-    )
-
-
-def _from(contact: AllowedContact, first: int, shift: int) -> AllowedContact:
-    return replace(
-        contact, tasks=frozenset(k + shift for k in contact.tasks if k >= first)
     )
 
 

@@ -21,7 +21,12 @@ from scheduling.graph.temporal_plan_graph import (
     TemporalPlanGraph,
 )
 from scheduling.rolling.cut import stands_at
-from scheduling.rolling.extension import joined_parts, left_out
+from scheduling.rolling.extension import (
+    allowed_during,
+    joined_parts,
+    left_out,
+    merged,
+)
 
 
 def with_attempt(
@@ -103,6 +108,7 @@ def with_attempt(
         ),
         cause=np.concatenate([committed.cause, tpg.cause[rows]]),
         handlings=(*committed.handlings, *handled),
+        allowed=merged((*committed.allowed, *allowed_during(tpg.allowed, {index}))),
     )
 
 

@@ -8,7 +8,7 @@ like every graph before anybody executes it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,7 @@ def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPla
     """Return the committed nodes of a graph, with the edges among them.
 
     Tasks that have no node left are kept as left out, so that indices stay; those behind the last one
-    that has are dropped.
+    that has are dropped. What may touch in such tasks may not in others, which get their indices later.
     """
     kept = [k for k, count in enumerate(counts) if count]
     chains = tuple(tpg.chains[k].cut(0, counts[k]) for k in kept)
@@ -67,10 +67,19 @@ def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPla
             for h in tpg.handlings
             if h.node < counts[h.robot]
         ),
+        allowed=allowed_during(tpg.allowed, done),
         dependencies=np.array(waits, dtype=np.int64).reshape(-1, 2),
         slots=none,
         products=none,
     )
+
+
+def allowed_during(
+    allowed: Iterable[AllowedContact], tasks: Collection[int]
+) -> tuple[AllowedContact, ...]:
+    """Return what may touch in some tasks, and in no others."""
+    pairs = ((c, replace(c, tasks=c.tasks.intersection(tasks))) for c in allowed)
+    return tuple(own for c, own in pairs if own.tasks or not c.tasks)
 
 
 def left_out(task: Task) -> Task:
@@ -139,7 +148,7 @@ def extended(
         np.empty((0, 4), dtype=np.int64),
         np.empty(0, dtype=np.uint8),
         tuple(handlings),
-        _merged((*committed.allowed, *new.allowed)),
+        merged((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist())),
     )
     known = [
@@ -213,7 +222,7 @@ def _with_hands(task: Task, hands: Mapping[str, str | None]) -> Task:
     return replace(task, handlings=tuple(h for h in task.handlings if not taken(h)))
 
 
-def _merged(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
+def merged(allowed: Sequence[AllowedContact]) -> tuple[AllowedContact, ...]:
     """Return contacts with those of the same two things joined."""
     tasks: dict[tuple[str, str, bool, float | None], frozenset[int]] = {}
     for c in allowed:

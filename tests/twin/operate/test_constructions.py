@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
@@ -76,6 +76,8 @@ def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
 
 @settings(max_examples=4, deadline=None)
 @given(seed=st.integers(0, 10_000))
+@example(seed=59)  # numbers of tasks that were planned and not done are given again
+@example(seed=83)
 def test_whatever_fails_it_goes_on(plan: PlanResult, seed: int) -> None:
     done, events = operated(plan, seed, **lost(0.2), **{"recovery.again": 3})
     require_true(plan, done)
