@@ -124,7 +124,7 @@ class Scrap:
 
     def _lies(self, name: str) -> Transform | None:
         """Return where an object lies from which it is taken, None where it stays or is nowhere."""
-        if name not in self.passing or name in self.world.out or name in self.taken:
+        if name not in self.passing or name in self.taken:
             return None
         if name in self.lies:
             return self.lies[name]
