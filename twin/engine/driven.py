@@ -68,7 +68,11 @@ class DrivenExecution(Execution):
             start, end = np.array(self.start[k]), np.array(self.end[k])
             took = end - start - waited
             if self.stops is not None:
-                spans = zip(start.tolist(), end.tolist(), strict=True)
+                # Stops are commands, which what is executed is behind.
+                lag = self._drives[k].lag
+                opens = [self._opens(k, node) for node in range(len(length))]
+                told = np.where(opens, start, start - lag), end - lag
+                spans = zip(*(times.tolist() for times in told), strict=True)
                 took -= [self.stops[k].stopped_between(a, b) for a, b in spans]
             moved = length > 0.0
             moved[[n for (c, n), x in self._stopped.items() if c == k and x]] = True

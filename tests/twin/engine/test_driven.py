@@ -26,6 +26,7 @@ from tests.twin.engine.driven_checks import (
     travelled,
 )
 from tests.twin.simulated import NOMINAL, simulate, stopped, watched
+from twin.durations.bounded import Uniform
 from twin.engine.driven import DrivenExecution
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.run.events import Policy
@@ -34,6 +35,7 @@ from twin.uncertainty.disturbances import (
     Breakdowns,
     Disturbances,
     EmergencyStop,
+    Stalls,
 )
 from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
@@ -192,6 +194,17 @@ def test_nobody_who_is_cleared_in_time_takes_longer_than_planned(
 
 @MANY
 @given(GRAPHS, ANYTHING, MESSAGES, st.integers(0, 99))
+@example(
+    driven_tpg(1283, dofs=(1, 2, 3), tasks=1, nodes_per_transit=11, edges=0),
+    Disturbances(
+        jitter=Uniform(kind="uniform", low_s=0.0, high_s=0.1),
+        stalls=Stalls(rate_per_h=200.0),
+        breakdowns=Breakdowns(mtbf_s=20.0, mttr_s=5.0, clock="run"),
+        emergency_stops=(EmergencyStop(robot=None, at_s=0.0, duration_s=1.0),),
+    ),
+    Messages(),
+    11,
+)
 def test_whatever_happens_the_record_is_whole(
     tpg: TemporalPlanGraph, disturbances: Disturbances, messages: Messages, seed: int
 ) -> None:
