@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from planning.cell.workcell import WorldState
@@ -11,7 +12,14 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.attempt import with_attempt
 from scheduling.rolling.cut import complete_tasks, state_at
 from scheduling.rolling.extension import committed_part
-from twin.operate.rolling import Failure, Incident
+from twin.durations.model import NANOSECONDS
+from twin.operate.rolling import Failure, Incident, Version
+from twin.scenario.sections.execution import RecoverySection
+from twin.uncertainty.draws import TaskName
+from twin.uncertainty.node_times import NodeTimes
+
+Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
+"""Returns the times of the nodes of a graph, given the names of the draws of tasks."""
 
 
 def not_executed(tpg: TemporalPlanGraph, incident: Incident) -> list[tuple[int, int]]:
@@ -81,6 +89,41 @@ class Committed:
     def lengths(self) -> dict[str, int]:
         """Number of committed nodes of each robot that has some."""
         return {chain.robot: len(chain) for chain in self.committed.chains}
+
+
+def version_of(
+    union: TemporalPlanGraph,
+    new: TemporalPlanGraph,
+    at: Committed,
+    drawn: NodeTimes,
+    section: RecoverySection,
+    begin: float,
+    cause: str,
+) -> Version:
+    """Return a graph that takes the place of one, as it is handed to who executes it.
+
+    Args:
+        union: all of it.
+        new: what is new only.
+        at: what there was before.
+        drawn: times of the new nodes.
+        section: says how long planning takes in the simulation.
+        begin: of planning, in processor time of this process [s].
+        cause: why, for people.
+    """
+    executed_by = tuple(chain.robot for chain in union.chains)
+    assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
+    counts = at.lengths
+    return Version(
+        union,
+        tuple(counts.get(name, 0) for name in executed_by),
+        tuple(chain.robot for chain in new.chains),
+        drawn,
+        round(section.planning_s * NANOSECONDS),
+        time.process_time() - begin,
+        cause,
+        at.judged.words,
+    )
 
 
 def committed_at(

@@ -26,14 +26,19 @@ from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, cut_after
 from scheduling.rolling.extension import committed_part, extended
-from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
-from twin.operate.committed import Committed, cause_of, committed_at, not_executed
+from twin.operate.committed import (
+    Committed,
+    Draw,
+    cause_of,
+    committed_at,
+    not_executed,
+    version_of,
+)
 from twin.operate.judging import Judging
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
 from twin.operate.person import Ask, Person
-from twin.operate.recovery import Draw
 from twin.operate.rolling import Incident, Version
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
@@ -149,17 +154,9 @@ class ConstructionRecovery:
         union, new, at = self._onward(tpg, incident)
         luck = self._executed.luck.onward(union, len(at.committed.tasks))
         self._planned = replace(self._planned, luck=luck)
-        counts = at.lengths
-        return Version(
-            union,
-            tuple(counts.get(chain.robot, 0) for chain in union.chains),
-            tuple(chain.robot for chain in new.chains),
-            self.draw(new, luck.names),
-            round(self.scenario.execution.recovery.planning_s * NANOSECONDS),
-            time.process_time() - begin,
-            cause_of(tpg, incident, range(0)),
-            at.judged.words,
-        )
+        drawn, cause = self.draw(new, luck.names), cause_of(tpg, incident, range(0))
+        section = self.scenario.execution.recovery
+        return version_of(union, new, at, drawn, section, begin, cause)
 
     def plan_alone(
         self, tpg: TemporalPlanGraph, incident: Incident

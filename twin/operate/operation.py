@@ -141,8 +141,9 @@ def operate(
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
         nobody = Person(None, seed, replication)
-        planner = ConstructionRecovery(scenario, motions, tpg, draw, nobody)
-        planner.steps = not halting
+        planner = ConstructionRecovery(
+            scenario, motions, tpg, draw, nobody, steps=not halting
+        )
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:

@@ -7,7 +7,7 @@ the integer program chooses; else the step is given up with what rests on it, an
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 
 import numpy as np
@@ -48,15 +48,16 @@ from scheduling.rolling.supply import (
     supply_waits,
     with_supply,
 )
-from twin.durations.model import NANOSECONDS
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
+    Draw,
     Judged,
     Recut,
     cause_of,
     committed_at,
     not_executed,
+    version_of,
 )
 from twin.operate.dependents import hopeless, resting_steps
 from twin.operate.judging import Judging, interrupted
@@ -68,11 +69,6 @@ from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
 from twin.scenario.sections.scenario import Scenario
-from twin.uncertainty.draws import TaskName
-from twin.uncertainty.node_times import NodeTimes
-
-Draw = Callable[[TemporalPlanGraph, Mapping[int, TaskName]], NodeTimes]
-"""Returns the times of the nodes of a graph, given the names of the draws of tasks."""
 
 
 @dataclass(frozen=True)
@@ -194,25 +190,12 @@ class Recovery:
         judged = judging.judged(tpg, incident)
         union, new, at = self._from_some_cut(tpg, incident, judged)
         self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
-        counts = at.lengths
-        executed_by = tuple(chain.robot for chain in union.chains)
-        assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
         self._planned = self._state()
-        return Version(
-            union,
-            tuple(counts.get(chain.robot, 0) for chain in union.chains),
-            tuple(chain.robot for chain in new.chains),
-            self.draw(new, self._luck.names),
-            round(self.scenario.execution.recovery.planning_s * NANOSECONDS),
-            time.process_time() - begin,
-            cause_of(
-                tpg,
-                incident,
-                range(executed + 1, planned + 1),
-                [ask.answer for ask in self._ledger.asks[len(self.asks) :]],
-            ),
-            judged.words,
-        )
+        answers = [ask.answer for ask in self._ledger.asks[len(self.asks) :]]
+        cause = cause_of(tpg, incident, range(executed + 1, planned + 1), answers)
+        drawn = self.draw(new, self._luck.names)
+        section = self.scenario.execution.recovery
+        return version_of(union, new, at, drawn, section, begin, cause)
 
     def plan_alone(
         self, tpg: TemporalPlanGraph, incident: Incident

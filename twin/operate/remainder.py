@@ -78,9 +78,8 @@ def plan_remainder(
     if motions.work is None:
         nobody = Person(None, scenario.seed)
         planner = ConstructionRecovery(
-            scenario, motions, tpg, _nobody_draws, nobody, gone
+            scenario, motions, tpg, _nobody_draws, nobody, gone, steps=False
         )
-        planner.steps = False
     else:
         _require_tried_once(tpg, world)
         chosen = _choices_of(motions.work, motions.task_plan, world.begun())
