@@ -39,8 +39,11 @@ cost more than capsules, and on longer stretches they settle more than capsules 
 
 _ROOM = ZERO + 512
 
-HIT = -1
-"""In the place of a probe: somewhere the robot is too close to something."""
+HIT, CLEAR = -1, -2
+"""In the place of a look at a motion: the robot is too close to something; it is nowhere."""
+
+_PROBE = 0.35
+"""Joint travel (largest joint) between the configurations looked at before a whole motion [rad]."""
 
 
 class CompiledScene(NamedTuple):
@@ -57,6 +60,8 @@ class CompiledScene(NamedTuple):
         above: own bodies on the stretch as it is seen from a joint.
         on_standing, on_itself: room to compare own hulls with those that stand, and with each
             other.
+        apart: in which direction own hulls were apart last, as their lower joint sees them, shape
+            (o, o, 3).
     """
 
     own: SweptBodies
@@ -69,6 +74,7 @@ class CompiledScene(NamedTuple):
     above: HullTable
     on_standing: Scratch
     on_itself: Scratch
+    apart: Array
 
 
 _GROUP = 16
@@ -91,8 +97,10 @@ def _group_boxes(bounds: Array) -> Array:
 
 
 @inner_kernel
-def _close_pairs(scene: CompiledScene, groups: Array, room: float, out: Indices) -> int:
-    """Write (kind, own body, other) of every close pair; -1 asks for a shorter stretch first.
+def _pairs_with_boxes(
+    scene: CompiledScene, groups: Array, room: float, out: Indices
+) -> int:
+    """Write (BOX, own body, box) of every close pair; -1 asks for a shorter stretch first.
 
     Args:
         scene: the robot and what stands around it.
@@ -100,47 +108,53 @@ def _close_pairs(scene: CompiledScene, groups: Array, room: float, out: Indices)
         room: the greatest of the least distances to boxes [m].
         out: the pairs.
     """
-    own = scene.own
-    box, joint = own.sweeps.body_box, own.hulls.joint
-    all_bounds = (scene.box_bounds, box)
-    all_limits = (scene.box_limit, scene.self_limit)
+    own, bounds, limits = scene.own, scene.box_bounds, scene.box_limit
+    box, poses, halves = own.sweeps.body_box, scene.box_pose, scene.box_half
+    last = bounds.shape[0]
     count = 0
     for o in range(box.shape[0]):
-        for kind in range(2):
-            theirs, limits = all_bounds[kind], all_limits[kind]
-            last = o if kind == SELF else theirs.shape[0]
-            p = -1
-            while p + 1 < last:
-                p += 1
-                if kind == BOX and p % _GROUP == 0:
-                    while p < last and boxes_apart(box, o, groups, p // _GROUP, room):
-                        p += _GROUP
-                    if p >= last:
-                        break
-                a, b = (p, o) if kind == SELF else (o, p)
-                limit = limits[a, b]
-                if limit < 0.0 or boxes_apart(box, o, theirs, p, limit):
+        for g in range(groups.shape[0]):
+            if boxes_apart(box, o, groups, g, room):
+                continue
+            for p in range(g * _GROUP, min((g + 1) * _GROUP, last)):
+                limit = limits[o, p]
+                if limit < 0.0 or boxes_apart(box, o, bounds, p, limit):
                     continue
-                if kind == BOX:
-                    pose, half = scene.box_pose[p], scene.box_half[p]
-                    strayed = strays_at_box(own, o, pose, half, limit)
-                else:
-                    # Seen from the joint that carries the lower body, only those above move.
-                    root = min(joint[p], joint[o])
-                    strayed = strays_where_they_meet(
-                        own, o, p, root, limit, _RESOLUTION
-                    )
+                strayed = strays_at_box(own, o, poses[p], halves[p], limit)
                 if strayed > _RESOLUTION:
                     return -1
                 if strayed >= 0.0:
-                    out[count, 0], out[count, 1], out[count, 2] = kind, a, b
+                    out[count, 0], out[count, 1], out[count, 2] = BOX, o, p
                     count += 1
+    return count
+
+
+@inner_kernel
+def _pairs_within(scene: CompiledScene, count: int, out: Indices) -> int:
+    """Write (SELF, own body, own body) of every close pair after others; see _pairs_with_boxes."""
+    own, limits = scene.own, scene.self_limit
+    box, joint = own.sweeps.body_box, own.hulls.joint
+    for o in range(box.shape[0]):
+        for p in range(o):
+            limit = limits[p, o]
+            if limit < 0.0 or boxes_apart(box, o, box, p, limit):
+                continue
+            # Seen from the joint that carries the lower body, only those above move.
+            root = min(joint[p], joint[o])
+            strayed = strays_where_they_meet(own, o, p, root, limit, _RESOLUTION)
+            if strayed > _RESOLUTION:
+                return -1
+            if strayed >= 0.0:
+                out[count, 0], out[count, 1], out[count, 2] = SELF, p, o
+                count += 1
     return count
 
 
 @inner_kernel
 def pose_above(whole: HullTable, above: HullTable, root: int, scratch: Scratch) -> None:
     """Pose a stretch as it is seen from a joint: only the joints above it move.
+
+    Those below are at zero, so that what was seen on another motion is seen alike.
 
     Args:
         whole: bodies on the stretch.
@@ -151,7 +165,7 @@ def pose_above(whole: HullTable, above: HullTable, root: int, scratch: Scratch) 
     for j in range(whole.q_a.shape[1]):
         a, b = whole.q_a[0, j], whole.q_b[0, j]
         if j <= root:
-            a = b = 0.5 * (a + b)
+            a = b = 0.0
         above.q_a[0, j], above.q_b[0, j] = a, b
     scratch.posed[0] = scratch.posed[1] = -1
     pose_segments(above, ZERO, above, ZERO, scratch)
@@ -176,10 +190,12 @@ def _keep_unproved(scene: CompiledScene, pairs: Indices, count: int, stop: bool)
                 root = lower
                 pose_above(whole, above, root, on_itself)
             for r in range(3):
-                on_itself.direction[r] = 0.0
+                on_itself.direction[r] = scene.apart[i, j, r]
             # What the exact decision tolerates is left to it.
             limit = scene.self_limit[i, j] + TOLERANCE
             answer = judge_hulls(above, i, above, j, limit, on_itself)
+            for r in range(3):
+                scene.apart[i, j, r] = on_itself.direction[r]
         else:
             limit, standing = scene.box_limit[i, j], scene.boxes
             pose_segments(whole, ZERO, standing, ZERO, on_standing)
@@ -223,7 +239,9 @@ def _search(
         lo, hi = stack[depth, 0], stack[depth, 1]
         go_along(scene.own.hulls, q_a, q_b, lo, hi)
         sweep_bodies(scene.own)
-        count = _close_pairs(scene, groups, room, pairs)
+        count = _pairs_with_boxes(scene, groups, room, pairs)
+        if count >= 0:
+            count = _pairs_within(scene, count, pairs)
         if count < 0:
             middle = 0.5 * (lo + hi)
             stack[depth, 0], stack[depth, 1] = middle, hi
@@ -243,14 +261,35 @@ def _search(
     return total, when[:total], what[:total]
 
 
+@inner_kernel
+def _probes(q_a: Array, q_b: Array) -> int:
+    """Return how many configurations of a motion are looked at before all of it: a power of two."""
+    most, count = 0.0, 1
+    for j in range(len(q_a)):
+        most = max(most, abs(q_b[j] - q_a[j]))
+    while count < int(most / _PROBE) + 1:
+        count *= 2
+    return count
+
+
+@inner_kernel
+def _share(probe: int) -> float:
+    """Return where on a motion a configuration is: the end first, and then ever finer in between."""
+    share, step = 0.0 if probe > 0 else 1.0, 0.5
+    while probe > 0:
+        share += step * (probe % 2)
+        step, probe = 0.5 * step, probe // 2
+    return share
+
+
 @kernel
 def find_undecided(
     scene: CompiledScene,
     q_a: Array,
     q_b: Array,
-    probes: Array,
+    probing: bool,
+    whole: bool,
     begin: int,
-    end: int,
     stop: bool,
 ) -> tuple[int, Array, Indices]:
     """Look at some configurations of a motion, then at all of it, until something is undecided.
@@ -258,26 +297,27 @@ def find_undecided(
     Args:
         scene: the robot and what stands around it.
         q_a, q_b: ends of the motion, shape (n,).
-        probes: parameters in [0, 1] of the configurations to look at first, shape (p,).
-        begin: the first of them to look at; p for the motion as a whole.
-        end: the one after the last to look at; p + 1 to look at the motion as a whole at last.
+        probing: whether to look at configurations, where a conflict is found sooner.
+        whole: whether to look at the motion as a whole at last.
+        begin: how many looks have been taken already.
         stop: whether one pair that is proved too close is enough to know.
 
     Returns:
-        The number of the probe (p for the whole motion, ``end`` when all is clear, HIT for a
-        pair that is too close), and of what is undecided there the stretches as shares of the
-        motion, shape (k, 2), and rows (kind, own body, other), shape (k, 3).
+        The number of the look, CLEAR when all is clear, HIT for a pair that is too close, and of
+        what is undecided there the stretches as shares of the motion, shape (k, 2), and rows
+        (kind, own body, other), shape (k, 3).
     """
-    count, when, what = 0, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)
     groups, room = _group_boxes(scene.box_bounds), 0.0
     for o in range(scene.box_limit.shape[0]):
         for b in range(scene.box_limit.shape[1]):
             room = max(room, scene.box_limit[o, b])
-    for k in range(begin, end):
+    probes = _probes(q_a, q_b) if probing else 0
+    count, when, what = 0, np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)
+    for k in range(begin, probes + 1 if whole else probes):
         lo, hi = 0.0, 1.0
-        if k < len(probes):
-            lo = hi = probes[k]
+        if k < probes:
+            lo = hi = _share(k)
         count, when, what = _search(scene, groups, room, q_a, q_b, lo, hi, stop)
         if count != 0:
             return HIT if count == HIT else k, when.copy(), what.copy()
-    return end, when.copy(), what.copy()
+    return CLEAR, when.copy(), what.copy()

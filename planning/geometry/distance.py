@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planning.kernels import inner_kernel
+from planning.packed import stack_rows
 from planning.transforms import Array
 
 Vector = tuple[float, float, float]
@@ -69,51 +70,50 @@ def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
         pose: of the box centre, shape (4, 4).
         half: half edge lengths, shape (3,).
     """
-    a = np.empty(3)
-    u = np.empty(3)
+    line = stack_rows(3, 2)
     for r in range(3):
         x0 = y0 = 0.0
         for c in range(3):
             x0 += pose[c, r] * (p0[c] - pose[c, 3])
             y0 += pose[c, r] * (p1[c] - p0[c])
-        a[r] = x0
-        u[r] = y0
+        line[r, 0] = x0
+        line[r, 1] = y0
     lo, hi = 0.0, 1.0
-    if _slope(a, u, half, lo) >= 0.0:
-        return _outside(a, u, half, lo)
-    if _slope(a, u, half, hi) <= 0.0:
-        return _outside(a, u, half, hi)
+    if _slope(line, half, lo) >= 0.0:
+        return _outside(line, half, lo)
+    if _slope(line, half, hi) <= 0.0:
+        return _outside(line, half, hi)
     for r in range(3):
-        if abs(u[r]) > 1e-12:
+        if abs(line[r, 1]) > 1e-12:
             for side in (-1.0, 1.0):
-                t = (side * half[r] - a[r]) / u[r]
+                t = (side * half[r] - line[r, 0]) / line[r, 1]
                 if lo < t < hi:
-                    if _slope(a, u, half, t) >= 0.0:
+                    if _slope(line, half, t) >= 0.0:
                         hi = t
                     else:
                         lo = t
-    s_lo, s_hi = _slope(a, u, half, lo), _slope(a, u, half, hi)
+    s_lo, s_hi = _slope(line, half, lo), _slope(line, half, hi)
     t = lo if s_hi <= s_lo else lo + (hi - lo) * (-s_lo) / (s_hi - s_lo)
-    return _outside(a, u, half, t)
+    return _outside(line, half, t)
 
 
 @inner_kernel
-def _slope(a: Array, u: Array, half: Array, t: float) -> float:
+def _slope(line: Array, half: Array, t: float) -> float:
     total = 0.0
     for r in range(3):
-        x = a[r] + t * u[r]
+        x = line[r, 0] + t * line[r, 1]
         if x > half[r]:
-            total += u[r] * (x - half[r])
+            total += line[r, 1] * (x - half[r])
         elif x < -half[r]:
-            total += u[r] * (x + half[r])
+            total += line[r, 1] * (x + half[r])
     return total
 
 
 @inner_kernel
-def _outside(a: Array, u: Array, half: Array, t: float) -> float:
+def _outside(line: Array, half: Array, t: float) -> float:
     total = 0.0
     for r in range(3):
-        over = abs(a[r] + t * u[r]) - half[r]
+        over = abs(line[r, 0] + t * line[r, 1]) - half[r]
         if over > 0.0:
             total += over * over
     return total
@@ -188,7 +188,7 @@ def gap_class(
     """
     near = max(clearance, 0.0) + ROUNDING
     far = max(enough, 0.0) + ROUNDING
-    simplex = np.empty((4, 3))
+    simplex = stack_rows(4, 3)
     size = 0
     lower, norm = -1.0, np.inf
     vx, vy, vz = direction[0], direction[1], direction[2]

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from planning.cell.workcell import PoseError, Workcell, WorldState
-from planning.geometry.clearing import BOX, HIT, SELF, CompiledScene, find_undecided
+from planning.geometry.clearing import BOX, CLEAR, SELF, CompiledScene, find_undecided
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
@@ -37,9 +36,6 @@ from planning.geometry.swept import SKIP, make_swept
 from planning.kinematics.kinematics import frame_pose
 from planning.packed import packed
 from planning.transforms import Array
-
-_PROBE = 0.35
-"""Joint travel (largest joint) between the configurations probed before a whole motion [rad]."""
 
 _FINE = 2e-5
 """How true overlaps that are let pass are measured on a motion [m]."""
@@ -127,6 +123,7 @@ class SceneChecker:
             own.hulls.on_a_motion().seen_from_base(),
             room_for(n, 0, corners, boxes.places.most_corners),
             room_for(n, n, corners, corners),
+            np.zeros((len(own.hulls.joint), len(own.hulls.joint), 3)),
         )
         self._allow(allowed)
 
@@ -163,7 +160,7 @@ class SceneChecker:
 
     def configuration_free(self, q: Array) -> bool:
         """Tell whether the robot may stand at ``q``, shape (n,)."""
-        return self._clear(q, q, _NO_PROBES, 1)
+        return self._clear(q, q, probing=False, whole=True)
 
     def motion_free(self, q_a: Array, q_b: Array) -> bool:
         """Tell whether the whole straight joint-space line from ``q_a`` to ``q_b`` is free.
@@ -171,8 +168,7 @@ class SceneChecker:
         Args:
             q_a, q_b: ends, shape (n,).
         """
-        probes = _probes(q_a, q_b)
-        return self._clear(q_a, q_b, probes, len(probes) + 1)
+        return self._clear(q_a, q_b, probing=True, whole=True)
 
     def seems_free(self, q_a: Array, q_b: Array) -> bool:
         """Tell whether some configurations of the motion are free, shape (n,) each.
@@ -183,20 +179,19 @@ class SceneChecker:
             q_a: where it begins, which is not looked at.
             q_b: where it ends.
         """
-        probes = _probes(q_a, q_b)
-        return self._clear(q_a, q_b, probes, len(probes))
+        return self._clear(q_a, q_b, probing=True, whole=False)
 
-    def _clear(self, q_a: Array, q_b: Array, probes: Array, end: int) -> bool:
+    def _clear(self, q_a: Array, q_b: Array, *, probing: bool, whole: bool) -> bool:
         """Tell whether a motion is clear as far as ``find_undecided`` looks at it."""
         # Writable copies: numba compiles read-only arrays anew.
         q_a, q_b = np.array(q_a, dtype=np.float64), np.array(q_b, dtype=np.float64)
-        at = 0
-        while at < end:
+        looks = 0
+        while True:
             at, when, what = find_undecided(
-                self._scene, q_a, q_b, probes, at, end, True
+                self._scene, q_a, q_b, probing, whole, looks, True
             )
-            if at == HIT:
-                return False
+            if at < 0:
+                return bool(at == CLEAR)
             for (lo, hi), (kind, body, other) in zip(
                 when.tolist(), what.tolist(), strict=True
             ):
@@ -206,13 +201,12 @@ class SceneChecker:
                 begin = q0 if itself else q1
                 if come_close(mine, q0, q1, solid, begin, q1, limit, together=itself):
                     return False
-            at += 1
-        return True
+            looks = at + 1
 
     def contact(self, q: Array) -> Contact | None:
         """Return the closest forbidden contact at ``q``, shape (n,), None where there is none."""
         q = np.array(q, dtype=np.float64)
-        _, _, what = find_undecided(self._scene, q, q, _NO_PROBES, 0, 1, False)
+        _, _, what = find_undecided(self._scene, q, q, False, True, 0, False)
         worst: Contact | None = None
         for kind, body, other in what.tolist():
             mine, second, limit = self._pair(kind, body, other)
@@ -257,7 +251,7 @@ class SceneChecker:
         close = []
         for q0, q1 in ways:
             # What hulls in motion are proved to be apart by is no nearer than the limit.
-            _, when, what = find_undecided(alone, q0, q1, _NO_PROBES, 0, 1, False)
+            _, when, what = find_undecided(alone, q0, q1, False, True, 0, False)
             for (lo, hi), (_, body, _) in zip(
                 when.tolist(), what.tolist(), strict=True
             ):
@@ -295,9 +289,6 @@ class SceneChecker:
         return mine, self._own.solids[other], float(scene.self_limit[body, other])
 
 
-_NO_PROBES = np.empty(0)
-
-
 def _surroundings(
     cell: Workcell, robot: str, state: WorldState
 ) -> tuple[Sequence[Held], StandingBoxes]:
@@ -310,19 +301,3 @@ def _surroundings(
             there = item.shape.placed(item.name, hand @ at.pose)
             boxes = boxes.plus(there, of_robot=holder)
     return held_by(robot, held), boxes
-
-
-def _probes(q_a: Array, q_b: Array) -> Array:
-    """Return the parameters of the configurations to look at on a motion."""
-    return _spread(int(np.abs(q_b - q_a).max() / _PROBE) + 1)
-
-
-@lru_cache
-def _spread(count: int) -> Array:
-    """Return ``count`` parameters in (0, 1], the end first and then ever finer in between."""
-    out = [1.0]
-    bits = max(count - 1, 0).bit_length()
-    for i in range(1, 1 << bits):
-        flipped = int(f"{i:0{bits}b}"[::-1], 2)
-        out.append(flipped / (1 << bits))
-    return np.array(out)

@@ -15,11 +15,14 @@ from planning.geometry.distance import BETWEEN, CLOSE, FAR, TOO_CLOSE, gap_class
 from planning.geometry.exact import TOLERANCE, Solid
 from planning.kernels import ZERO, inner_kernel
 from planning.kinematics.chain import NO_JOINTS, JointTable, joint_axis, pose_joints
-from planning.packed import packed
+from planning.packed import packed, stack_rows
 from planning.transforms import Array, Indices
 
 APART, UNDECIDED, CONFLICT = 1, 0, -1
 """Answers of ``judge_hulls``."""
+
+_FEW = 32
+"""Ends of the capsules that nearly no body has more of."""
 
 _FROM, _TO, _TRAVEL, _MIDDLE, _STRAIGHT = range(5)
 """Rows of ``joints_a`` and ``joints_b``."""
@@ -381,10 +384,15 @@ def stray(
     first, last = table.capsule_first[solid], table.capsule_first[solid + 1]
     prismatic = table.robot.prismatic
     joint = table.joint[solid]
-    if joint == AT_REST:
+    still = True
+    for j in range(joint + 1):
+        still = still and travel[j] == 0.0 and aside[j] == 0.0
+    if still:
         return 0.0, 0.0, 0.0
     count = last - first
-    points = np.empty((2 * count, 4))
+    points = stack_rows(_FEW, 4)
+    if 2 * count > _FEW:
+        points = np.empty((2 * count, 4))
     for c in range(count):
         for e in range(2):
             x, y, z = (

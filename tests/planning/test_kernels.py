@@ -20,7 +20,7 @@ from planning.kernels import (
     kernel,
     stamp_of_kernels,
 )
-from planning.packed import packed
+from planning.packed import packed, stack_rows
 from planning.transforms import Array, Indices
 
 ROOT = Path(__file__).parents[2]
@@ -51,6 +51,46 @@ def _sum_chosen(table: _Table) -> int:
     for k in range(len(table.chosen)):
         table.sums[k] = _sum_row(table.rows, table.chosen[k]) + table.offset
     return len(table.chosen)
+
+
+@inner_kernel
+def _squared(x: float) -> float:
+    """Return (x + x^2 + x^3)^2, by way of a table."""
+    powers = stack_rows(3, 1)
+    for r in range(3):
+        powers[r, 0] = x ** (r + 1)
+    total = 0.0
+    for r in range(3):
+        for s in range(3):
+            total += powers[r, 0] * powers[s, 0]
+    return total
+
+
+@inner_kernel
+def _to_the_fourth(x: float) -> float:
+    """Return (x + x^2 + x^3)^4, by way of a table that is filled by way of others."""
+    mine = stack_rows(3, 2)
+    for r in range(3):
+        mine[r, 0], mine[r, 1] = x ** (r + 1), _squared(x)
+    total = 0.0
+    for r in range(3):
+        for s in range(3):
+            total += mine[r, 0] * mine[s, 0] * mine[r, 1]
+    return total
+
+
+@kernel
+def _sum(values: Array) -> float:
+    total = 0.0
+    for x in values:
+        total += _to_the_fourth(x)
+    return total
+
+
+def test_tables_on_the_stack_are_each_their_own() -> None:
+    values = np.random.default_rng(0).uniform(-1.0, 1.0, 10_000)
+    square = (values + values**2 + values**3) ** 2
+    assert _sum(values) == pytest.approx(float(np.sum(square**2)))
 
 
 def _table(values: Array) -> _Table:
