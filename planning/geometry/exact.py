@@ -80,7 +80,7 @@ class Solid:
         Args:
             pose: coal's, of the body in the world.
         """
-        if self.carrier is None or not np.any(self.carrier.error):
+        if self._base_is_sure or self.carrier is None:
             return self.deviates
         rotation, origin = np.asarray(pose.getRotation()), pose.getTranslation()
         points = self.body.vertices @ rotation.T + (origin - self.carrier.base[:3, 3])
@@ -89,9 +89,18 @@ class Solid:
         return float(self.deviates + way + angle * most)
 
     @cached_property
+    def _base_is_sure(self) -> bool:
+        return self.carrier is None or not np.any(self.carrier.error)
+
+    @cached_property
+    def at_rest(self) -> Any:
+        """Coal's pose of a body that nothing carries."""
+        return coal.Transform3s(self.local[:3, :3], self.local[:3, 3])
+
+    @cached_property
     def where_planned(self) -> Solid:
         """The same on a base that is where it is planned to be, and nowhere off its path."""
-        if self.carrier is None or not (self.deviates or np.any(self.carrier.error)):
+        if self.carrier is None or (self._base_is_sure and not self.deviates):
             return self
         carrier = self.carrier._replace(error=np.zeros(2))
         return replace(self, carrier=carrier, deviates=0.0)
@@ -171,7 +180,7 @@ def place(solid: Solid, q_a: Array, q_b: Array, root: int = -1) -> tuple[Any, fl
         where it is in the middle [m].
     """
     if solid.carrier is None:
-        return coal.Transform3s(solid.local[:3, :3], solid.local[:3, 3]), 0.0
+        return solid.at_rest, 0.0
     carrier, joint, vertices = solid.carrier, solid.joint, solid.vertices
     pose = np.empty((3, 4))
     moved = _carry(carrier, joint, vertices, solid.local, q_a, q_b, root, pose)

@@ -237,6 +237,7 @@ class HullTable(NamedTuple):
         ends: capsule starts and ends in the same frame, shape (capsules, 2, 3) [m].
         radius: capsule radii, shape (capsules,) [m].
         deviates: how far any point of a solid may be from where joints have it, shape (solids,) [m].
+        most_corners: most corners of a solid.
     """
 
     robot: JointTable
@@ -250,11 +251,7 @@ class HullTable(NamedTuple):
     ends: Array
     radius: Array
     deviates: Array
-
-    @property
-    def most_corners(self) -> int:
-        """Most corners of a solid."""
-        return int(np.max(np.diff(self.corner_first), initial=0))
+    most_corners: int
 
     def on_a_motion(self) -> HullTable:
         """Return the same bodies on one segment of its own."""
@@ -300,6 +297,7 @@ def hull_table(
         np.concatenate(ends),
         np.concatenate(radius),
         np.array([s.deviates for s in solids], dtype=np.float64),
+        max(map(len, corners)),
     )
     return packed(table)
 

@@ -177,6 +177,7 @@ class StandingBoxes:
             np.empty((0, 2, 3)),
             np.empty(0),
             np.zeros(len(places.joint)),
+            places.most_corners,
         )
         return packed(table)
 

@@ -141,16 +141,14 @@ def pose_stretch(table: HullTable, first: int, last: int, out: PosedStretch) -> 
             for j in range(n):
                 off = abs(q[j] - q_a[j] - share * (q_b[j] - q_a[j]))
                 out.aside[j] = max(out.aside[j], off)
-    # How far the bodies stray that are the same on all of it.
-    for solid in out.solid:
-        if solid >= 0 and out.known[solid] != out.span[2]:
-            out.known[solid] = out.span[2]
-            measure_stray(table, solid, out)
 
 
 @inner_kernel
 def measure_stray(table: HullTable, solid: int, stretch: PosedStretch) -> None:
-    """Write how far a body strays on a stretch."""
+    """Write how far a body strays on a stretch, unless that is known."""
+    if stretch.known[solid] == stretch.span[2]:
+        return
+    stretch.known[solid] = stretch.span[2]
     strays = stretch.strays
     strays[solid, 0], strays[solid, 1], strays[solid, 2] = stray(
         table, solid, stretch.travel, stretch.aside, stretch.middle
@@ -289,6 +287,7 @@ def sweep_all_capsules(table: HullTable, stretch: PosedStretch) -> None:
     """Write the capsules of all bodies that are the same on all of a stretch, posed."""
     for solid in stretch.solid:
         if solid >= 0:
+            measure_stray(table, solid, stretch)
             sweep_capsules(table, solid, stretch)
 
 

@@ -8,7 +8,9 @@ Allowed contacts, and the least distances otherwise, as arrays for compiled code
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +33,7 @@ from planning.geometry.stretches import (
     PosedStretch,
     make_stretch,
     measure_bodies,
+    measure_stray,
     pose_stretch,
     stretches_stay_apart,
 )
@@ -57,6 +60,7 @@ class ContactTable(NamedTuple):
         clearance: least distance of what moves with two robots, and of anything to an object
             at rest, see ``least_distance``, shape (2,) [m].
         robots: number of entities that belong to robots.
+        gap: how far capsules are apart that need no closer look [m].
     """
 
     head: npt.NDArray[np.int32]
@@ -65,6 +69,7 @@ class ContactTable(NamedTuple):
     tasks: Indices
     clearance: Array
     robots: int
+    gap: float
 
 
 def contact_table(
@@ -100,6 +105,8 @@ def contact_table(
         np.array(tasks, dtype=np.int64),
         np.array([clearances.robot_robot, clearances.robot_object]),
         len(GROUPS) * robots,
+        # Hulls are decided on with a tolerance.
+        max(clearances.robot_robot, clearances.robot_object) + TOLERANCE,
     )
     return packed(table)
 
@@ -177,6 +184,29 @@ _LEVELS = 2 * LEAF.bit_length() + 2
 """Lists of bodies that are needed at once: one a halving of two leaves, and two more."""
 
 
+class DescentRoom(NamedTuple):
+    """Room for a descent.
+
+    Attributes:
+        stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
+            stretches and a list of bodies, (first, last, first, last, list, its length), shape
+            (room, 6).
+        pairs: lists of pairs (body of a, body of b), shape (room, 2).
+        where: shares of both motions at which proposed pairs come close, shape (room, 2).
+        on_a, on_b: stretches, posed.
+        planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
+        scratch: room for the hulls.
+    """
+
+    stack: Indices
+    pairs: Indices
+    where: Array
+    on_a: PosedStretch
+    on_b: PosedStretch
+    planes: Array
+    scratch: Scratch
+
+
 class Descent(NamedTuple):
     """Two occupancies that are compared, how far that has come, and room to go on.
 
@@ -188,16 +218,7 @@ class Descent(NamedTuple):
             as conflicts are noted.
         limit: first u that is not at stake for each v, never falling, by node of ``a``.
         slack: taken off the clearances [m].
-        gap: capsules that far apart dismiss what they hold [m].
-        stack: what is still to be looked at: (block, -1, other block, -1, 0, 0), or two
-            stretches and a list of bodies, (first, last, first, last, list, its length), shape
-            (room, 6).
-        pairs: lists of pairs (body of a, body of b), shape (room, 2).
-        where: shares of both motions at which proposed pairs come close, NaN where that is
-            not known, shape (room, 2).
-        on_a, on_b: stretches, posed.
-        planes: direction in which two bodies were apart last, shape (bodies, bodies, 3).
-        scratch: room for the hulls.
+        room: to work in.
     """
 
     a: SweptSequence
@@ -206,22 +227,10 @@ class Descent(NamedTuple):
     floor: Indices
     limit: Indices
     slack: float
-    gap: float
-    stack: Indices
-    pairs: Indices
-    where: Array
-    on_a: PosedStretch
-    on_b: PosedStretch
-    planes: Array
-    scratch: Scratch
+    room: DescentRoom
 
 
-def widest_gap(table: ContactTable) -> float:
-    """Return how far capsules are apart that need no closer look [m]."""
-    # Hulls are decided on with a tolerance.
-    return float(np.max(table.clearance)) + TOLERANCE
-
-
+@contextmanager
 def start_descent(
     a: SweptSequence,
     b: SweptSequence,
@@ -229,29 +238,55 @@ def start_descent(
     floor: Indices,
     limit: Indices,
     slack: float,
-) -> Descent:
-    """Return a descent that begins at both roots, the first row of the stack."""
-    stack = np.zeros((512, 6), dtype=np.int64)
-    stack[0, 1] = stack[0, 3] = BLOCKS
+) -> Iterator[Descent]:
+    """Provide a descent that begins at both roots, the first row of the stack.
+
+    Its room is that of one that is over: making it would take as long as half of a descent.
+    """
+    sizes = _sizes(a), _sizes(b)
+    left = _LEFT[sizes]
+    room = left.pop() if left else _make_room(a, b)
+    room.stack[0] = 0, BLOCKS, 0, BLOCKS, 0, 0
+    # Stretches and directions go on being counted: nothing known of them is of those to come.
+    room.on_a.span[:2] = room.on_b.span[:2] = 0
+    room.scratch.posed[:] = -1
+    room.planes[:] = 0.0
+    try:
+        yield packed(Descent(a, b, table, floor, limit, float(slack), room))
+    finally:
+        if len(_LEFT) > _KINDS:
+            _LEFT.clear()
+        _LEFT[sizes].append(room)
+
+
+_Sizes = tuple[int, ...]
+_LEFT: defaultdict[tuple[_Sizes, _Sizes], list[DescentRoom]] = defaultdict(list)
+"""Room that nobody uses, by the sizes of what is compared."""
+
+_KINDS = 200
+"""Room of more sizes is not kept."""
+
+
+def _sizes(of: SweptSequence) -> _Sizes:
+    """Return what the room to compare an occupancy depends on."""
+    hulls = of.hulls
+    joints, bodies = hulls.q_a.shape[1], hulls.solid.shape[1]
+    return joints, bodies, len(hulls.joint), len(hulls.radius), hulls.most_corners
+
+
+def _make_room(a: SweptSequence, b: SweptSequence) -> DescentRoom:
     bodies = a.entity.shape[1], b.entity.shape[1]
-    room = _LEVELS * bodies[0] * bodies[1]
-    descent = Descent(
-        a,
-        b,
-        table,
-        floor,
-        limit,
-        float(slack),
-        widest_gap(table),
-        stack,
-        np.empty((room, 2), dtype=np.int64),
-        np.full((room, 2), np.nan),
+    most = _LEVELS * bodies[0] * bodies[1]
+    room = DescentRoom(
+        np.empty((512, 6), dtype=np.int64),
+        np.empty((most, 2), dtype=np.int64),
+        np.empty((most, 2)),
         make_stretch(a.hulls),
         make_stretch(b.hulls),
-        np.zeros((*bodies, 3)),
+        np.empty((*bodies, 3)),
         make_scratch(a.hulls, b.hulls),
     )
-    return packed(descent)
+    return packed(room)
 
 
 @inner_kernel
@@ -264,12 +299,12 @@ def keep_close_bodies(
         How many are left; PROVED when two segments are proved to conflict.
     """
     a, b, table = descent.a, descent.b, descent.table
-    a_hulls, b_hulls = a.hulls, b.hulls
-    pairs, where, scratch = descent.pairs, descent.where, descent.scratch
+    a_hulls, b_hulls, room = a.hulls, b.hulls, descent.room
+    pairs, where, scratch = room.pairs, room.where, room.scratch
     single = s_last - s == 1 and t_last - t == 1
-    pose_stretch(a_hulls, s, s_last, descent.on_a)
-    pose_stretch(b_hulls, t, t_last, descent.on_b)
-    solid_a, solid_b = descent.on_a.solid, descent.on_b.solid
+    pose_stretch(a_hulls, s, s_last, room.on_a)
+    pose_stretch(b_hulls, t, t_last, room.on_b)
+    solid_a, solid_b = room.on_a.solid, room.on_b.solid
     one_task = (
         a.task[s] == a.task[s_last - 1]
         and a.other_task[s] == a.other_task[s_last - 1]
@@ -300,6 +335,8 @@ def keep_close_bodies(
             least = least_distance(
                 table, u, a_hulls.joint[one], v, b_hulls.joint[other]
             )
+            measure_stray(a_hulls, one, room.on_a)
+            measure_stray(b_hulls, other, room.on_b)
         pairs[end, 0], pairs[end, 1] = x, y
         where[end, 0] = least
         end += 1
@@ -340,8 +377,9 @@ def _keep_unseparated(descent: Descent, first: int, end: int) -> int:
         The new end of the list.
     """
     a, b, slack = descent.a.hulls, descent.b.hulls, descent.slack - TOLERANCE
-    pairs, where = descent.pairs, descent.where
-    on_a, on_b = descent.on_a, descent.on_b
+    room = descent.room
+    pairs, where = room.pairs, room.where
+    on_a, on_b = room.on_a, room.on_b
     least_a, least_b = on_a.least, on_b.least
     known_a, known_b = on_a.measured, on_b.measured
     at = first
@@ -350,7 +388,7 @@ def _keep_unseparated(descent: Descent, first: int, end: int) -> int:
         at += 1
         if least == np.inf:
             continue
-        plane = descent.planes[x, y]
+        plane = room.planes[x, y]
         for attempt in range(2):
             if attempt == 1 and not stretches_stay_apart(
                 a, on_a.solid[x], on_a, b, on_b.solid[y], on_b, least, plane

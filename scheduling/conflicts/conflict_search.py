@@ -25,7 +25,6 @@ from scheduling.conflicts.close_bodies import (
     Descent,
     keep_close_bodies,
     start_descent,
-    widest_gap,
 )
 from scheduling.conflicts.occupancy import Occupancy
 from scheduling.conflicts.swept_sequence import SweptSequence
@@ -47,7 +46,10 @@ def hulls_conflict(
     table, robots = descent.table, descent.table.robots
     a_from, a_to = a.hulls.q_a[s], a.hulls.q_b[s]
     b_from, b_to = b.hulls.q_a[t], b.hulls.q_b[t]
-    pairs, where = descent.pairs[proposed].tolist(), descent.where[proposed].tolist()
+    pairs, where = (
+        descent.room.pairs[proposed].tolist(),
+        descent.room.where[proposed].tolist(),
+    )
     for (i, j), (x, y) in zip(pairs, where, strict=True):
         one, other = a.sequence.entity[s, i], b.sequence.entity[t, j]
         solid_a = a.solids[a.hulls.solid[s, i]]
@@ -57,10 +59,9 @@ def hulls_conflict(
             other < robots or solid_b.joint >= 0
         )
         limit = float(table.clearance[0 if both else 1]) - descent.slack
-        if not np.isnan(x):
-            q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
-            if distance_at(solid_a, q_a, solid_b, q_b) < limit:
-                return True
+        q_a, q_b = a_from + x * (a_to - a_from), b_from + y * (b_to - b_from)
+        if distance_at(solid_a, q_a, solid_b, q_b) < limit:
+            return True
         if come_close(solid_a, a_from, a_to, solid_b, b_from, b_to, limit):
             return True
     return False
@@ -86,23 +87,24 @@ def search_conflicts(
         table: allowed contacts and clearances.
         slack: taken off the clearances [m].
     """
-    if stay_apart(a.sequence, b.sequence, widest_gap(table)):
+    if stay_apart(a.sequence, b.sequence, table.gap):
         return
-    descent = start_descent(a.sequence, b.sequence, table, floor, limit, slack)
     depth = 1
     # Who asks for the first conflict alone does not have to wait for more.
     hits = np.empty((1, 2), dtype=np.int64)
-    while depth > 0:
-        depth, s, t, first, bodies, found = next_proposal(descent, depth, hits)
-        yield from map(tuple, hits[:found].tolist())
-        if found == len(hits):
-            hits = np.empty((min(8 * found, _MOST_HITS), 2), dtype=np.int64)
-        if bodies == 0:
-            continue
-        if hulls_conflict(a, s, b, t, descent, slice(first, first + bodies)):
-            v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
-            raise_floor(floor, v, u)
-            yield v, u
+    sequences = a.sequence, b.sequence
+    with start_descent(*sequences, table, floor, limit, slack) as descent:
+        while depth > 0:
+            depth, s, t, first, bodies, found = next_proposal(descent, depth, hits)
+            yield from map(tuple, hits[:found].tolist())
+            if found == len(hits):
+                hits = np.empty((min(8 * found, _MOST_HITS), 2), dtype=np.int64)
+            if bodies == 0:
+                continue
+            if hulls_conflict(a, s, b, t, descent, slice(first, first + bodies)):
+                v, u = int(a.sequence.node[s]), int(b.sequence.node[t])
+                raise_floor(floor, v, u)
+                yield v, u
 
 
 def first_conflict(
@@ -135,7 +137,7 @@ def next_proposal(
         hits: receives nodes (v, u) in conflict, shape (room, 2), room for one at least.
 
     Returns:
-        The new depth, the two segments, where in ``descent.pairs`` the close pairs of bodies
+        The new depth, the two segments, where in ``descent.room.pairs`` the close pairs of bodies
         begin and how many they are, 0 when there is nothing to decide, and the number of
         hits. The descent is over when the new depth is 0 and nothing is to be decided; it
         stops early when ``hits`` is full.
@@ -143,7 +145,7 @@ def next_proposal(
     a, b, floor, limit = descent.a, descent.b, descent.floor, descent.limit
     found = ZERO
     leaf_a, leaf_b = len(a.block_first) // 2, len(b.block_first) // 2
-    stack = descent.stack
+    stack, pairs, gap = descent.room.stack, descent.room.pairs, descent.table.gap
     while depth > 0:
         depth -= 1
         row = stack[depth]
@@ -165,7 +167,7 @@ def next_proposal(
         if b.node[t] >= limit[a.node[s_last - 1]]:
             continue
         if i >= 0:
-            count = close_blocks(a, i, b, j, descent.gap, leaves, descent.pairs)
+            count = close_blocks(a, i, b, j, gap, leaves, pairs)
             if count == 0:
                 continue
         if leaves:
