@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
+from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
 from planning.cell.workcell import PoseError, Workcell, WorldState
-from planning.geometry.clearing import BOX, CLEAR, SELF, CompiledScene, find_undecided
+from planning.geometry.clearing import BOX, CLEAR, CompiledScene, find_undecided
 from planning.geometry.exact import (
     TOLERANCE,
     Solid,
     come_close,
+    distance,
     distance_at,
     place,
 )
@@ -41,6 +44,29 @@ _FINE = 2e-5
 """How true overlaps that are let pass are measured on a motion [m]."""
 
 
+class BodyPair(NamedTuple):
+    """A body of a robot and what it may come close to, itself carried by the robot or at rest.
+
+    Attributes:
+        mine, other: the two.
+        limit: least distance, wherever bases are that may be off [m].
+        together: whether both are carried by the robot.
+    """
+
+    mine: Solid
+    other: Solid
+    limit: float
+    together: bool
+
+    def gap_at(self, q: Array) -> tuple[float, float]:
+        """Return their signed distance at ``q``, shape (n,), and the least that they may have there [m]."""
+        pose, limit = place(self.mine, q, q)[0], self.limit
+        if not self.together:
+            limit += self.mine.strays_with_base(pose)
+        there = place(self.other, q, q)[0]
+        return distance(self.mine, pose, self.other, there), limit
+
+
 @dataclass(frozen=True)
 class Contact:
     """Two bodies that are too close.
@@ -50,12 +76,14 @@ class Contact:
         second: the other one.
         distance: signed distance, negative for penetration [m].
         limit: least distance that was asked for [m].
+        pair: the bodies themselves.
     """
 
     first: str
     second: str
     distance: float
     limit: float
+    pair: BodyPair | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         """Describe the contact in one phrase."""
@@ -196,10 +224,9 @@ class SceneChecker:
                 when.tolist(), what.tolist(), strict=True
             ):
                 q0, q1 = q_a + lo * (q_b - q_a), q_a + hi * (q_b - q_a)
-                mine, solid, limit = self._pair(kind, body, other)
-                itself = kind == SELF
-                begin = q0 if itself else q1
-                if come_close(mine, q0, q1, solid, begin, q1, limit, together=itself):
+                mine, solid, limit, together = self._pair(kind, body, other)
+                begin = q0 if together else q1
+                if come_close(mine, q0, q1, solid, begin, q1, limit, together=together):
                     return False
             looks = at + 1
 
@@ -209,19 +236,17 @@ class SceneChecker:
         _, _, what = find_undecided(self._scene, q, q, False, True, 0, False)
         worst: Contact | None = None
         for kind, body, other in what.tolist():
-            mine, second, limit = self._pair(kind, body, other)
-            gap = distance_at(mine, q, second, q)
-            if kind == BOX:
-                limit += mine.strays_with_base(place(mine, q, q)[0])
+            pair = self._pair(kind, body, other)
+            gap, limit = pair.gap_at(q)
             if gap < limit and (
                 worst is None or gap - limit < worst.distance - worst.limit
             ):
-                name = second.name
+                name = pair.other.name
                 if kind == BOX:
                     thing = self._boxes.names[other]
                     # A body of another robot is named as one's own.
                     name = f"{thing}:{name}" if "/" in thing else thing
-                worst = Contact(mine.name, name, gap, limit)
+                worst = Contact(pair.mine.name, name, gap, limit, pair)
         return worst
 
     @property
@@ -269,6 +294,22 @@ class SceneChecker:
             for solid, q0, q1 in close
         )
 
+    def tool_overlaps(self, q: Array, name: str, depth: float) -> BodyPair | None:
+        """Return a body of the tool that overlaps a box at rest by more than a depth at ``q``, shape (n,).
+
+        Args:
+            q: where the robot is.
+            name: of the fixture or object.
+            depth: of the overlap [m].
+        """
+        bodies = self._own.of_entity.get(entity(self.robot.name, "tool"), [])
+        for column, body in product(self._boxes.columns.get(name, ()), bodies):
+            mine = self._own.solids[body].where_planned
+            pair = BodyPair(mine, self._boxes.solid(column), -depth, together=False)
+            if operator.lt(*pair.gap_at(q)):
+                return pair
+        return None
+
     def _only(self, bodies: Sequence[int], column: int, limit: float) -> CompiledScene:
         """Return the scene in which some own bodies keep away from one box, and nothing else."""
         scene = self._scene
@@ -281,12 +322,14 @@ class SceneChecker:
             )
         )
 
-    def _pair(self, kind: int, body: int, other: int) -> tuple[Solid, Solid, float]:
-        """Return an own body, what it may come close to, and their least distance."""
+    def _pair(self, kind: int, body: int, other: int) -> BodyPair:
+        """Return an own body and what it may come close to."""
         scene, mine = self._scene, self._own.solids[body]
         if kind == BOX:
-            return mine, self._boxes.solid(other), float(scene.box_limit[body, other])
-        return mine, self._own.solids[other], float(scene.self_limit[body, other])
+            limit = float(scene.box_limit[body, other])
+            return BodyPair(mine, self._boxes.solid(other), limit, together=False)
+        limit = float(scene.self_limit[body, other])
+        return BodyPair(mine, self._own.solids[other], limit, together=True)
 
 
 def _surroundings(

@@ -39,11 +39,8 @@ from planning.steps.skill import (
     straight_way,
     touching,
 )
-from planning.steps.skill_scene import (
-    SkillScene,
-    find_obstruction,
-    resolve_skill,
-)
+from planning.steps.skill_scene import SkillScene
+from planning.steps.skill_trial import find_obstruction, resolve_skill
 from planning.steps.tool_changes import with_tools
 from planning.tasks.assignment import Tools
 from planning.tasks.task import HOLD
@@ -224,7 +221,7 @@ class SkillTry:
         """Return the skill in a posture that is free; a known one where that is."""
         if known is not None and find_obstruction(known, self.scene) is None:
             return known
-        found = resolve_skill(self.robot, self.targets, self.scene)
+        found = resolve_skill(self.robot, [self.targets], self.scene)
         if isinstance(found, Obstruction):
             return self._with_remedy(found)
         if found.touched:

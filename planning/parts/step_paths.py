@@ -21,7 +21,8 @@ from planning.steps.skill import (
     SkillPath,
     gripped,
 )
-from planning.steps.skill_scene import SkillScene, find_obstruction
+from planning.steps.skill_scene import SkillScene
+from planning.steps.skill_trial import find_obstruction
 from planning.tasks.assignment import (
     PrimaryCandidate,
     SupportCandidate,

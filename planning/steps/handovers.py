@@ -25,12 +25,8 @@ from planning.steps.skill import (
     gripped,
     joint_distance,
 )
-from planning.steps.skill_scene import (
-    Objects,
-    SkillScene,
-    find_obstruction,
-    resolve_skill,
-)
+from planning.steps.skill_scene import Objects, SkillScene
+from planning.steps.skill_trial import find_obstruction, resolve_skill
 from planning.tasks.assignment import (
     AssignmentProblem,
     PrimaryCandidate,
@@ -120,7 +116,7 @@ def find_handover(
             objects={**around, item.name: (item, meeting.given)},
             contacts=SkillContacts(giving, giving | taking, NOTHING),
         )
-        found = resolve_skill(giver, meeting.targets, scene)
+        found = resolve_skill(giver, [meeting.targets], scene)
         if not isinstance(found, Obstruction):
             return Handover(meeting, pre, receive, found.path)
         reason = reason or found

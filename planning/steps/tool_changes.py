@@ -39,7 +39,8 @@ from planning.steps.skill import (
     straight_way,
     touching,
 )
-from planning.steps.skill_scene import Placed, SkillScene, find_obstruction
+from planning.steps.skill_scene import Placed, SkillScene
+from planning.steps.skill_trial import find_obstruction
 from planning.steps.step_writer import StepWriter
 from planning.tasks.assignment import NO_TOOLS, Tools
 from planning.tasks.task import LEAVE_TOOL, STRAIGHT, TAKE_TOOL, Handling

@@ -40,7 +40,7 @@ from planning.lego.skills.targets import (
 )
 from planning.robots.registry import robot_model
 from planning.steps.skill import SkillPath, skill_postures
-from planning.steps.skill_scene import ResolvedSkill
+from planning.steps.skill_trial import ResolvedSkill
 from planning.transforms import from_rpy, translation
 
 APART = 2

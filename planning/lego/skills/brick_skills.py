@@ -51,7 +51,8 @@ from planning.steps.skill import (
     joint_distance,
     skill_postures,
 )
-from planning.steps.skill_scene import ResolvedSkill, SkillScene, resolve_skill
+from planning.steps.skill_scene import SkillScene
+from planning.steps.skill_trial import ResolvedSkill, resolve_skill
 from planning.tasks.assignment import SupportCandidate
 from planning.transforms import Array, translation
 
@@ -157,13 +158,13 @@ class BrickSkills:
         loose = world.loose_stock.union(world.goal_numbers) - above - {stock}
         option = resolve_skill(
             world.cell.robot(robot),
-            self.pick_targets(robot, stock, grasp),
+            [self.pick_targets(robot, stock, grasp)],
             scene,
             loose,
         )
         if self._is_blocked(option):
             targets = self.pick_targets(robot, stock, grasp, by_halves=True)
-            other = resolve_skill(world.cell.robot(robot), targets, scene, loose)
+            other = resolve_skill(world.cell.robot(robot), [targets], scene, loose)
             if not isinstance(other, Obstruction) and (
                 isinstance(option, Obstruction)
                 or len(self.after(other)) < len(self.after(option))
@@ -263,15 +264,11 @@ class BrickSkills:
             standing=world.standing(step),
             tool=self._tool,
         )
-        return _first_free(
-            resolve_skill(
-                world.cell.robot(robot),
-                self.place_targets(robot, step, grasp, attack, height),
-                scene,
-                world.loose_stock,
-            )
+        ways = (
+            self.place_targets(robot, step, grasp, attack, height)
             for height, attack in product(*self._ways_to_place(step, grasp))
         )
+        return resolve_skill(world.cell.robot(robot), ways, scene, world.loose_stock)
 
     @_once
     def least_pick(self, robot: str, stock: str, grasp: int) -> float:
@@ -339,15 +336,8 @@ class BrickSkills:
         scene = SkillScene(
             world.cell, {}, self.home, contacts, standing=standing, tool=self._tool
         )
-        return _first_free(
-            resolve_skill(
-                world.cell.robot(robot),
-                _drawn_back(targets, back),
-                scene,
-                world.loose_stock,
-            )
-            for back, targets in product(_DRAWN_BACK, ways)
-        )
+        further = (_drawn_back(way, back) for back, way in product(_DRAWN_BACK, ways))
+        return resolve_skill(world.cell.robot(robot), further, scene, world.loose_stock)
 
     @_once
     def handover(
@@ -371,17 +361,6 @@ class BrickSkills:
                 return found
             reason = reason or found
         return reason or Obstruction(f"receive is out of reach of {receiver}")
-
-
-def _first_free(tried: Iterable[Found]) -> Found:
-    """Return the first way that is free, or else why the first one is not."""
-    reason: Obstruction | None = None
-    for found in tried:
-        if not isinstance(found, Obstruction):
-            return found
-        reason = reason or found
-    assert reason is not None
-    return reason
 
 
 def _drawn_back(skill: SkillTargets, distance: float) -> SkillTargets:

@@ -34,7 +34,7 @@ from planning.steps.skill import (
     gripped,
     touching,
 )
-from planning.steps.skill_scene import ResolvedSkill
+from planning.steps.skill_trial import ResolvedSkill
 from planning.steps.step_writer import (
     PlannedHandover,
     PlannedPlacement,

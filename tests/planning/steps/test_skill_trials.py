@@ -20,7 +20,8 @@ from planning.cell.workcell import (
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
 from planning.steps.skill import Obstruction, SkillContacts, SkillPath
-from planning.steps.skill_scene import SkillScene, SkillTrial, find_obstruction
+from planning.steps.skill_scene import SkillScene
+from planning.steps.skill_trial import SkillTrial, find_obstruction
 from planning.transforms import readonly, translation
 
 MODEL = robot_model("gp4")

@@ -29,7 +29,7 @@ from planning.lego.skills.candidates import LegoCandidates, find_candidates
 from planning.lego.skills.targets import DEFAULT_TWIST
 from planning.robots.registry import robot_model
 from planning.steps.skill import Obstruction, SkillPath
-from planning.steps.skill_scene import ResolvedSkill
+from planning.steps.skill_trial import ResolvedSkill
 from planning.tasks.assignment import (
     PrimaryCandidate,
     StepChoice,

@@ -27,7 +27,7 @@ from planning.lego.skills.candidates import find_candidates
 from planning.lego.skills.expansion import lego_work
 from planning.lego.skills.targets import DEFAULT_TWIST, PRESSED
 from planning.steps.skill import Obstruction, SkillPath
-from planning.steps.skill_scene import ResolvedSkill
+from planning.steps.skill_trial import ResolvedSkill
 from planning.tasks.highs_solver import assign_steps
 from planning.transforms import translation
 from tests.planning.lego.skills.overhang import facing_arms
