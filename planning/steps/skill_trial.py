@@ -27,7 +27,7 @@ _SURELY = 1e-5
 
 
 @dataclass(frozen=True)
-class Refusal:
+class Hindrance:
     """Two bodies that were in the way of a path at one of its configurations.
 
     Where they are so again, another path of the same scene is refused as well, whatever else is in
@@ -61,14 +61,14 @@ class SkillTrial:
         gone: names of what has been taken away, in this order.
         touched: names of what the tool grazes or leans on, no deeper than it may; whether it
             leans on it.
-        refusal: of the bodies that are in the way, where that is one that refuses other paths.
+        hindrance: of the bodies that are in the way, where that is one that refuses other paths.
     """
 
     def __init__(self, path: SkillPath, scene: SkillScene) -> None:
         self.path = path
         self.gone: list[str] = []
         self.touched: dict[str, bool] = {}
-        self.refusal: Refusal | None = None
+        self.hindrance: Hindrance | None = None
         self._scene = scene
         self._near = scene.near(path)
         self._built: dict[tuple[bool, bool], SceneChecker] = {}
@@ -118,7 +118,7 @@ class SkillTrial:
         if contact is None:
             return None
         before = phase is Phase.BEFORE
-        self.refusal = contact.pair and Refusal(before, k, contact.pair)
+        self.hindrance = contact.pair and Hindrance(before, k, contact.pair)
         words = f"{contact} {phase.value}"
         return Obstruction(words, contact.second.split(":")[0], phase)
 
@@ -136,10 +136,10 @@ class SkillTrial:
             found = next(self._obstructions, None)
         found = self._pressed_into() if found is None else self._explained(found)
         if found is not None and found.phase is None:
-            self.refusal = self._deep_in(found.by)
+            self.hindrance = self._deep_in(found.by)
         return found
 
-    def _deep_in(self, name: str | None) -> Refusal | None:
+    def _deep_in(self, name: str | None) -> Hindrance | None:
         """Return where the tool goes deeper into an object than it ever may, if it is at a waypoint."""
         tool, way = self._scene.tool, self.path.waypoints
         if tool is None or name not in self._near.names[self._near.fixtures :]:
@@ -148,7 +148,7 @@ class SkillTrial:
         checker = self._checker(Phase.UNTIL_CHANGE)
         pairs = (checker.tool_overlaps(q, name, depth) for q in way[::-1])
         return next(
-            (Refusal(before=False, at=~k, pair=p) for k, p in enumerate(pairs) if p),
+            (Hindrance(before=False, at=~k, pair=p) for k, p in enumerate(pairs) if p),
             None,
         )
 
@@ -277,11 +277,11 @@ def resolve_skill(
         The path, what must be gone and what the tool touches; or why, in the first way, the posture
         nearest to HOME that came furthest failed.
     """
-    refusals: list[Refusal] = []
+    hindrances: list[Hindrance] = []
     reason: Obstruction | None = None
     for targets in ways:
         found = _in_a_posture(
-            robot, targets, scene, loose, refusals, whether=reason is not None
+            robot, targets, scene, loose, hindrances, whether=reason is not None
         )
         if not isinstance(found, Obstruction):
             return found
@@ -295,7 +295,7 @@ def _in_a_posture(
     targets: SkillTargets,
     scene: SkillScene,
     loose: Collection[str],
-    refusals: list[Refusal],
+    hindrances: list[Hindrance],
     *,
     whether: bool,
 ) -> ResolvedSkill | Obstruction:
@@ -303,7 +303,7 @@ def _in_a_posture(
 
     Args:
         robot, targets, scene, loose: see ``resolve_skill``.
-        refusals: of other paths; those of this way are put before them.
+        hindrances: of other paths; those of this way are put before them.
         whether: nobody asks why there is none.
     """
     trials: list[SkillTrial | SkillPath | Obstruction] = []
@@ -315,7 +315,7 @@ def _in_a_posture(
         if (
             (whether or settled)
             and isinstance(path, SkillPath)
-            and any(refusal.refuses(path) for refusal in refusals)
+            and any(hindrance.refuses(path) for hindrance in hindrances)
         ):
             trials.append(path)
             continue
@@ -326,16 +326,16 @@ def _in_a_posture(
             return trial.resolved()
         trials.append(trial)
         reason = _more_telling(reason, found)
-        may_help |= found.by in loose
-        if isinstance(trial, SkillTrial) and trial.refusal and found.by not in loose:
-            refusals.insert(0, trial.refusal)
+        may_help |= (found if whether else reason).by in loose
+        if isinstance(trial, SkillTrial) and trial.hindrance and found.by not in loose:
+            hindrances.insert(0, trial.hindrance)
     if not may_help:
         return reason or Obstruction("refused like another path")
     every = [SkillTrial(t, scene) if isinstance(t, SkillPath) else t for t in trials]
-    found = _first_free(every, ())
-    if isinstance(found, Obstruction) and found.by in loose:
+    blocked = _first_free(every, ())
+    if isinstance(blocked, Obstruction) and blocked.by in loose:
         return _first_free(every, loose)
-    return found
+    return blocked
 
 
 def _first_free(

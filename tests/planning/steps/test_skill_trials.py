@@ -19,9 +19,18 @@ from planning.cell.workcell import (
 )
 from planning.kinematics.kinematics import frame_pose
 from planning.robots.registry import robot_model
-from planning.steps.skill import Obstruction, SkillContacts, SkillPath
+from planning.steps.skill import (
+    Obstruction,
+    SkillContacts,
+    SkillPath,
+    SkillTargets,
+    Subgoal,
+    ToolContact,
+    skill_postures,
+    touching,
+)
 from planning.steps.skill_scene import SkillScene
-from planning.steps.skill_trial import SkillTrial, find_obstruction
+from planning.steps.skill_trial import SkillTrial, find_obstruction, resolve_skill
 from planning.transforms import readonly, translation
 
 MODEL = robot_model("gp4")
@@ -111,3 +120,110 @@ def test_what_is_in_the_way_is_found_and_taken_away(change):
     assert trial.take_away({"b0"}) is not None
     assert trial.take_away({"b0", "b1"}) is None
     assert trial.gone == ["b0", "b1"]
+
+
+def resolve_by_trials(ways, scene, loose):
+    """Try every way in every posture; the reason is the most telling one of the first way."""
+    reason = None
+    for targets in ways:
+        paths = list(skill_postures(ROBOT, targets))
+        for taken in ((), loose):
+            trials = [
+                p if isinstance(p, Obstruction) else SkillTrial(p, scene) for p in paths
+            ]
+            left = [
+                t if isinstance(t, Obstruction) else t.take_away(taken) for t in trials
+            ]
+            if None in left:
+                return trials[left.index(None)].resolved()
+            most = next((found for found in left if found.by is not None), left[0])
+            if most.by not in loose:
+                break
+        reason = reason or most
+    return reason
+
+
+def ways_along(shifts):
+    """The skill of scene_on_the_way as poses of the tool, shifted a little."""
+    for x, y in shifts:
+        poses = [frame_pose(ROBOT, q, "tool") @ translation(x, y, 0.0) for q in WAY]
+        yield SkillTargets("pick", tuple(Subgoal("to", "tool", p) for p in poses), 2)
+
+
+at_waypoints = st.tuples(
+    st.one_of(st.integers(0, 3), st.floats(0.0, 3.0)),
+    st.floats(-0.05, 0.05),
+    st.floats(-0.05, 0.05),
+    st.floats(-0.03, 0.03),
+)
+little = st.sampled_from([0.0, 0.005, -0.005, 0.02, -0.02, 0.05])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(at_waypoints, min_size=1, max_size=3),
+    st.lists(st.tuples(little, little), min_size=2, max_size=4),
+    *[st.sets(st.integers(0, 2))] * 3,
+)
+def test_what_refused_one_path_refuses_no_path_that_is_free(
+    where, shifts, fast, meant, leaning
+):
+    scene, _ = scene_on_the_way(where, change=True)
+    during = GRIP | touching("arm/tool", [f"b{k}" for k in meant])
+    tool = ToolContact(0.001, 0.003, frozenset(f"b{k}" for k in leaning))
+    scene = replace(scene, contacts=SkillContacts(NONE, during, GRIP), tool=tool)
+    loose = {f"b{k}" for k in range(6) if k not in fast}
+    ways = list(ways_along(shifts))
+    found = resolve_skill(ROBOT, ways, scene, loose)
+    expected = resolve_by_trials(ways, scene, loose)
+    if isinstance(expected, Obstruction):
+        assert found == expected
+    else:
+        assert (found.gone, found.touched) == (expected.gone, expected.touched)
+        assert np.array_equal(found.path.waypoints, expected.path.waypoints)
+
+
+@pytest.mark.parametrize("at", [0, 1])
+@pytest.mark.parametrize("fast", [set(), {0}, {1}, {0, 1}])
+def test_a_way_beside_what_refused_the_first_one_is_found(at, fast):
+    where = [(at, 0, 0, 0), (3, 0, 0, 0)]
+    scene = replace(
+        scene_on_the_way(where, change=False)[0],
+        contacts=SkillContacts(NONE, NONE, NONE),
+        tool=ToolContact(0.001, 0.003),
+    )
+    loose = {f"b{k}" for k in range(2) if k not in fast}
+    free = 0
+    for aside in (0.02, 0.04, 0.06, 0.08, 0.1):
+        ways = list(ways_along([(0, 0), (0, aside)]))
+        ways = [replace(targets, change_at=None) for targets in ways]
+        found = resolve_skill(ROBOT, ways, scene, loose)
+        expected = resolve_by_trials(ways, scene, loose)
+        assert isinstance(found, Obstruction) == isinstance(expected, Obstruction)
+        free += not isinstance(found, Obstruction)
+    assert free
+
+
+@pytest.mark.parametrize("at", [0, 1])
+def test_what_may_be_gone_refuses_no_other_path(at):
+    where = [(at, 0, 0, 0), (3, 0, 0, 0)]
+    scene, _ = scene_on_the_way(where, change=False)
+    scene = replace(scene, contacts=SkillContacts(NONE, NONE, NONE))
+    one, aside = (
+        replace(targets, change_at=None) for targets in ways_along([(0, 0), (0.06, 0)])
+    )
+    other = replace(one, subgoals=(*one.subgoals[:-1], aside.subgoals[-1]))
+    assert resolve_skill(ROBOT, [one], scene, {"b0"}).by == "b1"
+    found = resolve_skill(ROBOT, [one, other], scene, {"b0"})
+    assert found.gone == {"b0"}
+
+
+def test_a_brick_in_the_way_of_all_paths_is_looked_at_as_a_whole_once(monkeypatch):
+    scene, _ = scene_on_the_way([(0, 0, 0, 0)], change=True)
+    tried = []
+    monkeypatch.setattr(
+        SkillScene, "near", lambda *a, near=SkillScene.near: tried.append(a) or near(*a)
+    )
+    found = resolve_skill(ROBOT, ways_along([(0, 0), (0.001, 0), (0, 0.001)]), scene)
+    assert found.by == "b0"
+    assert len(tried) == 1
