@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from planning.parallel import side_by_side
 from planning.transforms import Array
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
@@ -109,14 +110,20 @@ def influences(load: Workload) -> list[Influence]:
     block = Block(0, 0, min(most, affordable))
     base = makespans_s(load, block)
 
-    def change(scaled: Scaled, factor: float) -> float:
+    def change(trial: tuple[Scaled, float]) -> float:
+        scaled, factor = trial
         difference = makespans_s(scaled(load, factor), block) - base
         known = difference[np.isfinite(difference)]
         return float(np.mean(known)) if len(known) else 0.0
 
+    inputs = inputs_of(load)
+    trials = [(s, 1.0 + sign * SHARE) for s in inputs.values() for sign in (-1, 1)]
+    # Only compiled code lets others go on.
+    changes = (
+        list(map(change, trials)) if load.reasons else side_by_side(change, trials)
+    )
     found = [
-        Influence(name, change(scaled, 1 - SHARE), change(scaled, 1 + SHARE))
-        for name, scaled in inputs_of(load).items()
+        Influence(name, *changes[2 * k : 2 * k + 2]) for k, name in enumerate(inputs)
     ]
     return sorted(found, key=lambda one: -one.span_s)
 

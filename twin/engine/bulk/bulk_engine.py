@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
+from planning.parallel import side_by_side, usable_cores
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
@@ -95,12 +96,14 @@ class BulkEngine:
         """Return when everything happens in replications in which no task fails."""
         if self._drive is None:
             return completions(self.graph, times.busy_ns, self.messages)
-        return explain(self.graph, *self._driven(times))
+        return explain(self.graph, *self._driven(times, threads=1))
 
     def makespans(
         self, times: SegmentTimes, messages: Messages | None = None
     ) -> Nanoseconds:
         """Return the makespan of every such replication, shape (replications,) [ns].
+
+        On all cores, where robots keep to limits of acceleration: it is asked by who has nothing else to do.
 
         Args:
             times: of the segments.
@@ -109,15 +112,25 @@ class BulkEngine:
         if self._drive is None:
             said = self.messages if messages is None else messages
             return makespans(self.graph, end_times(self.graph, times.busy_ns, said))
-        return makespans(self.graph, self._driven(times)[1])
+        return makespans(self.graph, self._driven(times, threads=usable_cores())[1])
 
-    def _driven(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
+    def _driven(
+        self, times: SegmentTimes, *, threads: int
+    ) -> tuple[Nanoseconds, Nanoseconds]:
         """Return start and end of every node, shape (nodes, replications) [ns]."""
-        assert self._drive is not None
-        stood = times.stood_ns()
+        drive, stood = self._drive, times.stood_ns()
+        assert drive is not None
         motion = np.ascontiguousarray((times.busy_ns - stood).T)
         stand = np.ascontiguousarray(stood.T)
-        start, end = driven_times(self.graph, self._drive, motion, stand, self._ahead)
+
+        def some(rows: Indices) -> tuple[Nanoseconds, Nanoseconds]:
+            own = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0)
+            return driven_times(self.graph, drive, motion[own], stand[own], self._ahead)
+
+        parts = np.array_split(np.arange(len(motion)), threads)
+        start, end = (
+            np.concatenate(p) for p in zip(*side_by_side(some, parts), strict=True)
+        )
         return start.T, end.T
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
