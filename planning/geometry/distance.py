@@ -59,18 +59,8 @@ def segment_distance(u: Vector, v: Vector, w: Vector) -> float:
 
 
 @inner_kernel
-def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
-    """Return the squared distance [m^2] of a segment and a solid box.
-
-    The distance to a box is convex along the segment and its derivative is linear between the
-    parameters at which the segment crosses a face plane: bracket the zero among those.
-
-    Args:
-        p0, p1: segment ends in the world, shape (3,).
-        pose: of the box centre, shape (4, 4).
-        half: half edge lengths, shape (3,).
-    """
-    line = stack_rows(3, 2)
+def _seen_from_box(p0: Array, p1: Array, pose: Array, line: Array) -> None:
+    """Write where a segment begins and where it leads to, in the frame of a box, shape (3, 2)."""
     for r in range(3):
         x0 = y0 = 0.0
         for c in range(3):
@@ -78,6 +68,44 @@ def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
             y0 += pose[c, r] * (p1[c] - p0[c])
         line[r, 0] = x0
         line[r, 1] = y0
+
+
+@inner_kernel
+def segment_near_box(
+    p0: Array, p1: Array, pose: Array, half: Array, near: float
+) -> bool:
+    """Tell whether a segment comes within a distance [m] of a solid box; see segment_box."""
+    line = stack_rows(3, 2)
+    _seen_from_box(p0, p1, pose, line)
+    # Most are beyond one of the faces.
+    for r in range(3):
+        begin, end = line[r, 0], line[r, 0] + line[r, 1]
+        if max(begin, end) < -half[r] - near or min(begin, end) > half[r] + near:
+            return False
+    return bool(_squared_gap(line, half) <= near * near)
+
+
+@inner_kernel
+def segment_box(p0: Array, p1: Array, pose: Array, half: Array) -> float:
+    """Return the squared distance [m^2] of a segment and a solid box.
+
+    Args:
+        p0, p1: segment ends in the world, shape (3,).
+        pose: of the box centre, shape (4, 4).
+        half: half edge lengths, shape (3,).
+    """
+    line = stack_rows(3, 2)
+    _seen_from_box(p0, p1, pose, line)
+    return _squared_gap(line, half)
+
+
+@inner_kernel
+def _squared_gap(line: Array, half: Array) -> float:
+    """Return the squared distance of a segment, seen from a box, and the box.
+
+    The distance to a box is convex along the segment and its derivative is linear between the
+    parameters at which the segment crosses a face plane: bracket the zero among those.
+    """
     lo, hi = 0.0, 1.0
     if _slope(line, half, lo) >= 0.0:
         return _outside(line, half, lo)

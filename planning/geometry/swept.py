@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.geometry.distance import boxes_apart, segment_box, segment_segment
+from planning.geometry.distance import boxes_apart, segment_near_box, segment_segment
 from planning.geometry.separation import HullTable
 from planning.kernels import ZERO, inner_kernel, kernel
 from planning.kinematics.chain import joint_axis, pose_joints
@@ -318,8 +318,7 @@ def strays_at_box(
     first, sweeps = bodies.hulls.capsule_first, bodies.sweeps
     a, b, radius = sweeps.capsule_a, sweeps.capsule_b, sweeps.radius
     for c in range(first[o], first[o + 1]):
-        near = radius[c] + limit
-        if segment_box(a[c], b[c], pose, half) <= near * near:
+        if segment_near_box(a[c], b[c], pose, half, radius[c] + limit):
             return float(bodies.room.moved[c, 0])
     return NOWHERE
 

@@ -17,6 +17,7 @@ from planning.geometry.distance import (
     TOO_CLOSE,
     gap_class,
     segment_box,
+    segment_near_box,
     segment_segment,
 )
 from planning.geometry.exact import TOLERANCE, Solid, come_close, distance, place
@@ -145,6 +146,7 @@ def test_what_reaches_into_the_floor_is_never_apart() -> None:
 
 
 _segment_box = outer(segment_box)
+_segment_near_box = outer(segment_near_box)
 _segment_segment = outer(segment_segment)
 
 numbers = st.integers(0, 2**32 - 1)
@@ -184,3 +186,6 @@ def test_segment_box_is_the_least_over_the_segment(seed: int) -> None:
     sampled = np.min(np.linalg.norm(outside, axis=1))
     assert found <= sampled + 1e-12
     assert found >= sampled - np.linalg.norm(p1 - p0) / 4000 - 1e-12
+    for near in (0.0, found - 1e-9, found + 1e-9, *rng.uniform(0, 2, 5)):
+        if near >= 0.0:
+            assert _segment_near_box(p0, p1, pose, half, near) == (near >= found)
