@@ -157,7 +157,8 @@ class Scrap:
                 )
                 if about and task.index < index:
                     yield task.index, index
-        removed = {t.index: t for t in tasks if t.index in self.taken.values()}
+        # Also what comes up anew waits for what an earlier plan had taken from there.
+        removed = {t.index: t for t in tasks if t.robot == REMOVAL}
         for index, own in removed.items():
             pose = own.handlings[0].pose
             for task in tasks:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -18,9 +19,14 @@ from planning.tasks.task import (
     LEAVE,
     LEFT_OUT,
     PRESENT,
+    STILL,
     TAKEN_OUT,
+    Handling,
+    Task,
 )
-from planning.worlds.supplied import REMOVAL
+from planning.transforms import translation
+from planning.worlds.supplied import REMOVAL, Scrap
+from planning.worlds.world import World
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
@@ -202,6 +208,19 @@ def test_what_is_left_begins_with_machines_at_work(
         before = dict(left.tpg.cell.begun.done if left.tpg.cell.begun else ())
         after = sum(t.kind == kind for t in went.tpg.tasks)
         assert before.get(kind, 0) + after == PRODUCTS
+
+
+def test_what_comes_up_waits_for_what_an_earlier_plan_had_taken_from_there() -> None:
+    here, there = translation(0.0, 0.0, 0.1), translation(0.2, 0.0, 0.1)
+    gone = (Handling("bolt.4", 1, GONE, here),)
+    about = REMOVAL, TAKEN_OUT, 15, "bolt.4 is taken away", STILL, gone, "bolt.4"
+    tasks = [Task(3, *about)]
+    for index, pose in ((2, here), (7, here), (8, there)):
+        name = f"bolt.{index}"
+        comes = (Handling(name, 1, None, pose),)
+        tasks.append(Task(index, "bolts", PRESENT, index, name, STILL, comes, name))
+    scrap = Scrap(cast(World, None), (), frozenset())
+    assert [*scrap.waits(tasks)] == [(3, 7)]
 
 
 @pytest.mark.nightly
