@@ -244,8 +244,10 @@ def start_descent(
     Its room is that of one that is over: making it would take as long as half of a descent.
     """
     sizes = _sizes(a), _sizes(b)
-    left = _LEFT[sizes]
-    room = left.pop() if left else _make_room(a, b)
+    try:  # other threads may take what is left in between
+        room = _LEFT[sizes].pop()
+    except IndexError:
+        room = _make_room(a, b)
     room.stack[0] = 0, BLOCKS, 0, BLOCKS, 0, 0
     # Stretches and directions go on being counted: nothing known of them is of those to come.
     room.on_a.span[:2] = room.on_b.span[:2] = 0

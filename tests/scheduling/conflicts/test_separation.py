@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import coal
 import numpy as np
@@ -21,6 +23,7 @@ from planning.geometry.separation import (
 )
 from planning.transforms import Array
 from scheduling.build_tpg import build_nodes
+from scheduling.conflicts.conflict_search import search_conflicts
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.conflicts.occupancy import MOTION, Occupancy
 from tests.kernels import outer
@@ -170,3 +173,21 @@ def test_segments_are_short_and_join(occupancies: list[Occupancy]) -> None:
         grown = sweep_segments(hulls, hulls.q_a, hulls.q_b)[2]
         assert grown.min() >= 0.0
         assert 2.0 * grown.max() <= 1.05 * MOTION
+
+
+def test_searches_that_take_turns_find_what_each_finds_alone() -> None:
+    tpg = DerivedTpg(build_nodes(random_plan(2, 16, step=0.5)))
+    a, b = tpg.occupancies
+
+    def search(slack: float) -> Iterator[tuple[int, int]]:
+        nodes = [int(own.sequence.node[-1]) + 1 for own in (a, b)]
+        floor, limit = np.full(nodes[0], -1), np.full(nodes[0], nodes[1])
+        return search_conflicts(a, b, floor, limit, tpg.table, slack)
+
+    slacks = [0.02 * k for k in range(12)]
+    alone = [list(search(slack)) for slack in slacks]
+    assert len({len(found) for found in alone}) > 1
+    turns = itertools.zip_longest(*map(search, slacks))
+    assert [[p for p in own if p] for own in zip(*turns, strict=True)] == alone
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(lambda slack: list(search(slack)), slacks)) == alone
