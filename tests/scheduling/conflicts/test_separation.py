@@ -176,7 +176,7 @@ def test_segments_are_short_and_join(occupancies: list[Occupancy]) -> None:
 
 
 def test_searches_that_take_turns_find_what_each_finds_alone() -> None:
-    tpg = DerivedTpg(build_nodes(random_plan(2, 16, step=0.5)))
+    tpg = DerivedTpg(build_nodes(random_plan(2, 30, step=0.5)))
     a, b = tpg.occupancies
 
     def search(slack: float) -> Iterator[tuple[int, int]]:
@@ -184,7 +184,7 @@ def test_searches_that_take_turns_find_what_each_finds_alone() -> None:
         floor, limit = np.full(nodes[0], -1), np.full(nodes[0], nodes[1])
         return search_conflicts(a, b, floor, limit, tpg.table, slack)
 
-    slacks = [0.02 * k for k in range(12)]
+    slacks = [0.01 * k for k in range(6)]
     alone = [list(search(slack)) for slack in slacks]
     assert len({len(found) for found in alone}) > 1
     turns = itertools.zip_longest(*map(search, slacks))
