@@ -6,6 +6,7 @@ Inverse kinematics runs compiled damped least squares from the seed and from ran
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -143,7 +144,7 @@ def follow_poses(
     joints = joint_table(model)
     chain = np.empty((len(targets), model.dof))
     chain[0] = start
-    tips = np.array([frame_in_last_joint(model, frame) for frame in frames])
+    tips = np.array([_tip(model, frame) for frame in frames])
     wanted = inverse(robot.base) @ np.array(targets)
     done = 1
     while done < len(targets):
@@ -163,19 +164,28 @@ def follow_poses(
             done += 1
 
 
+@cache
+def _tip(model: RobotModel, frame: str) -> Transform:
+    """Return ``frame_in_last_joint`` for kernels: a writable copy, read-only arrays are compiled anew."""
+    return np.array(frame_in_last_joint(model, frame))
+
+
+@cache
+def _random_starts(model: RobotModel, count: int) -> Array:
+    """Return random configurations within the limits, always the same ones."""
+    shape = count, model.dof
+    return np.random.default_rng(0).uniform(model.lower, model.upper, shape)
+
+
 def _solve(
     robot: PlacedRobot, frame: str, target: Transform, seed: Array, restarts: int
 ) -> list[Array]:
     model = robot.model
-    # Writable copies: numba compiles read-only arrays anew.
-    tip = np.array(frame_in_last_joint(model, frame))
+    tip = _tip(model, frame)
     wanted = np.ascontiguousarray(inverse(robot.base) @ target)
     starts = np.empty((restarts + 1, model.dof))
-    starts[0] = np.clip(seed, model.lower, model.upper)
-    if restarts:
-        starts[1:] = np.random.default_rng(0).uniform(
-            model.lower, model.upper, (restarts, model.dof)
-        )
+    starts[0] = np.minimum(np.maximum(seed, model.lower), model.upper)
+    starts[1:] = _random_starts(model, restarts)
     found = np.empty_like(starts)
     count = solve_from(
         joint_table(model), tip, wanted, np.array(seed, dtype=np.float64), starts, found

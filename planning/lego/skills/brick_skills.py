@@ -62,6 +62,9 @@ Found = ResolvedSkill | Obstruction
 Key = ParamSpec("Key")
 Answer = TypeVar("Answer")
 
+_ALIKE = 1e-5
+"""Joint distances of one posture found twice differ by less [rad or m]."""
+
 _DRAWN_BACK = (0.0, 0.01, 0.02, 0.04)
 """How far behind the pre-pose a support may start [m]."""
 
@@ -124,6 +127,7 @@ class BrickSkills:
             ("handover", 2),
             ("least_pick", None),
             ("least_place", 1),
+            ("near_place", 1),
         ):
             for key, found in self.known[kind].items():
                 if at is None or key[at] not in number:
@@ -227,6 +231,10 @@ class BrickSkills:
             twist=twist,
         )
 
+    def placing(self, robot: str, step: int, grasp: int) -> Subgoal:
+        """Return where a robot lets go of the brick of a step."""
+        return self._placed(robot, step, grasp).place(up=self.world.step(step).up)
+
     def _placed(self, robot: str, step: int, grasp: int) -> BrickGrip:
         """Return a robot's grip of the brick of a step in its place."""
         kind, top = self.world.step(step).brick, self.world.goal_top(step)
@@ -274,6 +282,16 @@ class BrickSkills:
     def least_pick(self, robot: str, stock: str, grasp: int) -> float:
         """Return the least joint distance from HOME to where a pick takes hold, whatever is in the way."""
         return self._least(robot, [self.pick_targets(robot, stock, grasp)])
+
+    @_once
+    def near_place(self, robot: str, step: int, grasp: int) -> float:
+        """Return a joint distance that ``least_place`` is not below, sooner: that to the pose alone.
+
+        That is 0 where no posture is found.
+        """
+        goal, placed = self.placing(robot, step, grasp), self.world.cell.robot(robot)
+        found = inverse_kinematics(placed, goal.frame, goal.pose, placed.home)
+        return joint_distance(placed.home, found[0]) - _ALIKE if found else 0.0
 
     @_once
     def least_place(self, robot: str, step: int, grasp: int) -> float:

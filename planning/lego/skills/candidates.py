@@ -167,8 +167,9 @@ class BrickCollector(CandidateCollector):
                     break
                 stocks = self.world.usable_stock(step)
                 if count >= _SPARE:
-                    least = self.skills.least_place(robot, step, grasp)
-                    stocks = self._promising(picker, grasp, stocks, least, proven)
+                    for bound in (self.skills.near_place, self.skills.least_place):
+                        least = bound(robot, step, grasp) if stocks else math.inf
+                        stocks = self._promising(picker, grasp, stocks, least, proven)
                     if not stocks:
                         continue
                 place = self._place(robot, step, grasp, supports)
@@ -236,8 +237,7 @@ class BrickCollector(CandidateCollector):
         placed = self.world.cell.robot(robot)
 
         def away(grasp: int) -> float:
-            targets = self.skills.place_targets(robot, step, grasp)
-            goal = targets.subgoals[targets.change_at or 0]
+            goal = self.skills.placing(robot, step, grasp)
             near = inverse_kinematics(
                 placed, goal.frame, goal.pose, placed.home, restarts=0
             )

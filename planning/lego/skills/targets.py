@@ -87,10 +87,16 @@ class BrickGrip:
         """Pose of the frame ``"alt"`` that carries it on the side studs."""
         return side_contact_pose(self.top, self.brick, self.press)
 
+    def place(self, *, up: bool) -> Subgoal:
+        """Return where it lets the brick go, pressed on from above or from below."""
+        if up:
+            return Subgoal("place", "alt", self.alt)
+        return Subgoal("attach", "tool", self.tool)
+
     def held(self, *, up: bool = False) -> Transform:
         """Return the pose of its box centre in the flange frame, gripped or on the side studs."""
-        tool = self.alt if up else self.tool
-        flange = tool @ inverse(self.frame("alt" if up else "tool"))
+        goal = self.place(up=up)
+        flange = goal.pose @ inverse(self.frame(goal.frame))
         return inverse(flange) @ box_from_top(self.top, self.brick)
 
     def via(self, pose: Transform, start: str, end: str) -> Transform:
@@ -165,27 +171,28 @@ def place_targets(
         height: of the approach of a place-down above the goal [m].
         twist: angles of the twists that release it, by skill [rad].
     """
+    goal = grip.place(up=up)
     if up:
-        alt, aside = grip.alt, -0.005 * attack
+        alt, aside = goal.pose, -0.005 * attack
         axis = grip.via(alt, "alt", "alt_assemble")
         turned = axis @ rotation("y", twist["place-up"])
         subgoals = (
             Subgoal("pre", "alt", alt @ translation(0.0056, aside, -0.025)),
             Subgoal("approach", "alt", alt @ translation(0.0056, aside, -0.005)),
             Subgoal("below", "alt", alt @ translation(0.0028, 0.0, 0.0)),
-            Subgoal("place", "alt", alt),
+            goal,
             Subgoal("twist", "alt_assemble", turned),
             Subgoal("leave", "alt_assemble", turned @ translation(_LIFT, 0.0, -_LIFT)),
         )
         return SkillTargets("place-up", subgoals, change_at=3, lead=2)
-    tool, angle = grip.tool, -twist["place-down"]
+    tool, angle = goal.pose, -twist["place-down"]
     axis = grip.via(tool, "tool", "assemble")
     turned = axis @ rotation("y", angle)
     aside = 0.005 * attack
     subgoals = (
         Subgoal("approach", "tool", tool @ translation(-0.005, aside, -height)),
         Subgoal("above", "tool", tool @ translation(0.0, 0.0, -0.005)),
-        Subgoal("attach", "tool", tool),
+        goal,
         Subgoal("half twist", "assemble", axis @ rotation("y", angle / 2)),
         Subgoal("twist", "assemble", turned),
         Subgoal("leave", "assemble", _lifted(turned)),
