@@ -62,11 +62,18 @@ class RobotBodies:
 
     def limits_within(self, allowed: AllowedPairs) -> Array:
         """Return ``self_limits`` where parts may touch something held, as pairs of entities say."""
-        limits, own = self.self_limits.copy(), self.of_entity
-        parts = {e: [k for k in own[e] if k < self.parts] for e in own}
-        held = {e: [k for k in own[e] if k >= self.parts] for e in own}
-        skip_allowed(limits, parts, held, allowed)
+        limits = self.self_limits.copy()
+        skip_allowed(limits, *self._parts_and_held, allowed)
         return limits
+
+    @cached_property
+    def _parts_and_held(self) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+        """The bodies of each entity that are parts of the robot, and those of what it holds."""
+        own = self.of_entity
+        return (
+            {e: [k for k in own[e] if k < self.parts] for e in own},
+            {e: [k for k in own[e] if k >= self.parts] for e in own},
+        )
 
 
 _KNOWN: KeptAnswers[RobotBodies] = KeptAnswers(4000)
@@ -136,7 +143,8 @@ def skip_allowed(
     """
     for one, other in chain.from_iterable(permutations(pair, 2) for pair in allowed):
         if one in rows and other in columns:
-            limits[np.ix_(rows[one], columns[other])] = SKIP
+            for row in rows[one]:
+                limits[row, columns[other]] = SKIP
 
 
 def robot_bodies(robot: PlacedRobot, held: Sequence[Held] = ()) -> RobotBodies:

@@ -26,6 +26,7 @@ from planning.geometry.robot_bodies import (
     entity,
     held_by,
     robot_bodies,
+    skip_allowed,
     while_deviating,
 )
 from planning.geometry.separation import room_for
@@ -137,6 +138,9 @@ class SceneChecker:
             self._own = while_deviating(self._own, self.robot, *deviating)
         self._boxes = boxes
         self._gone: tuple[int, ...] = ()
+        self._box_limit = box_limits(
+            self._own, boxes, (), self._to_objects, self._to_robots
+        )
         own = make_swept(self._own.hulls)
         n, corners = self.robot.model.dof, self._own.hulls.most_corners
         none = np.empty((0, 0))
@@ -177,9 +181,8 @@ class SceneChecker:
 
         What robots hold keeps the clearance of robots from other robots, and what these hold.
         """
-        box_limit = box_limits(
-            self._own, self._boxes, allowed, self._to_objects, self._to_robots
-        )
+        box_limit = self._box_limit.copy()
+        skip_allowed(box_limit, self._own.of_entity, self._boxes.columns, allowed)
         box_limit[:, list(self._gone)] = SKIP
         self_limit = self._own.limits_within(allowed)
         self._scene = packed(

@@ -260,6 +260,8 @@ class HullTable(NamedTuple):
 
     def seen_from_base(self) -> HullTable:
         """Return the same bodies as their own robot sees them: no error of its base parts them."""
+        if not (self.robot.error.any() or self.deviates.any()):
+            return packed(self)
         robot = packed(self.robot._replace(error=np.zeros(2)))
         none = np.zeros_like(self.deviates)
         return packed(self._replace(robot=robot, deviates=none))

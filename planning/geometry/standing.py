@@ -273,8 +273,11 @@ def box_limits(
         to_robots: from other robots and what they hold [m].
     """
     limits = np.full((len(own.solids), len(boxes.rows)), to_objects)
-    for k in (k for name in boxes.of_robots for k in boxes.columns[name]):
-        limits[:, k] = to_robots + boxes.strays.get(int(boxes.rows[k]), 0.0)
+    for name in boxes.of_robots:
+        of_robot = boxes.columns[name]
+        limits[:, of_robot] = to_robots
+        for k in of_robot if boxes.strays else ():
+            limits[:, k] += boxes.strays.get(int(boxes.rows[k]), 0.0)
     limits[own.hulls.joint < 0, : boxes.fixtures] = SKIP
     skip_allowed(limits, own.of_entity, boxes.columns, allowed)
     return limits
