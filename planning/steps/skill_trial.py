@@ -9,8 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from planning.cell.workcell import PlacedRobot
+from planning.geometry.exact import Solid, distance_at
 from planning.geometry.robot_bodies import entity
 from planning.geometry.scene_checker import BodyPair, SceneChecker
+from planning.kinematics.kinematics import frame_in_last_joint
 from planning.steps.skill import (
     Obstruction,
     Phase,
@@ -20,10 +22,13 @@ from planning.steps.skill import (
     touching,
 )
 from planning.steps.skill_scene import IN_IT, SkillScene
-from planning.transforms import Array
+from planning.transforms import Array, inverse
 
 _SURELY = 1e-5
-"""What refuses a path overlaps by so much more than it may: more than distances are wrong by [m]."""
+"""What refuses paths is so much too close: more than distances and poses that are reached are wrong by [m]."""
+
+
+_NO_JOINTS = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,23 @@ class Hindrance:
             return False
         gap, limit = self.pair.gap_at(where[self.at])
         return gap < limit
+
+    def refuses_all(self, robot: PlacedRobot, targets: SkillTargets) -> bool:
+        """Tell whether the two are in the way of every path through some poses.
+
+        What the last joint carries is in one place whatever the posture.
+        """
+        mine, other, limit, _ = self.pair
+        before, lead = self.before, targets.lead
+        goals = targets.subgoals[:lead] if before else targets.subgoals[lead - 1 :]
+        if not -len(goals) <= self.at < len(goals):
+            return False
+        if mine.joint != robot.model.dof - 1 or other.carrier is not None:
+            return False
+        goal = goals[self.at]
+        joint = goal.pose @ inverse(frame_in_last_joint(robot.model, goal.frame))
+        there = Solid(mine.name, mine.body, joint @ mine.local)
+        return distance_at(there, _NO_JOINTS, other, _NO_JOINTS) < limit - _SURELY
 
 
 class SkillTrial:
@@ -290,6 +312,9 @@ def resolve_skill(
     return reason
 
 
+_AS_BEFORE = Obstruction("refused like another path")
+
+
 def _in_a_posture(
     robot: PlacedRobot,
     targets: SkillTargets,
@@ -306,14 +331,15 @@ def _in_a_posture(
         hindrances: of other paths; those of this way are put before them.
         whether: nobody asks why there is none.
     """
+    if whether and any(one.refuses_all(robot, targets) for one in hindrances):
+        return _AS_BEFORE
     trials: list[SkillTrial | SkillPath | Obstruction] = []
     reason: Obstruction | None = None
-    may_help = False
+    may_help, settled = False, whether
     for path in skill_postures(robot, targets):
         # Once it is known why there is none, a posture may be refused for any reason.
-        settled = reason is not None and reason.by is not None and not may_help
         if (
-            (whether or settled)
+            settled
             and isinstance(path, SkillPath)
             and any(hindrance.refuses(path) for hindrance in hindrances)
         ):
@@ -327,10 +353,13 @@ def _in_a_posture(
         trials.append(trial)
         reason = _more_telling(reason, found)
         may_help |= (found if whether else reason).by in loose
+        settled = whether or (reason.by is not None and not may_help)
         if isinstance(trial, SkillTrial) and trial.hindrance and found.by not in loose:
             hindrances.insert(0, trial.hindrance)
+            if settled and trial.hindrance.refuses_all(robot, targets):
+                return reason
     if not may_help:
-        return reason or Obstruction("refused like another path")
+        return reason or _AS_BEFORE
     every = [SkillTrial(t, scene) if isinstance(t, SkillPath) else t for t in trials]
     blocked = _first_free(every, ())
     if isinstance(blocked, Obstruction) and blocked.by in loose:
