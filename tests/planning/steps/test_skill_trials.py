@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ from planning.cell.workcell import (
     PlacedRobot,
     Workcell,
 )
-from planning.kinematics.kinematics import frame_pose
+from planning.geometry.exact import resting_solid
+from planning.geometry.robot_bodies import robot_bodies
+from planning.geometry.scene_checker import BodyPair
+from planning.kinematics.kinematics import frame_pose, joint_poses_of
 from planning.robots.registry import robot_model
 from planning.steps.skill import (
     Obstruction,
@@ -30,7 +34,12 @@ from planning.steps.skill import (
     touching,
 )
 from planning.steps.skill_scene import SkillScene
-from planning.steps.skill_trial import SkillTrial, find_obstruction, resolve_skill
+from planning.steps.skill_trial import (
+    Hindrance,
+    SkillTrial,
+    find_obstruction,
+    resolve_skill,
+)
 from planning.transforms import readonly, translation
 
 MODEL = robot_model("gp4")
@@ -154,7 +163,8 @@ at_waypoints = st.tuples(
     st.one_of(st.integers(0, 3), st.floats(0.0, 3.0)),
     st.floats(-0.05, 0.05),
     st.floats(-0.05, 0.05),
-    st.floats(-0.03, 0.03),
+    # Some beside the tool, some beside what carries it.
+    st.one_of(st.floats(-0.03, 0.03), st.floats(-0.5, -0.1)),
 )
 little = st.sampled_from([0.0, 0.005, -0.005, 0.02, -0.02, 0.05])
 
@@ -216,6 +226,25 @@ def test_what_may_be_gone_refuses_no_other_path(at):
     assert resolve_skill(ROBOT, [one], scene, {"b0"}).by == "b1"
     found = resolve_skill(ROBOT, [one, other], scene, {"b0"})
     assert found.gone == {"b0"}
+
+
+def test_what_refuses_poses_refuses_every_posture_through_them():
+    targets = next(ways_along([(0, 0)]))
+    targets = replace(targets, subgoals=targets.subgoals[:2], change_at=None)
+    paths = [p for p in skill_postures(ROBOT, targets) if isinstance(p, SkillPath)]
+    bodies, refused = robot_bodies(ROBOT).solids, set()
+    # A brick where each body is at some of the poses, and each body against it.
+    for body, before in product(bodies, (True, False)):
+        pose = joint_poses_of(ROBOT, WAY[0 if before else 1])[body.joint + 1]
+        brick = item("brick", pose @ translation(*body.vertices.mean(axis=0)))
+        at_rest = resting_solid("brick", brick[0].shape.pieces[0], brick[1].pose)
+        for other in bodies:
+            pair = BodyPair(other, at_rest, 0.001, together=False)
+            hindrance = Hindrance(before, 0 if before else -1, pair)
+            if hindrance.refuses_all(ROBOT, targets):
+                refused.add(other.joint)
+                assert all(hindrance.refuses(path) for path in paths)
+    assert refused == {MODEL.dof - 1}
 
 
 def test_a_brick_in_the_way_of_all_paths_is_looked_at_as_a_whole_once(monkeypatch):

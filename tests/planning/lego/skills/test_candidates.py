@@ -280,6 +280,7 @@ def test_no_skill_costs_less_than_its_bound() -> None:
         pick = skills.least_pick(item.robot, item.object, item.grasp)
         place = skills.least_place(item.robot, item.step, item.grasp)
         assert pick + place <= item.cost + 1e-9
+        assert 0.0 < skills.near_place(item.robot, item.step, item.grasp) <= place
         checked += 1
     assert checked > 20
 
