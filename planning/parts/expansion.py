@@ -45,7 +45,7 @@ from planning.tasks.task import (
     door_shut,
     is_done_to_a_product,
 )
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.time_window import TimeLag, TimeWindow
 from planning.tasks.work import AssemblyWork, Supply, TaskHistory
 from planning.transforms import Transform
 
@@ -56,6 +56,9 @@ _PICK, _PLACE = "pick", "place-down"
 
 _PICKED, _PLACED, _MACHINED, _DONE = "picked", "placed", "machined", "done"
 """What was done last to a part, or which named step."""
+
+_PASSED = "passed"
+"""Which machine let the least time after a step pass."""
 
 _USED, _PUT = "used", "put"
 """What was done to a part, and put to it, since it was picked last."""
@@ -130,11 +133,6 @@ class _Expansion:
         for robot, tool in sorted(self._choice.tools):
             if before[robot] != tool:
                 changes.change(build, robot, before[robot], tool)
-        for lag in step.lags:
-            if lag.machine is not None:
-                build.unmoved(
-                    lag.machine, LAG, f"{lag.least:g} s after {lag.step}", None
-                )
         if isinstance(self._known, PartStep):
             done = write_placement(build, self._placement(self._known))
         elif isinstance(step, Work):
@@ -149,6 +147,9 @@ class _Expansion:
         for earlier, last in self._candidates.paths.keeps.items():
             if last == number:
                 self._let_go(earlier, done)
+        for lag in _lags_after(self._candidates.steps, step.name):
+            words = f"{lag.least:g} s after {lag.step}"
+            build.unmoved(str(lag.machine), LAG, words, None)
         if (leaving := supply.leaves.get(number)) is not None:
             gone = tuple(Handling(part, 1, GONE, pose) for part, pose in leaving.parts)
             build.unmoved(leaving.machine, LEAVE, "leaves", None, gone)
@@ -296,8 +297,7 @@ def _waiting_tasks(
     it, and whatever is done at the place of the next product for that to be gone.
     """
     known, history = candidates.steps, TaskHistory()
-    # In place of a step that is not done, machines may go on.
-    done = {s.step for s in steps if any(t.kind not in SUPPLY_KINDS for t in s.tasks)}
+    done = {own.step for own in steps if _is_done(own)}
     pairs = [(known[own.step - 1], own) for own in steps if own.step in done]
     changes = {t.step - 1: _begin_and_end(k, t)[1] for k, t in pairs}
     for a, b in sorted(candidates.balance):
@@ -309,6 +309,11 @@ def _waiting_tasks(
             step = known[tasks.step - 1]
             yield from _waits_of_step(history, contacts, step, tasks)
         yield from _waits_of_supply(history, candidates.assembly.supply, tasks)
+
+
+def _is_done(step: StepTasks) -> bool:
+    """Tell whether a step is done: in place of one that is not, machines may go on."""
+    return any(task.kind not in SUPPLY_KINDS for task in step.tasks)
 
 
 def _waits_of_supply(
@@ -355,9 +360,10 @@ def _waits_of_step(
     begins, ends = _begin_and_end(step, tasks)
     yield from history.before(begins, _DONE, *step.step.after)
     for lag in step.step.lags:
-        for passes in (task for task in tasks.tasks if task.robot == lag.machine):
-            yield from history.before(passes, _DONE, lag.step)
-            yield passes, begins
+        yield from history.before(begins, _PASSED, str(lag.machine))
+    for passes in (task for task in tasks.tasks if task.kind == LAG):
+        yield ends, passes
+        history.put(_PASSED, passes.robot, passes)
     yield from history.before(begins, _MACHINED, *step.touched)
     for hold in (task for task in tasks.tasks if task.kind == HOLD):
         assert step.held is not None
@@ -404,20 +410,32 @@ def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
     return next(pair for pair in pairs if pair[1].kind == step.process.name)
 
 
+def _lags_after(known: Sequence[KnownStep], name: str | None) -> Iterator[TimeLag]:
+    """Yield the least times that pass after a step, each with a machine of its own."""
+    for step in known if name is not None else ():
+        for lag in step.step.lags:
+            if lag.step == name and lag.machine is not None:
+                yield lag
+
+
 def _time_windows(
     known: Sequence[KnownStep], steps: Sequence[StepTasks]
 ) -> Iterator[TimeWindow]:
-    """Yield the windows of time between the tasks of steps.
+    """Yield the windows of time between the tasks of the steps that are done.
 
     They end where the process itself begins, or the straight motion with which a part is put down.
     """
     named: dict[str, tuple[Task, Task]] = {}
-    for step, tasks in zip(known, steps, strict=True):
+    for tasks in steps:
+        if not _is_done(tasks):
+            continue
+        step = known[tasks.step - 1]
         begins, ends = _begin_and_end(step, tasks)
         for lag in step.step.lags:
-            words = f"{step.step.name or step.step.words} after {lag.step}"
-            begun, done = (task.index for task in named[lag.step])
-            yield TimeWindow(begun, done, ends.index, lag.least, lag.most, words)
+            if lag.step in named:
+                words = f"{step.step.name or step.step.words} after {lag.step}"
+                begun, done = (task.index for task in named[lag.step])
+                yield TimeWindow(begun, done, ends.index, lag.least, lag.most, words)
         if step.step.name is not None:
             named[step.step.name] = begins, ends
 

@@ -6,7 +6,11 @@ a least and a greatest one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+EARLIER = -1
+"""In place of the index of a task that was done before the plan begins."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,14 @@ class TimeWindow:
     planned for, held back for, and told of.
 
     Attributes:
-        begun: index of the task with which the work of the earlier step begins.
-        done: index of the task with which that step is complete: its end opens the window.
+        begun: index of the task with which the work of the earlier step begins; EARLIER where that was before
+            the plan.
+        done: index of the task with which that step is complete: its end opens the window; EARLIER likewise.
         due: index of the task whose start must lie in the window.
         least: [s].
         most: None for any [s].
         words: the two steps, for people.
+        ago: how long before the begin of the plan the window was opened, where that is so [s].
     """
 
     begun: int
@@ -48,3 +54,18 @@ class TimeWindow:
     least: float
     most: float | None
     words: str
+    ago: float = 0.0
+
+    @property
+    def own(self) -> frozenset[int]:
+        """The tasks of the plan that it is about."""
+        return frozenset({self.begun, self.done, self.due} - {EARLIER})
+
+    def moved(self, new: Callable[[int], int]) -> TimeWindow:
+        """Return it with other indices of tasks."""
+
+        def index(task: int) -> int:
+            return task if task == EARLIER else new(task)
+
+        begun, done, due = map(index, (self.begun, self.done, self.due))
+        return replace(self, begun=begun, done=done, due=due)

@@ -167,7 +167,14 @@ def plan_onward(
 
     every_way = [partial(_there, scrap, item.ways) for item in items]
     motions = plan_sequential(
-        cell, every_way, link, settings, known=known, begins=world.beginning
+        cell,
+        every_way,
+        link,
+        settings,
+        known=known,
+        # Of all steps, once they are linked.
+        windows=lambda _: work.windows([done[number] for number in sorted(done)]),
+        begins=world.beginning,
     )
     whole = tuple(steps[number] for number in sorted(steps))
     return Onward(motions, again.plan, whole, tuple(past))

@@ -6,8 +6,8 @@ never from what was planned; what cannot be used any more is named as being out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
@@ -20,6 +20,7 @@ from planning.tasks.task import (
     StepTasks,
     Task,
 )
+from planning.tasks.time_window import EARLIER, TimeWindow
 from planning.transforms import Transform, readonly
 
 
@@ -35,6 +36,7 @@ class World:
         complete: indices of the tasks that are complete.
         out: robots that do nothing any more, and objects that are of no use.
         tasks: index of the next new task.
+        ago: how long ago the tasks ended that opened windows of time, by their index; 0 of others [s].
     """
 
     state: WorldState
@@ -43,6 +45,7 @@ class World:
     complete: frozenset[int] = frozenset()
     out: frozenset[str] = frozenset()
     tasks: int = 0
+    ago: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def beginning(self) -> Beginning:
@@ -78,6 +81,16 @@ class World:
                 for t in step.tasks
             )
         }
+
+
+def windows_from(world: World, windows: Iterable[TimeWindow]) -> Iterator[TimeWindow]:
+    """Yield the windows of time in which something is due that is new in a world; some are open by then."""
+    for window in windows:
+        if window.due < world.tasks:
+            continue
+        ago = world.ago.get(window.done, 0.0) if window.done < world.tasks else 0.0
+        known = window.moved(lambda task: EARLIER if task < world.tasks else task)
+        yield replace(known, ago=ago)
 
 
 def pose_of(cell: Workcell, state: WorldState, name: str) -> Transform:

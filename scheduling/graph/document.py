@@ -23,7 +23,7 @@ from planning.tasks.task import (
     Handling,
     Task,
 )
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.time_window import EARLIER, TimeWindow
 from scheduling.graph.columns import (
     LONGEST_S,
     POSES,
@@ -98,12 +98,17 @@ class _Allowed(Entry):
 
 
 class _Window(Entry):
-    begun: Index
-    done: Index
+    begun: Annotated[int, Field(ge=EARLIER)]
+    done: Annotated[int, Field(ge=EARLIER)]
     due: Index
     least: Seconds = Field(alias="least_s")
     most: Seconds | None = Field(alias="most_s")
     words: str
+    ago: Seconds = Field(0.0, alias="ago_s")
+
+    @model_serializer(mode="wrap")
+    def _what_there_is(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if k != "ago_s" or v}
 
 
 class PlanDocument(Entry):

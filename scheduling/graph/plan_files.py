@@ -32,6 +32,7 @@ from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz, replacing
 from planning.robots.descriptions.xml_files import copy_description
 from planning.tasks.task import Handling, Task
+from planning.tasks.time_window import EARLIER
 from scheduling.graph.columns import require
 from scheduling.graph.document import PlanDocument, read_graph, write_graph
 from scheduling.graph.drive import BY_EFFORT, Drive, RoundedCorners
@@ -145,7 +146,7 @@ def _check_edges(tpg: TemporalPlanGraph) -> None:
     require(tpg.cause <= 1, "cause", tpg.cause, "must be 0 or 1")
     done = {int(task) for chain in tpg.chains for task in np.unique(chain.task)}
     for k, window in enumerate(tpg.windows):
-        if not {window.begun, window.done, window.due} <= done:
+        if not window.own <= done or window.due == EARLIER:
             raise OutputError(f"windows.{k}: is of a task that has no node")
     needs = tpg.dependencies
     ok = (needs >= 0) & (needs < len(tpg.tasks))

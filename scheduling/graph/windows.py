@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.kernels import kernel
+from planning.tasks.time_window import EARLIER
 from planning.transforms import Indices
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.task_edges import sequential_order
@@ -24,6 +25,8 @@ from scheduling.graph.total_order import FlatGraph, flatten, planned_ranks
 
 Times = npt.NDArray[np.int64]
 
+_NANOSECONDS = 1_000_000_000
+
 _NO_WAY = -1
 """Length of the way from a node that does not lead to the one that is asked for."""
 
@@ -31,11 +34,10 @@ _NO_WAY = -1
 def window_nodes(tpg: TemporalPlanGraph) -> Indices:
     """Return the nodes of each window, numbered through chain by chain, shape (windows, 3).
 
-    The first node of the work that opens it, the last one, and the one that is due. That is the same for
-    a contracted graph, whose nodes are of one task each.
+    The first node of the work that opens it, the last one, and the one that is due; EARLIER for what was done
+    before. That is the same for a contracted graph, whose nodes are of one task each.
     """
-    first: dict[int, int] = {}
-    last: dict[int, int] = {}
+    first, last = {EARLIER: EARLIER}, {EARLIER: EARLIER}
     tasks = [chain.task for chain in tpg.chains]
     for number, task in enumerate(np.concatenate(tasks).tolist() if tasks else ()):
         first.setdefault(task, number)
@@ -54,10 +56,14 @@ def window_gaps(
         start, end: of every node, chain by chain, shape (nodes, ...).
 
     Returns:
-        Shape (windows, ...), in the unit of the times.
+        Shape (windows, ...), in the unit of the times: whole numbers are nanoseconds.
     """
     nodes = window_nodes(tpg)
-    gaps: npt.NDArray[np.generic] = np.subtract(start[nodes[:, 2]], end[nodes[:, 1]])
+    since = _NANOSECONDS if np.issubdtype(end.dtype, np.integer) else 1.0
+    gaps = np.empty((len(nodes), *end.shape[1:]), dtype=end.dtype)
+    for k, (window, (_, done, due)) in enumerate(zip(tpg.windows, nodes, strict=True)):
+        opened = -window.ago * since if done == EARLIER else end[done]
+        gaps[k] = start[due] - np.asarray(opened).astype(end.dtype)
     return gaps
 
 
@@ -71,9 +77,14 @@ def least_gaps(tpg: TemporalPlanGraph, busy: Times) -> Times:
     graph = flatten(planned_ranks(tpg.chains), tpg.edges)
     ever = np.full(len(tpg.edges), EVER, dtype=np.int64)
     rows = []
-    for _, done, due in window_nodes(tpg).tolist():
+    for window, (_, done, due) in zip(
+        tpg.windows, window_nodes(tpg).tolist(), strict=True
+    ):
         way = _ways_to(graph, ever, busy, due, -1)
-        rows.append(way[done] - busy[done])
+        if done == EARLIER:
+            rows.append(way.max(axis=0) + round(window.ago * _NANOSECONDS))
+        else:
+            rows.append(way[done] - busy[done])
     return np.array(rows, dtype=np.int64).reshape(-1, busy.shape[1])
 
 
@@ -106,7 +117,11 @@ def with_holds(
     ranks = planned_ranks(tpg.chains)
     place = np.concatenate([*ranks, np.empty(0, dtype=np.int64)])
     nodes = window_nodes(tpg)
-    timed = [k for k, window in enumerate(tpg.windows) if window.most is not None]
+    timed = [
+        k
+        for k, window in enumerate(tpg.windows)
+        if window.most is not None and window.begun != EARLIER
+    ]
     timed.sort(key=lambda k: (int(place[nodes[k, 0]]), k))
     own: dict[int, tuple[Indices, Indices]] = {}
 
@@ -117,7 +132,7 @@ def with_holds(
     for k in (*reversed(timed), *timed):
         own.pop(k, None)
         flat, held = graph()
-        most = 1e9 * (tpg.windows[k].most or 0.0)
+        most = _NANOSECONDS * (tpg.windows[k].most or 0.0)
         waits = held.patience[flat.row]
         late = _last_late(flat, waits, busy, nodes[k], most, share)
         if late:

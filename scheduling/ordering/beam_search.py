@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planning.tasks.time_window import EARLIER
 from planning.transforms import Array
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -125,11 +126,12 @@ class TaskOrderSearch:
         self._planned = self._planned_counts()
         self._tail = self._tails()
         number = {unit.task: k for k, unit in enumerate(self._units)}
-        self._windows: dict[int, list[tuple[int, float]]] = {}
+        self._windows: dict[int, list[tuple[int | None, float]]] = {}
         for window in relations.graph.tpg.windows:
             if window.most is not None:
                 due = self._windows.setdefault(number[window.due], [])
-                due.append((number[window.done], window.most))
+                opens = None if window.done == EARLIER else number[window.done]
+                due.append((opens, window.most - window.ago))
 
     def best_way(self, width: int) -> Way:
         """Return the best complete path through the grid that is found.
@@ -204,7 +206,8 @@ class TaskOrderSearch:
             clocks[chain] = end
             begin = float(ends[0] - self._cum[unit][1])
             for opens, most in self._windows.get(unit, ()):
-                late += max(begin - _end_of(done, opens) - most - _APART, 0.0)
+                opened = 0.0 if opens is None else _end_of(done, opens)
+                late += max(begin - opened - most - _APART, 0.0)
         bound = 0.0
         for chain, own in enumerate(self._relations.of_chain):
             rest = self._tail[own[counts[chain]]] if counts[chain] < len(own) else 0.0

@@ -53,6 +53,7 @@ def alone(
         dependencies=new.dependencies + shift,
         slots=np.empty(0, dtype=np.int64),
         products=np.empty(0, dtype=np.int64),
+        windows=tuple(window.moved(lambda k: k + shift) for window in new.windows),
     )
 
 

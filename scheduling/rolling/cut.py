@@ -14,6 +14,7 @@ from planning.cell.workcell import WorldState, start_state
 from planning.tasks.task import (
     BROUGHT,
     FAILED,
+    LAG,
     LEFT_OUT,
     TAKEN_OUT,
     AllowedContact,
@@ -52,7 +53,7 @@ def cut_after(
 
     Returns:
         A number of nodes a chain. Where something can be committed, a robot stops neither within a
-        transit nor within a skill.
+        transit nor within a skill. Time that is to pass after what is committed passes.
     """
     found = _Commitment(tpg, released, never)
     for k in range(len(tpg.chains)):
@@ -60,6 +61,8 @@ def cut_after(
     if steps:
         for k in range(len(tpg.chains)):
             found.finish_step(k)
+    for k in range(len(tpg.chains)):
+        found.let_pass(k)
     return tuple(found.counts)
 
 
@@ -120,6 +123,15 @@ class _Commitment:
                 return
             if not self.commit(chain, following.stop):
                 return
+
+    def let_pass(self, chain: int) -> None:
+        """Commit the least time after a step if it begins by itself."""
+        node = self.counts[chain]
+        own = self._of_node[chain].get(node)
+        if own is None or self.tpg.tasks[own.task].kind != LAG:
+            return
+        if all(u < self.counts[k] for k, u in self._sources.get((chain, node), ())):
+            self.commit(chain, own.stop)
 
     def _within(self, chain: int) -> TaskNodes | None:
         node = self.counts[chain]

@@ -15,6 +15,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.tasks.task import LEFT_OUT, AllowedContact, Handling, Task
+from planning.tasks.time_window import TimeWindow
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
@@ -71,6 +72,7 @@ def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPla
         dependencies=np.array(waits, dtype=np.int64).reshape(-1, 2),
         slots=none,
         products=none,
+        windows=tuple(window for window in tpg.windows if window.own <= done),
     )
 
 
@@ -96,6 +98,7 @@ def extended(
     dependencies: Indices,
     *,
     order: Sequence[str] = (),
+    windows: Iterable[TimeWindow] = (),
 ) -> TemporalPlanGraph:
     """Return committed nodes with new ones after them, reduced and checked.
 
@@ -107,6 +110,7 @@ def extended(
         dependencies: between tasks of both, shape (e, 2).
         order: robots whose chains come first, in this order, by default that of the committed ones; of one that
             has nothing to do any more, and did nothing, the chain is empty.
+        windows: of time between tasks of both; those of tasks that are not done are left out.
 
     Raises:
         PlanInvariantError: a robot or an object that stands is in the way of a new motion.
@@ -151,6 +155,8 @@ def extended(
         merged((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist())),
     )
+    done = {int(task) for chain in chains for task in chain.task}
+    union = replace(union, windows=tuple(w for w in windows if w.own <= done))
     known = [
         (place[committed.chains[k].robot], u, place[committed.chains[i].robot], v)
         for k, u, i, v in committed.edges.tolist()

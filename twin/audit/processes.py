@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -54,24 +53,22 @@ def process_violations(case: AuditCase) -> Iterator[Violation]:
     then. A part that is to be held has another robot's tool at it that stands still meanwhile.
     Steps begin after the end of those that they are to come after, and what is to be kept hold of
     until a step is complete stays in its hand for that long. Without a log machines' work is
-    waited for by nobody. As many of a name may be missing as were done before the plan began.
+    waited for by nobody. What was done before the plan began is not looked for.
     """
     begun = case.cell.begun
-    before = Counter(dict(() if begun is None else begun.done))
+    before = () if begun is None else begun.steps
     tasks, wanted = case.tpg.tasks, case.wanted
     left = [task.index for task in tasks]
     ends = dict(_placed_at(case))
     begins = dict(ends)
     for process in wanted.processes:
+        if process.step in before:
+            continue
         tried = [
             (index, _done(case, process, index))
             for index in left
             if tasks[index].kind == process.process
         ]
-        missed = min((done.missed for _, done in tried), default=np.inf)
-        if missed > NEAR and before[process.process]:
-            before[process.process] -= 1
-            continue
         if not tried:
             yield _not_done(case.end, process, 0.0, "was not done")
             continue

@@ -64,6 +64,7 @@ class WantedProcess:
         hold: object that another robot holds meanwhile, None for nothing.
         name: of the step, where others refer to it.
         after: names of the steps that must be complete before it.
+        step: its number, where a plan may begin after it.
     """
 
     words: str
@@ -77,6 +78,7 @@ class WantedProcess:
     hold: str | None = None
     name: str | None = None
     after: tuple[str, ...] = ()
+    step: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

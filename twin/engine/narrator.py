@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from planning.tasks.task import DOOR, GONE
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.time_window import EARLIER, TimeWindow
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes
@@ -47,18 +47,19 @@ class Narrator:
                 self.standstills.setdefault((chain, entry.node), []).append(entry)
         self._holder: dict[str, str] = {}
         self._ends: dict[Node, int] = {}
-        self._due: dict[Node, list[tuple[Node, TimeWindow]]] = {}
+        self._due: dict[Node, list[tuple[Node | None, TimeWindow]]] = {}
         number = [(k, n) for k, own in enumerate(tpg.chains) for n in range(len(own))]
         for (_, done, due), window in zip(
             window_nodes(tpg).tolist(), tpg.windows, strict=True
         ):
-            self._due.setdefault(number[due], []).append((number[done], window))
+            opens = None if done == EARLIER else number[done]
+            self._due.setdefault(number[due], []).append((opens, window))
         self._doors = {item.name for item in tpg.cell.objects if item.kind == DOOR}
 
     def of(self, tpg: TemporalPlanGraph, times: NodeTimes) -> Narrator:
         """Return who goes on to tell of the same run with another graph."""
         other = Narrator(tpg, times, self._observers, self._now)
-        other._holder = self._holder
+        other._holder, other._ends = self._holder, self._ends
         return other
 
     def emit(
@@ -80,7 +81,10 @@ class Narrator:
             self._ends[chain, node] = when
         for opens, window in self._due.get((chain, node), ()):
             # By a planned clock it may begin before.
-            words = broken_words(window, when - self._ends.get(opens, when))
+            opened = -round(window.ago * NANOSECONDS)
+            if opens is not None:
+                opened = self._ends.get(opens, when)
+            words = broken_words(window, when - opened)
             if kind == "started" and words:
                 self.emit("window_broken", chain, node, detail=words, t_ns=when)
 

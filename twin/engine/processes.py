@@ -29,7 +29,7 @@ _LAST = EventPriority(9)
 Steps = Generator[simpy.Event, Any, None]
 
 
-def _impatient_edges(
+def impatient_edges(
     tpg: TemporalPlanGraph,
 ) -> dict[Node, list[tuple[Node, int]]]:
     """Return where edges lead that hold for some time at most, by source, with that time [ns]."""
@@ -94,7 +94,7 @@ class Execution:
         self.released = [0] * len(tpg.chains)
         self.machines = machine_chains(tpg)
         self.turns = self._turns() if sequential and self.machines else None
-        self.impatient = _impatient_edges(tpg)
+        self.impatient = impatient_edges(tpg)
         self.failed: list[int] = []
         self.reports: list[Node] = []
         self.lifts: list[tuple[Node, Node]] = []

@@ -74,6 +74,7 @@ class Committed:
         out: robots that are out.
         unwanted: steps that are not wanted any more, unless they have begun.
         judged: what is done about failures.
+        ago: how long ago the tasks ended that opened windows of time, by their index [s].
     """
 
     committed: TemporalPlanGraph
@@ -84,6 +85,7 @@ class Committed:
     out: frozenset[str]
     unwanted: frozenset[int]
     judged: Judged
+    ago: Mapping[int, float]
 
     @property
     def lengths(self) -> dict[str, int]:
@@ -149,6 +151,7 @@ def committed_at(
         incident.out,
         incident.unwanted,
         judged,
+        incident.ago,
     )
 
 

@@ -10,6 +10,7 @@ from planning.tasks.task import FAILED, GONE
 from planning.worlds.onward import Situation
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from twin.engine.bulk.holding import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageWatch
@@ -87,4 +88,6 @@ class Hindsight:
             for skill, item in own.failures.items()
         }
         model = replace(self.model, disturbances=own.changed(failures=failures))
-        return Simulator(tpg, model, Luck.of(self.tpg).onward(tpg, 0).names)
+        return Simulator(
+            held_back(tpg, model), model, Luck.of(self.tpg).onward(tpg, 0).names
+        )

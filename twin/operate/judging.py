@@ -77,6 +77,7 @@ class Judging:
                 words.append(f"step {task.step} is given up: {task.object} is scrapped")
             elif then == "rework" and (before := _worked_before(tpg, task)):
                 reopened[before.step] = frozenset()
+                reopened[task.step] = frozenset({task.robot})
                 words.append(f"{before.label} is done again, and then {task.label}")
             else:
                 words.append(f"{task.label} is done again")

@@ -18,6 +18,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import at_full_speed, is_driven
 from scheduling.rolling.supply import supply_waits, with_supply, without_chains
 from twin.durations.model import NANOSECONDS
+from twin.engine.bulk.holding import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.committed import Recut
 from twin.operate.constructing import ConstructionRecovery
@@ -32,7 +33,6 @@ from twin.planning.kind import PlannedMotions
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
-from twin.scenario.sections.parts import PartsSection
 from twin.scenario.sections.scenario import Scenario
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
@@ -98,6 +98,7 @@ def operate(
     recorders: Sequence[Recorder] = (),
     halting: bool = False,
     says: Says | None = None,
+    held: TemporalPlanGraph | None = None,
     cell_of: Callable[..., RollingExecution] | None = None,
 ) -> Operation:
     """Execute a plan, and plan anew when something fails.
@@ -113,6 +114,7 @@ def operate(
             is extended: what this is compared with.
         says: answers for the person who is asked, in place of what is drawn; then somebody is asked also
             where the scenario names nobody.
+        held: the plan, held back for windows of time, where that is known.
         cell_of: makes the state of the run, where that is not a simulation.
 
     Raises:
@@ -134,7 +136,7 @@ def operate(
 
     late = scenario.execution.late
     require_picked(motions, [item.part for item in late])
-    first = len(tpg.chains)
+    first, plan = len(tpg.chains), tpg
     tpg = _with_late(tpg, [item.part for item in late])
     asked = scenario.execution.recovery.ask or (AskSection() if says else None)
     person = Person(asked, seed, replication, says)
@@ -148,6 +150,10 @@ def operate(
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:
             planner.cuts = (Recut(steps=False, aside=True),)
+
+    def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
+        return held if held and graph is plan else held_back(graph, model)
+
     simulated = RollingDrivenExecution if is_driven(tpg) else RollingExecution
     cell = (cell_of or simulated)(
         tpg,
@@ -155,6 +161,7 @@ def operate(
         Dispatcher(tpg),
         model.messages,
         planner=planner,
+        hold=hold,
         observers=Observers(recorders),
     )
     for outage in scenario.execution.outages:
@@ -257,13 +264,4 @@ def require_rolling(scenario: Scenario) -> None:
         raise RequestError(
             f"policy {policy!r}: only asynchronous execution can be planned anew",
             choices=("asynchronous",),
-        )
-    if isinstance(section := scenario.assembly, PartsSection) and any(
-        own.within_s is not None or own.at_least_s > 0.0
-        for step in section.steps
-        for own in step.follows
-    ):
-        raise RequestError(
-            "windows of time between steps are not kept where plans are made anew: leave out within_s and"
-            " at_least_s"
         )

@@ -258,7 +258,14 @@ class Recovery:
                 self._ledger.give_up(step, why)
         nothing = committed_part(at.committed, [0] * len(at.committed.chains))
         waits = np.empty((0, 2), dtype=np.int64)
-        union = extended(at.committed, nothing, self._cell, waits, order=at.robots)
+        union = extended(
+            at.committed,
+            nothing,
+            self._cell,
+            waits,
+            order=at.robots,
+            windows=at.committed.windows,
+        )
         return union, nothing, at
 
     def _world(self, at: Committed) -> World:
@@ -280,6 +287,7 @@ class Recovery:
             frozenset(complete),
             frozenset(self._ledger.gone | self._ledger.shunned) | at.out,
             len(at.committed.tasks),
+            at.ago,
         )
 
     def _pending(self, at: Committed) -> list[Ask]:
@@ -372,7 +380,14 @@ class Recovery:
             brought = brought_in((*at.committed.tasks, *new.tasks[first:]))
             late = supply_waits(new.tasks[first:], brought)
             waits = np.concatenate([onward.motions.dependencies, late])
-            union = extended(at.committed, new, self._cell, waits, order=at.robots)
+            union = extended(
+                at.committed,
+                new,
+                self._cell,
+                waits,
+                order=at.robots,
+                windows=onward.motions.windows,
+            )
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs

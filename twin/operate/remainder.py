@@ -18,6 +18,7 @@ from planning.tasks.assignment import AssignmentProblem, StepChoice, TaskPlan
 from planning.tasks.task import (
     FAILED,
     GONE,
+    STRAIGHT,
     SUPPLY_KINDS,
     TAKEN_OUT,
     TRANSIT,
@@ -53,6 +54,7 @@ def plan_remainder(
     failures: Sequence[Failure],
     out: Collection[str],
     left_s: Mapping[str, float],
+    ago: Mapping[int, float],
     when: str,
 ) -> TemporalPlanGraph:
     """Return the plan of what is left at a cut, which begins in the world there.
@@ -65,6 +67,7 @@ def plan_remainder(
         failures: skills that have failed for good, and of which nothing was made.
         out: robots that are out from then on.
         left_s: machines that are at work when all robots are at rest there, with how long still [s].
+        ago: how long before all robots are at rest there tasks ended that opened windows of time, by index [s].
         when: the time, for people.
 
     Raises:
@@ -92,7 +95,7 @@ def plan_remainder(
             gone,
             cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
         )
-    incident = Incident(tuple(failures), frozenset(out), frozenset(), counts)
+    incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
     union, new, at = planner.plan_alone(tpg, incident)
     first = len(at.committed.tasks)
     _require_whole(planner, new, at)
@@ -109,7 +112,8 @@ def plan_remainder(
 def _done_steps(world: World) -> Iterator[int]:
     """Yield the steps of which all is done but ways to go."""
     for number, step in sorted(world.begun().items()):
-        skills = {t.index for t in step.tasks if t.kind not in (TRANSIT, *SUPPLY_KINDS)}
+        ways = (TRANSIT, STRAIGHT, *SUPPLY_KINDS)
+        skills = {task.index for task in step.tasks if task.kind not in ways}
         if skills <= world.complete:
             yield number
 

@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 import simpy
 from simpy.events import EventPriority
 
-from scheduling.graph.dispatcher import Dispatcher
+from planning.tasks.time_window import EARLIER
+from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.graph.windows import window_nodes
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.driven import DrivenExecution
 from twin.engine.passage import Passage
-from twin.engine.processes import Steps
+from twin.engine.processes import Steps, impatient_edges
 from twin.operate.supplied import SuppliedExecution
 from twin.uncertainty.node_times import NodeTimes, Standstill
 
@@ -61,12 +63,14 @@ class Incident:
         out: robots that are out.
         unwanted: steps that are not wanted any more, by number.
         released: how many nodes of each chain have been released.
+        ago: how long ago the tasks ended that opened windows of time, by their index [s].
     """
 
     failures: tuple[Failure, ...]
     out: frozenset[str]
     unwanted: frozenset[int]
     released: tuple[int, ...]
+    ago: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,10 @@ class Version:
     cpu_s: float
     cause: str
     recovered: tuple[str, ...] = ()
+
+
+Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
+"""Returns a graph with edges that hold back what opens windows of time."""
 
 
 class Planner(Protocol):
@@ -129,14 +137,19 @@ class RollingExecution(SuppliedExecution):
         versions: graphs that took the place of the first one, in order.
     """
 
-    def __init__(self, *rest: Any, planner: Planner, **options: Any) -> None:
+    def __init__(
+        self, *rest: Any, planner: Planner, hold: Hold | None = None, **options: Any
+    ) -> None:
         """Set the cell up at time 0; see Execution.
 
         Args:
             rest, options: as of an execution.
             planner: plans what is left.
+            hold: makes graphs wait where what opens windows of time is held back; by default nothing is.
         """
         super().__init__(*rest, **options)
+        self._hold = hold or (lambda tpg: tpg)
+        self._dispatch_by(self._hold(self.tpg))
         self.versions: list[Version] = []
         self._planner = planner
         self._limit = [len(chain) for chain in self.tpg.chains]
@@ -271,13 +284,32 @@ class RollingExecution(SuppliedExecution):
 
     def _incident(self) -> Incident:
         """Return what has happened by now."""
+        ends = [end for own in self.end for end in own]
         return Incident(
             tuple(self._failures),
             frozenset(self._out),
             frozenset(self._unwanted),
             # Whatever is done, what is to be brought is brought.
             tuple(max(n, int(k in self._coming)) for k, n in enumerate(self.released)),
+            {
+                window.done: (self.now_ns - ends[done]) / NANOSECONDS
+                for window, (_, done, _) in zip(
+                    self.tpg.windows, window_nodes(self.tpg).tolist(), strict=True
+                )
+                if done != EARLIER and ends[done] >= 0
+            },
         )
+
+    def _dispatch_by(self, held: TemporalPlanGraph) -> None:
+        """Dispatch by a graph from now on, of which nothing has been reported yet."""
+        self.dispatcher = Dispatcher(held)
+        self.impatient = impatient_edges(held)
+        self.lifts.clear()
+
+    def _lift(self, source: Node, target: Node) -> None:
+        # It may be an edge of a graph that is followed no more.
+        if any(to == target for to, _ in self.impatient.get(source, ())):
+            super()._lift(source, target)
 
     def _swap(self, version: Version) -> None:
         """Go on with another graph."""
@@ -288,12 +320,15 @@ class RollingExecution(SuppliedExecution):
             reported[failure.chain] = failure.node + 1
         self.times = self._times(version)
         self.tpg = tpg
-        self.dispatcher = Dispatcher(tpg)
+        self._dispatch_by(self._hold(tpg))
         for k, count in enumerate(reported):
             if count:
                 self.dispatcher.observe(k, count - 1)
         self._lift_unknown()
         self._resize(version)
+        for k, node in self.impatient:
+            if (begun := self.start[k][node]) >= 0:
+                self._count_patience(k, node, begun - self.now_ns)
         for failure in failures:
             self.outstanding[failure.chain] = 0
             self.released[failure.chain] = failure.node + 1

@@ -15,7 +15,7 @@ from planning.cell.workcell import Workcell
 from planning.motion.known_motions import KnownMotions, MotionPlan
 from planning.tasks.task import Task
 from planning.worlds.onward import Onward, Situation, plan_onward
-from planning.worlds.world import World, in_world, taken_up
+from planning.worlds.world import World, in_world, taken_up, windows_from
 from scheduling.build_tpg import build_nodes, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -101,6 +101,7 @@ def graph_from(
         cell=in_world(plan.cell, world, busy),
         tasks=taken_up(plan.tasks, world),
         dependencies=inside,
+        windows=tuple(windows_from(world, plan.windows)),
     )
     with watch.stage("tpg"):
         nodes = build_nodes(begins)

@@ -178,7 +178,7 @@ def _wanted(section: PartsSection, cell: CellSection) -> Wanted:
     for k, step in enumerate(assembly.steps, start=1):
         known: Any = {"name": step.name or f"step {k}", "after": step.after}
         if isinstance(step, Work):
-            processes.append(_wanted_process(cell, step, known))
+            processes.append(_wanted_process(cell, step, {**known, "step": k}))
         elif isinstance(step, MachineWork):
             lies = where[step.part]
             machine = section.processes[step.process].machine

@@ -314,13 +314,13 @@ def _windows(
     Those without a greatest time, and those that did not come to their end, are left out.
     """
     chain = np.repeat(np.arange(len(tpg.chains)), [len(own) for own in tpg.chains])
-    for told, (_, done, due) in zip(
-        window_summary(tpg, run), window_nodes(tpg).tolist(), strict=True
-    ):
+    rows = window_nodes(tpg)[:, 2].tolist()
+    for told, due in zip(window_summary(tpg, run), rows, strict=True):
         name = tpg.chains[chain[due]].robot
         if told["slack_s"] is not None and name in robots:
-            opened_s = int(np.concatenate(run.end_ns)[done]) / NANOSECONDS
-            due_s = opened_s + told["within_s"]
+            begun_s = int(np.concatenate(run.start_ns)[due]) / NANOSECONDS
+            due_s = begun_s + told["slack_s"]
+            opened_s = begun_s - told["passed_s"]
             yield robots.index(name), opened_s, due_s, told["broken"]
 
 

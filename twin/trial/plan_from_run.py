@@ -10,7 +10,9 @@ import numpy as np
 
 from planning.errors import RequestError
 from planning.tasks.task import BROUGHT
+from planning.tasks.time_window import EARLIER
 from scheduling.graph.temporal_plan_graph import NodeChain
+from scheduling.graph.windows import window_nodes
 from scheduling.rolling.cut import Counts, cut_after, stands_at
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
@@ -111,7 +113,7 @@ def plan_from_run(
         )
     if any(task.kind == BROUGHT for task in tpg.tasks):
         raise RequestError("what somebody brought in a run is not known to a new plan")
-    counts, failures, left_s = _first_rests(run, moment)
+    counts, failures, left_s, ago = _first_rests(run, moment)
     gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
     watch = StageWatch(progress)
     motions = plan_motions(case.sections, case.folder, watch, whole=True)
@@ -124,6 +126,7 @@ def plan_from_run(
             failures,
             {*out, *gone},
             left_s,
+            ago,
             str(moment),
         )
     name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
@@ -132,11 +135,12 @@ def plan_from_run(
 
 def _first_rests(
     run: RunResult, moment: RunMoment
-) -> tuple[Counts, tuple[Failure, ...], dict[str, float]]:
+) -> tuple[Counts, tuple[Failure, ...], dict[str, float], dict[int, float]]:
     """Return up to how many of its nodes each robot goes on from a time, to where it is at rest and in no skill.
 
     With them come the skills that had failed by then, at the begin of which their robots stand, and for how
-    long machines are at work still when all robots are at rest [s].
+    long machines are at work still when all robots are at rest, and how long before that tasks ended that opened
+    windows of time, by index [s].
 
     Raises:
         RequestError: the run ended before that, or a robot was not where its plan has it.
@@ -182,7 +186,13 @@ def _first_rests(
     machines = {name: t for name, t in rest if tpg.cell.is_machine(name)}
     still = max((t for name, t in rest if name not in machines), default=moment.t_ns)
     left = {name: (t - still) / NANOSECONDS for name, t in machines.items()}
-    return counts, tried, {name: s for name, s in left.items() if s > 0.0}
+    ends = np.concatenate([end for _, end in times])
+    ago = {
+        window.done: (still - int(ends[done])) / NANOSECONDS
+        for window, (_, done, _) in zip(tpg.windows, window_nodes(tpg), strict=True)
+        if done != EARLIER and 0 <= ends[done] <= still
+    }
+    return counts, tried, {name: s for name, s in left.items() if s > 0.0}, ago
 
 
 def _to_rest(chain: NodeChain, count: int) -> int:

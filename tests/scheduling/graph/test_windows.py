@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import networkx as nx
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.time_window import EARLIER, TimeWindow
 from scheduling.graph.dispatcher import Dispatcher
 from scheduling.graph.temporal_plan_graph import EVER, TemporalPlanGraph
 from scheduling.graph.windows import (
@@ -18,6 +19,7 @@ from scheduling.graph.windows import (
     window_gaps,
     window_nodes,
     with_holds,
+    worth,
 )
 from tests.twin.twin_toys import random_tpg
 
@@ -111,6 +113,25 @@ def test_one_window_is_kept_where_its_own_way_is_short_enough(
     assert end.max() >= free_end.max()
     if free_start[due] - free_end[done] <= tpg.windows[0].most * 1e9:
         assert start[begun] >= free_start[begun]
+
+
+@given(st.integers(0, 10**6), st.floats(0.0, 9.0))
+def test_a_window_that_was_open_before_is_due_and_nobody_is_held_back_for_it(
+    seed: int, ago: float
+) -> None:
+    tpg = windowed_tpg(seed, windows=1)
+    open_before = replace(tpg.windows[0], begun=EARLIER, done=EARLIER, ago=ago)
+    tpg, busy = replace(tpg, windows=(open_before,)), nominal(tpg)
+    start, end = plain_times(tpg, busy)
+    due = int(window_nodes(tpg)[0, 2])
+    passed = int(start[due]) + ago * 1e9
+    assert window_gaps(tpg, start, end)[0] == pytest.approx(passed, abs=1)
+    assert window_gaps(tpg, start / 1e9, end / 1e9)[0] == pytest.approx(passed / 1e9)
+    assert least_gaps(tpg, busy)[0, 0] == pytest.approx(passed, abs=1)
+    assert open_before.most is not None
+    late = max(passed / 1e9 - open_before.most, 0.0)
+    assert worth(tpg)[0] == pytest.approx(late, abs=1e-6)
+    assert len(with_holds(tpg, busy, 0.9, 1).edges) == len(tpg.edges)
 
 
 @settings(max_examples=150, deadline=None)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.errors import PlanInvariantError
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.time_window import EARLIER, TimeWindow
 from scheduling.build_tpg import build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.dispatcher import earliest_times
@@ -91,8 +91,9 @@ def test_no_safe_order_is_better(robots: int, seed: int) -> None:
     assert min(safe) < 0.97 * earliest_times(tpg).makespan
 
 
-@pytest.mark.parametrize("seed", [10, 43])
-def test_windows_of_time_come_before_the_makespan(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "ago"), [(10, None), (43, None), (43, 0.1)])
+def test_windows_of_time_come_before_the_makespan(seed: int, ago: float | None) -> None:
+    """Those that were open before the plan begins, so long ago, as well."""
     plain = build_tpg(random_plan(2, seed, rounds=3, step=0.5))
     units = TaskRelations(DerivedTpg(plain)).units
     better = 0
@@ -104,7 +105,10 @@ def test_windows_of_time_come_before_the_makespan(seed: int) -> None:
     for done, due in pairs[1::2]:
         needs = np.array([[done, due]], dtype=np.int64)
         free = _connected(replace(plain, dependencies=needs), plain.chains)
-        tpg = replace(free, windows=(TimeWindow(done, done, due, 0.0, 0.2, ""),))
+        window = TimeWindow(done, done, due, 0.0, 0.2, "")
+        if ago is not None:
+            window = replace(window, begun=EARLIER, done=EARLIER, ago=ago)
+        tpg = replace(free, windows=(window,))
         relations, blocks, search = _parts(tpg)
         order = [blocks[b] for b in search.best_way(width=50).order()]
         found = _connected(tpg, put_in_order(tpg.chains, relations, order))

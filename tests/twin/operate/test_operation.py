@@ -233,10 +233,6 @@ def test_the_program_operates_audits_and_resumes(tmp_path: Path) -> None:
 def test_what_cannot_be_planned_anew_is_refused(plan: PlanResult) -> None:
     with pytest.raises(RequestError, match="only asynchronous"):
         operated(plan, 0, policy="sequential")
-    gluing = Path(__file__).parents[3] / "scenarios" / "assembly" / "gluing.yaml"
-    result = invoke("operate", gluing)
-    assert result.exit_code == 2
-    assert "windows of time" in result.output
 
 
 def test_what_fails_for_a_reason_that_no_section_names_is_planned_anew(

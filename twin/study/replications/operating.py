@@ -13,6 +13,7 @@ from planning.tasks.task import FAILED, STRAIGHT, TAKEN_OUT, TRANSIT
 from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.engine.bulk.holding import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.hindsight import Hindsight
 from twin.operate.operation import Operation, operate
@@ -111,6 +112,7 @@ class Operator:
         self._operated, self._model, self._seed = operated, model, seed
         about = operated.scenario, operated.motions, operated.tpg
         self._hindsight = Hindsight(*about, model)
+        self._held = held_back(operated.tpg, model)
 
     def run(self, replication: int) -> Operation:
         """Operate a replication."""
@@ -122,6 +124,7 @@ class Operator:
             self._model,
             seed=self._seed,
             replication=replication,
+            held=self._held,
         )
 
     def enter(self, rows: OperatedRows, place: int, done: Operation) -> None:

@@ -124,7 +124,9 @@ class Engines:
     @cached_property
     def _free(self) -> Engines:
         load = self.workload
-        return Engines(replace(load, tpg=load.free or load.tpg, free=None))
+        model = replace(load.execution, hold=0.0)
+        free = load.free or load.tpg
+        return Engines(replace(load, tpg=free, free=None, execution=model))
 
     def _compute(self, block: Block) -> BlockResult:
         if self.workload.reasons:
