@@ -200,6 +200,11 @@ class PartAssembly:
         """Return how a part is gripped and led."""
         return self.own.get(part, self.usual)
 
+    def lags_after(self, name: str | None) -> tuple[TimeLag, ...]:
+        """Return the least times that pass after a step, each with a machine of its own."""
+        lags = (lag for step in self.steps for lag in step.lags)
+        return tuple(lag for lag in lags if lag.step == name and lag.machine)
+
     @property
     def friction(self) -> float:
         """Coefficient of friction of all that touches."""

@@ -45,7 +45,7 @@ from planning.tasks.task import (
     door_shut,
     is_done_to_a_product,
 )
-from planning.tasks.time_window import TimeLag, TimeWindow
+from planning.tasks.time_window import TimeWindow
 from planning.tasks.work import AssemblyWork, Supply, TaskHistory
 from planning.transforms import Transform
 
@@ -147,7 +147,7 @@ class _Expansion:
         for earlier, last in self._candidates.paths.keeps.items():
             if last == number:
                 self._let_go(earlier, done)
-        for lag in _lags_after(self._candidates.steps, step.name):
+        for lag in self._candidates.assembly.lags_after(step.name):
             words = f"{lag.least:g} s after {lag.step}"
             build.unmoved(str(lag.machine), LAG, words, None)
         if (leaving := supply.leaves.get(number)) is not None:
@@ -408,14 +408,6 @@ def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
         return work, work
     pairs = pairwise(tasks.tasks)
     return next(pair for pair in pairs if pair[1].kind == step.process.name)
-
-
-def _lags_after(known: Sequence[KnownStep], name: str | None) -> Iterator[TimeLag]:
-    """Yield the least times that pass after a step, each with a machine of its own."""
-    for step in known if name is not None else ():
-        for lag in step.step.lags:
-            if lag.step == name and lag.machine is not None:
-                yield lag
 
 
 def _time_windows(

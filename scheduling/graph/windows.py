@@ -46,6 +46,21 @@ def window_nodes(tpg: TemporalPlanGraph) -> Indices:
     return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
+def opened_at(tpg: TemporalPlanGraph, end: npt.NDArray[np.int64]) -> dict[int, int]:
+    """Return when the tasks ended that opened windows, by their index, of all that have ended.
+
+    Args:
+        tpg: the graph.
+        end: of every node, chain by chain; negative for what has not ended.
+    """
+    nodes = zip(tpg.windows, window_nodes(tpg)[:, 1].tolist(), strict=True)
+    return {
+        window.done: int(end[done])
+        for window, done in nodes
+        if done != EARLIER and end[done] >= 0
+    }
+
+
 def window_gaps(
     tpg: TemporalPlanGraph, start: npt.NDArray[np.generic], end: npt.NDArray[np.generic]
 ) -> npt.NDArray[np.generic]:

@@ -17,12 +17,11 @@ import numpy as np
 import simpy
 from simpy.events import EventPriority
 
-from planning.tasks.time_window import EARLIER
 from scheduling.graph.dispatcher import Dispatcher, Node
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
-from scheduling.graph.windows import window_nodes
+from scheduling.graph.windows import opened_at
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.driven import DrivenExecution
 from twin.engine.passage import Passage
@@ -284,20 +283,14 @@ class RollingExecution(SuppliedExecution):
 
     def _incident(self) -> Incident:
         """Return what has happened by now."""
-        ends = [end for own in self.end for end in own]
+        opened = opened_at(self.tpg, np.array([t for own in self.end for t in own]))
         return Incident(
             tuple(self._failures),
             frozenset(self._out),
             frozenset(self._unwanted),
             # Whatever is done, what is to be brought is brought.
             tuple(max(n, int(k in self._coming)) for k, n in enumerate(self.released)),
-            {
-                window.done: (self.now_ns - ends[done]) / NANOSECONDS
-                for window, (_, done, _) in zip(
-                    self.tpg.windows, window_nodes(self.tpg).tolist(), strict=True
-                )
-                if done != EARLIER and ends[done] >= 0
-            },
+            {k: (self.now_ns - t) / NANOSECONDS for k, t in opened.items()},
         )
 
     def _dispatch_by(self, held: TemporalPlanGraph) -> None:

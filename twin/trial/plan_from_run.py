@@ -10,9 +10,8 @@ import numpy as np
 
 from planning.errors import RequestError
 from planning.tasks.task import BROUGHT
-from planning.tasks.time_window import EARLIER
 from scheduling.graph.temporal_plan_graph import NodeChain
-from scheduling.graph.windows import window_nodes
+from scheduling.graph.windows import opened_at
 from scheduling.rolling.cut import Counts, cut_after, stands_at
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
@@ -186,12 +185,8 @@ def _first_rests(
     machines = {name: t for name, t in rest if tpg.cell.is_machine(name)}
     still = max((t for name, t in rest if name not in machines), default=moment.t_ns)
     left = {name: (t - still) / NANOSECONDS for name, t in machines.items()}
-    ends = np.concatenate([end for _, end in times])
-    ago = {
-        window.done: (still - int(ends[done])) / NANOSECONDS
-        for window, (_, done, _) in zip(tpg.windows, window_nodes(tpg), strict=True)
-        if done != EARLIER and 0 <= ends[done] <= still
-    }
+    opened = opened_at(tpg, np.concatenate([end for _, end in times]))
+    ago = {k: (still - t) / NANOSECONDS for k, t in opened.items() if t <= still}
     return counts, tried, {name: s for name, s in left.items() if s > 0.0}, ago
 
 
