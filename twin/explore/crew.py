@@ -95,6 +95,10 @@ class Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all processes, at once."""
         for worker in self._workers:
             if worker is not None:
                 worker.end()
@@ -278,7 +282,7 @@ def evaluate_there(parcel: bytes, limit_s: float, task: DesignTask) -> Evaluatio
     """
     if getattr(_OWN, "parcel", None) != (parcel, limit_s):
         if (before := getattr(_OWN, "crew", None)) is not None:
-            before.__exit__()
+            before.close()
         _OWN.crew = _crew(pickle.loads(zlib.decompress(parcel)), limit_s)
         _OWN.parcel = parcel, limit_s
     crew: Crew = _OWN.crew
