@@ -145,8 +145,8 @@ class TemporalPlanGraph:
             The edges say so too, but some of them only through others.
         slots: slot of each task where the plan was made in slots, from 0, shape (tasks,);
             empty otherwise.
-        products: the product that each task is for where there are several, from 1, 0 for none,
-            shape (tasks,); empty otherwise.
+        products: the product that each task is for where there are several, from 1, 0 for none
+            that is made whole, shape (tasks,); empty otherwise.
         windows: of time between tasks.
         patience: how long after the begin of its source each edge holds at most, met or not, shape (e,) [ns];
             empty where every edge holds until its source is complete, as in all plans that are kept.

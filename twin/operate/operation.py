@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -29,7 +29,7 @@ from twin.operate.rolling import (
     RollingExecution,
     Version,
 )
-from twin.planning.kind import PlannedMotions
+from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
@@ -52,6 +52,7 @@ class Operation:
         dropped: steps that were not wanted any more, and not done, likewise.
         out: robots that were out.
         asks: what a person was asked, and the answers.
+        scrapped: products that were not made whole, of several.
     """
 
     tpg: TemporalPlanGraph
@@ -61,6 +62,7 @@ class Operation:
     dropped: Mapping[int, str]
     out: frozenset[str]
     asks: tuple[Ask, ...] = ()
+    scrapped: tuple[int, ...] = ()
 
     @property
     def planning_s(self) -> tuple[float, ...]:
@@ -84,6 +86,7 @@ class Operation:
                 {"step": ask.step, "question": ask.words, "answer": ask.answer}
                 for ask in self.asks
             ],
+            **({"scrapped": list(self.scrapped)} if self.scrapped else {}),
         }
 
 
@@ -180,6 +183,8 @@ def operate(
         return tuple(row for k, row in enumerate(rows) if k not in unused)
 
     executed, times = without_chains(cell.tpg, unused), cell.node_times()
+    undone = planner.given_up.keys() | planner.dropped.keys()
+    executed, scrapped = _with_products(executed, scenario, undone)
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -211,7 +216,22 @@ def operate(
         planner.dropped,
         cell.out,
         planner.asks,
+        scrapped,
     )
+
+
+def _with_products(
+    executed: TemporalPlanGraph, scenario: Scenario, undone: Collection[int]
+) -> tuple[TemporalPlanGraph, tuple[int, ...]]:
+    """Return what was executed with the product that each task is for, and products that are not whole."""
+    kind = assembly_kind(scenario.assembly).written_out()
+    if (count := kind.products()) == 1:
+        return executed, ()
+    steps = kind.steps() // count
+    scrapped = {(step - 1) // steps + 1 for step in undone}
+    numbers = [(task.step - 1) // steps + 1 for task in executed.tasks]
+    whole = np.array([0 if n in scrapped else n for n in numbers], dtype=np.int64)
+    return replace(executed, products=whole), tuple(sorted(scrapped))
 
 
 def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:

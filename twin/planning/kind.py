@@ -124,6 +124,10 @@ class AssemblyKind(Protocol):
         """Return how long machines take for their tasks."""
         return ()
 
+    def products(self) -> int:
+        """Return how many products are made, each in as many steps."""
+        return 1
+
     def due(self) -> tuple[tuple[float, ...], int | None]:
         """Return when each product is due [s], and how many at the beginning do not count."""
         return (), None

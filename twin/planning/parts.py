@@ -76,8 +76,11 @@ class PartKind(AssemblyKind):
 
     def steps(self) -> int:
         """Return the number of steps, of one product or of all."""
-        products = self.section.products if self.whole else None
-        return len(listed_steps(self.section)) * (products.count if products else 1)
+        return len(listed_steps(self.section)) * (self.products() if self.whole else 1)
+
+    def products(self) -> int:
+        """Return how many products are made."""
+        return self.section.products.count if self.section.products else 1
 
     def supply(self) -> str:
         """Return in words what there is to build with."""

@@ -260,7 +260,8 @@ def _label(tpg: TemporalPlanGraph, names: Sequence[str], span: Activity) -> str:
         return ""
     if span.state not in (tpg.tasks[span.task].kind, HOLDING):
         return ""
-    return str(tpg.products[span.task]) if len(tpg.products) else names[span.task]
+    product = tpg.products[span.task] if len(tpg.products) else 0
+    return str(product) if product else names[span.task]
 
 
 def _binding_edges(

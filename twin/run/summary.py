@@ -258,6 +258,9 @@ def _operation_rows(
     causes = "; ".join(version["cause"] for version in versions[:3])
     more = f"; {len(versions) - 3} more" if len(versions) > 3 else ""
     rows = [("planned anew", f"{len(versions)} times", causes + more)]
+    if scrapped := operation.get("scrapped"):
+        which = ", ".join(map(str, scrapped[:10])) + (", ..." if scrapped[10:] else "")
+        rows.append(("products scrapped", str(len(scrapped)), which))
     for key, words in (("given_up", "given up"), ("dropped", "dropped")):
         undone = list(operation.get(key, {}).items())
         rows += [(f"step {step}", words, why) for step, why in undone[:5]]

@@ -29,12 +29,14 @@ class ProductNodes:
         first: first node of a robot for a product, product after product.
         first_of: where those of each product begin in ``first``, shape (products,).
         last, last_of: the same for last nodes of steps.
+        products: numbers of the products, from 1, shape (products,).
     """
 
     first: Indices
     first_of: Indices
     last: Indices
     last_of: Indices
+    products: Indices
 
     def begin(self, start_ns: Nanoseconds) -> Nanoseconds:
         """Return when products begin, shape (products, ...) [ns].
@@ -54,12 +56,13 @@ class ProductNodes:
 
 
 def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
-    """Return the nodes of products of a graph, contracted or not; None where there is only one."""
-    if not len(tpg.products):
+    """Return the nodes of products of a graph, contracted or not; None where there is only one, or none."""
+    if not np.any(tpg.products):
         return None
     kinds = [task.kind for task in tpg.tasks]
     works = np.array([kind not in (TRANSIT, *SUPPLY_KINDS) for kind in kinds])
     steps = np.array([is_done_to_a_product(task) for task in tpg.tasks])
+    works, steps = works & (tpg.products > 0), steps & (tpg.products > 0)
     first: list[tuple[int, int]] = []
     last: list[tuple[int, int]] = []
     offset = 0
@@ -80,6 +83,7 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
         _begins([product for product, _ in first]),
         np.array([node for _, node in last], dtype=np.int64),
         _begins([product for product, _ in last]),
+        np.unique([product for product, _ in last]),
     )
 
 
@@ -175,10 +179,19 @@ def line_summary(
     due_s: Sequence[float] = (),
     start_up: int | None = None,
 ) -> dict[str, Any] | None:
-    """Return the figures of a run for its summary, None where it makes one product or did not end."""
+    """Return the figures of a run for its summary, None where it makes one product or did not end.
+
+    Args:
+        tpg: what was executed; what is done for products that are scrapped is of none.
+        run: how.
+        due_s: when each product is due, scrapped or not [s].
+        start_up: products at the beginning that do not count for throughput and takt.
+    """
     nodes = product_nodes(tpg)
-    if nodes is None or run.outcome != "completed":
+    if nodes is None or any((own < 0).any() for own in run.end_ns):
         return None
+    if len(due_s):
+        due_s = np.asarray(due_s)[nodes.products - 1].tolist()
     begin = nodes.begin(np.concatenate(run.start_ns))[:, None]
     end = nodes.end(np.concatenate(run.end_ns))[:, None]
     found = line_figures(begin, end, due_s, start_up)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -35,6 +36,7 @@ from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import lost, operated
 from twin.operate.operation import Operation
 from twin.recorders.observers import MemoryRecorder
+from twin.run.throughput import line_summary
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
@@ -164,6 +166,19 @@ def test_a_blank_that_is_lost_is_not_missed_by_the_others(plan: PlanResult) -> N
     assert done.given_up[1] == "blank.1 is lost"
     assert done.given_up[2] == "it rests on step 1"
     require_clear(done)
+
+
+def test_figures_of_the_line_are_those_of_products_that_are_whole(
+    plan: PlanResult,
+) -> None:
+    done, _ = operated(plan, 0, changes=[{"at_s": 1.0, "drop": [STEPS + 1]}])
+    assert done.scrapped == (2,)
+    line = line_summary(done.tpg, done.record, due_s=[1e6, 0.0, 0.0])
+    assert line is not None
+    assert line["products"] == PRODUCTS - 1
+    assert line["due"]["late"] == 1
+    nothing = replace(done.tpg, products=np.zeros_like(done.tpg.products))
+    assert line_summary(nothing, done.record) is None
 
 
 def remaining(tpg: TemporalPlanGraph) -> dict[str, float]:
