@@ -68,6 +68,7 @@ class PartCandidates:
         paths: of all candidates; the numbers of those in which the part changes hands in between
             follow those of the grips.
         blockers: by step, how often things were in the way.
+        spares: steps with other parts of the kind in place of their own, by number and part.
     """
 
     cell: Workcell
@@ -78,6 +79,7 @@ class PartCandidates:
     problem: AssignmentProblem
     paths: StepPaths = field(repr=False)
     blockers: Mapping[int, Counter[str]] = field(repr=False)
+    spares: Mapping[tuple[int, str], PartStep] = field(default_factory=dict)
 
 
 def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:

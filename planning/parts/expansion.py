@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,10 +11,11 @@ import numpy as np
 from planning.contacts.interference import depth_of_pieces
 from planning.contacts.touching import standing
 from planning.grips.grip import Grip
-from planning.parts.assembly import MachineWork, PartAssembly, PlacePart, Work
+from planning.parts.assembly import MachineWork, PlacePart, Work
 from planning.parts.candidates import PartCandidates
 from planning.parts.part_skills import held_pose, process_targets
 from planning.parts.part_steps import KnownStep, PartStep
+from planning.parts.spares import as_chosen
 from planning.steps.handovers import Handover
 from planning.steps.skill import SkillPath, handled, tool_entity, touching
 from planning.steps.step_writer import (
@@ -46,7 +46,7 @@ from planning.tasks.task import (
     is_done_to_a_product,
 )
 from planning.tasks.time_window import TimeWindow
-from planning.tasks.work import AssemblyWork, Supply, TaskHistory
+from planning.tasks.work import Supply, TaskHistory
 from planning.transforms import Transform
 
 _STRAYS = 2e-4
@@ -67,39 +67,12 @@ _CAME, _THERE, _BUILT, _LEFT = "came", "there", "built", "left"
 """What a machine brought, and by which a part is there; what was done since a product left, and that."""
 
 
-def part_work(candidates: PartCandidates) -> AssemblyWork:
-    """Return the assembly work of part candidates, for assignment and motion planning."""
-    passing = _passing(candidates.assembly)
-    stands = {(a + 1, b + 1) for a, b in candidates.balance}
-    return AssemblyWork(
-        candidates.problem,
-        partial(_tasks, candidates),
-        partial(_waiting_tasks, candidates),
-        windows=partial(_time_windows, candidates.steps),
-        needs=frozenset(stands.union(*map(pairwise, passing.values()))),
-        passing=passing,
-    )
-
-
-def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
-    """Return the steps about each part from a source, or that is put down on its way, from 1."""
-    steps = assembly.steps
-    own: dict[str, list[int]] = {}
-    for number, step in enumerate(steps, start=1):
-        if isinstance(step, Work):
-            continue  # what is done at a part that does not move on
-        own.setdefault(step.part, []).append(number)
-    return {
-        name: tuple(numbers)
-        for name, numbers in own.items()
-        if name in assembly.supply.sourced or len(numbers) > 1
-    }
-
-
-def _tasks(
+def step_tasks(
     candidates: PartCandidates, plan: TaskPlan, step: int, first: int
 ) -> StepTasks:
-    return _Expansion(candidates, plan, step, first).tasks()
+    """Return the tasks of a step of a plan, from an index on."""
+    chosen = as_chosen(candidates, {c.step: c.object for c in plan.choices})
+    return _Expansion(chosen, plan, step, first).tasks()
 
 
 class _Expansion:
@@ -280,7 +253,7 @@ class _Expansion:
         build.allow(handled(cell.robot(choice.robot), choice.object), index)
 
 
-def _waiting_tasks(
+def waiting_tasks(
     candidates: PartCandidates, steps: Sequence[StepTasks]
 ) -> Iterator[tuple[Task, Task]]:
     """Yield what waits for what, of the tasks of all steps.
@@ -296,7 +269,8 @@ def _waiting_tasks(
     A pick waits for the part to be there, if it comes up. What leaves waits for all that was done to
     it, and whatever is done at the place of the next product for that to be gone.
     """
-    known, history = candidates.steps, TaskHistory()
+    picked = {own.step: t.object for own in steps for t in own.tasks if t.kind == _PICK}
+    known, history = as_chosen(candidates, picked).steps, TaskHistory()
     done = {own.step for own in steps if _is_done(own)}
     pairs = [(known[own.step - 1], own) for own in steps if own.step in done]
     changes = {t.step - 1: _begin_and_end(k, t)[1] for k, t in pairs}
@@ -410,7 +384,7 @@ def _begin_and_end(known: KnownStep, tasks: StepTasks) -> tuple[Task, Task]:
     return next(pair for pair in pairs if pair[1].kind == step.process.name)
 
 
-def _time_windows(
+def time_windows(
     known: Sequence[KnownStep], steps: Sequence[StepTasks]
 ) -> Iterator[TimeWindow]:
     """Yield the windows of time between the tasks of the steps that are done.

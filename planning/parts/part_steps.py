@@ -114,7 +114,7 @@ def part_steps(cell: Workcell, assembly: PartAssembly) -> tuple[KnownStep, ...]:
         }
         known = KnownStep(step, goal, around, {}, held)
         if isinstance(step, PlacePart):
-            placing = _place_step(cell, assembly, number, step, known)
+            placing = place_step(cell, assembly, number, step, known)
             _require_alone(number, placing, out)
             out.append(placing)
         elif isinstance(step, Work):
@@ -173,13 +173,25 @@ _OUT = (
 )
 
 
-def _place_step(
+def place_step(
     cell: Workcell,
     assembly: PartAssembly,
     number: int,
     step: PlacePart,
     known: KnownStep,
 ) -> PartStep:
+    """Return a step in which a part is placed.
+
+    Args:
+        cell: its objects are the parts.
+        assembly: how parts are handled.
+        number: of the step.
+        step: what is placed.
+        known: where that is put, and all parts around, itself included where it lies.
+
+    Raises:
+        InfeasibleStepError: the part would hang in the air, or goes where something is.
+    """
     name, goal, around = step.part, known.place, dict(known.around)
     _, at = around.pop(name)
     part = replace(cell.object(name), start=at.pose)

@@ -6,7 +6,7 @@ tasks and how anybody moves at once: it knows no conflicts of motions. Whoever a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -32,6 +32,10 @@ def _no_items(_: object) -> tuple[()]:
     return ()
 
 
+def _no_spare(_: int, __: object) -> None:
+    return None
+
+
 @dataclass(frozen=True)
 class AssemblyWork:
     """An assembly ready to be assigned and planned, whatever it is made of.
@@ -51,6 +55,8 @@ class AssemblyWork:
             part does that is joined across a gap; what touches need not be among them.
         passing: the steps about each object that lies where others come after it, in a source or where it is
             put down on its way, by its name.
+        spare: returns the work with spare objects for a step (from 1) whose own is lost, given those that lie
+            where they were at the start; None where there are no others.
     """
 
     problem: AssignmentProblem
@@ -62,6 +68,7 @@ class AssemblyWork:
     needs: frozenset[tuple[int, int]] = frozenset()
     passing: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = _no_items
+    spare: Callable[[int, Collection[str]], AssemblyWork | None] = _no_spare
 
     def in_this_order(self) -> AssemblyWork:
         """Return the same work without any other order of its steps."""

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
+from planning.cell.workcell import Workcell
 from planning.tasks.assignment import AssignmentProblem, TaskPlan
 from planning.tasks.task import TRANSIT, AllowedContact, Task
+from planning.tasks.work import AssemblyWork
 from planning.worlds.onward import Situation, narrowed
 
 
@@ -44,14 +48,40 @@ def resting_steps(
     return {step: frozenset(own) for step, own in found.items()}
 
 
-def hopeless(problem: AssignmentProblem, now: Situation) -> dict[int, str]:
-    """Return the steps that nobody can do any more, with the reason."""
-    left = narrowed(problem, now.kept, now.world.out, {})
-    return {
-        step: _lost_or_out(problem, step, now) or left.lacking(step) or ""
-        for step in left.impossible
-        if step not in now.kept
+def hopeless(
+    work: AssemblyWork, now: Situation, cell: Workcell
+) -> tuple[AssemblyWork, dict[int, str]]:
+    """Return the work with spare objects where others are lost, and the steps that nobody can do any more.
+
+    Args:
+        work: all candidates up to now.
+        now: what has become of the plan.
+        cell: its objects, where they were at the start.
+
+    Returns:
+        The work, and the reason by the number of the step.
+    """
+    lie = {
+        name: at.pose
+        for name, at in now.world.state.attachments.items()
+        if at.holder is None and name not in now.world.out
     }
+    items = (item for item in cell.objects if item.name in lie)
+    there = {i.name for i in items if np.allclose(lie[i.name], i.start)}
+    there -= {choice.object for choice in now.kept.values()}
+    while True:
+        left = narrowed(work.problem, now.kept, now.world.out, {})
+        steps = [step for step in left.impossible if step not in now.kept]
+        before = work
+        for step in steps:
+            own = work.problem.primaries_of.get(step, ())
+            if all(work.problem.primaries[k].object in now.world.out for k in own):
+                work = work.spare(step, there) or work
+        if work is before:
+            return work, {
+                step: _lost_or_out(work.problem, step, now) or left.lacking(step) or ""
+                for step in steps
+            }
 
 
 def _lost_or_out(problem: AssignmentProblem, step: int, now: Situation) -> str:

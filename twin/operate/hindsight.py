@@ -14,6 +14,7 @@ from twin.engine.bulk.holding import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel
 from twin.host.progress import StageWatch
+from twin.operate.dependents import hopeless
 from twin.operate.luck import Luck
 from twin.operate.operation import Operation
 from twin.planning.kind import PlannedMotions
@@ -70,12 +71,15 @@ class Hindsight:
         if lost:
             cell = self.motions.cell
             world = World(start_state(cell), out=lost)
+            now, motions = Situation(world, self.motions.task_plan), self.motions
+            if motions.work is not None:
+                motions = replace(motions, work=hopeless(motions.work, now, cell)[0])
             try:
                 tpg = plan_from(
-                    self.motions,
+                    motions,
                     self.scenario,
                     cell,
-                    Situation(world, self.motions.task_plan),
+                    now,
                     (),
                     StageWatch(),
                     candidates=planned_shortcuts(self.scenario),

@@ -339,7 +339,9 @@ class Recovery:
             now = Situation(
                 world, self._task_plan, reopened, given_up, aside=goes_aside
             )
-            if undoable := hopeless(self.work.problem, now):
+            work, undoable = hopeless(self.work, now, self._cell)
+            self.motions = replace(self.motions, work=work)
+            if undoable:
                 there = self._ledger.takes_what_is_there()
                 asked = not there and any(
                     self._asks_for(step, why, now) for step, why in undoable.items()

@@ -85,10 +85,11 @@ def plan_remainder(
         )
     else:
         _require_tried_once(tpg, world)
-        chosen = _choices_of(motions.work, motions.task_plan, world.begun())
+        work = _with_what_was_used(motions.work, world.begun())
+        chosen = _choices_of(work, motions.task_plan, world.begun())
         planner = Recovery(
             _with_shortcuts(scenario),
-            replace(motions, task_plan=chosen),
+            replace(motions, task_plan=chosen, work=work),
             tpg,
             _nobody_draws,
             Person(None, scenario.seed),
@@ -172,6 +173,18 @@ def _nobody_draws(
     _graph: TemporalPlanGraph, _names: Mapping[int, TaskName]
 ) -> NodeTimes:
     raise AssertionError("a plan is made and not executed")
+
+
+def _with_what_was_used(
+    work: AssemblyWork, begun: Mapping[int, StepTasks]
+) -> AssemblyWork:
+    """Return the work with the spare objects that were used."""
+    for number, step in sorted(begun.items()):
+        known = {item.object for item in work.problem.primaries if item.step == number}
+        picked = {t.object for t in step.tasks if t.kind == "pick" and t.object}
+        if picked - known:
+            work = work.spare(number, picked - known) or work
+    return work
 
 
 def _choices_of(

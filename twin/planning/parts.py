@@ -136,8 +136,8 @@ class PartKind(AssemblyKind):
         """Find the candidates, choose, and plan one task after another."""
         from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
-        from planning.parts.expansion import part_work
         from planning.parts.order import find_ordered_candidates, in_found_order
+        from planning.parts.part_work import part_work
         from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
         line = self.line

@@ -1,0 +1,50 @@
+"""The work of an assembly of parts, as task and motion planning take it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import partial
+from itertools import pairwise
+
+from planning.parts.assembly import PartAssembly, Work
+from planning.parts.candidates import PartCandidates
+from planning.parts.expansion import step_tasks, time_windows, waiting_tasks
+from planning.parts.spares import with_spares
+from planning.tasks.work import AssemblyWork
+
+
+def part_work(candidates: PartCandidates) -> AssemblyWork:
+    """Return the assembly work of part candidates, for assignment and motion planning."""
+    passing = _passing(candidates.assembly)
+    stands = {(a + 1, b + 1) for a, b in candidates.balance}
+    return AssemblyWork(
+        candidates.problem,
+        partial(step_tasks, candidates),
+        partial(waiting_tasks, candidates),
+        windows=partial(time_windows, candidates.steps),
+        spare=partial(_spare_work, candidates),
+        needs=frozenset(stands.union(*map(pairwise, passing.values()))),
+        passing=passing,
+    )
+
+
+def _spare_work(
+    candidates: PartCandidates, step: int, there: Collection[str]
+) -> AssemblyWork | None:
+    found = with_spares(candidates, step, there)
+    return None if found is None else part_work(found)
+
+
+def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:
+    """Return the steps about each part from a source, or that is put down on its way, from 1."""
+    steps = assembly.steps
+    own: dict[str, list[int]] = {}
+    for number, step in enumerate(steps, start=1):
+        if isinstance(step, Work):
+            continue  # what is done at a part that does not move on
+        own.setdefault(step.part, []).append(number)
+    return {
+        name: tuple(numbers)
+        for name, numbers in own.items()
+        if name in assembly.supply.sourced or len(numbers) > 1
+    }

@@ -1,0 +1,114 @@
+"""Spare parts: what else of its kind may come to the place of a part, once that is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from planning.cell.workcell import Attachment
+from planning.errors import InfeasibleStepError
+from planning.parts.alike import renamed
+from planning.parts.candidates import PartCandidates, PartCollector
+from planning.parts.part_steps import KnownStep, PartStep, place_step
+from planning.steps.tool_changes import with_tools
+from planning.tasks.assignment import NO_TOOLS
+
+_MOST = 6
+"""So many spare parts are candidates for one step: those nearest to where the lost one was."""
+
+
+def with_spares(
+    candidates: PartCandidates, number: int, there: Collection[str]
+) -> PartCandidates | None:
+    """Return candidates with spare parts for a step, None where there are no others.
+
+    The part of the step is not there any more. Of steps with which somebody keeps hold of something, or
+    that a source brings the parts for, there are no spares.
+
+    Args:
+        candidates: of all steps.
+        number: of the step, from 1.
+        there: parts that lie where they were at the start.
+    """
+    step, assembly = candidates.steps[number - 1], candidates.assembly
+    if not isinstance(step, PartStep) or step.held or candidates.paths.keeps:
+        return None
+    cell, lost = with_tools(candidates.cell, NO_TOOLS), step.part
+    group = next((own for own in assembly.alike if lost.name in own), ())
+    free = set(group) - assembly.goals.keys()
+    known = {name for k, name in candidates.spares if k == number}
+
+    def far(name: str) -> tuple[float, str]:
+        away = cell.object(name).start[:3, 3] - lost.start[:3, 3]
+        return float(np.linalg.norm(away)), name
+
+    spares, primaries = dict(candidates.spares), list(candidates.problem.primaries)
+    paths = candidates.paths
+    for name in sorted((set(there) & free) - known, key=far)[:_MOST]:
+        around = {
+            **step.around,
+            name: (cell.object(name), Attachment(None, cell.object(name).start)),
+        }
+        placing = replace(step.step, part=name)
+        other = renamed(assembly, {lost.name: name})
+        try:
+            own = place_step(cell, other, number, placing, replace(step, around=around))
+        except InfeasibleStepError:
+            continue
+        steps = [own if k == number - 1 else s for k, s in enumerate(candidates.steps)]
+        collector = PartCollector(candidates.cell, other, steps, {})
+        collector.add(number, own)
+        if collector.primaries:
+            spares[number, name] = own
+            primaries += collector.primaries
+            found = collector.paths
+            paths = replace(
+                paths,
+                alone={**paths.alone, **found.alone},
+                tries={**paths.tries, **found.tries},
+                relays={**paths.relays, **found.relays},
+            )
+    if len(spares) == len(candidates.spares):
+        return None
+    problem = replace(candidates.problem, primaries=tuple(primaries))
+    return replace(candidates, problem=problem, paths=paths, spares=spares)
+
+
+def as_chosen(
+    candidates: PartCandidates, objects: Mapping[int, str | None]
+) -> PartCandidates:
+    """Return candidates as if the spare parts that are chosen had been what their steps are about.
+
+    Args:
+        candidates: of all steps.
+        objects: parts that steps place, by the numbers of the steps; others are not looked at.
+    """
+    own = {
+        number: candidates.spares[number, name]
+        for number, name in objects.items()
+        if name is not None and (number, name) in candidates.spares
+    }
+    if not own:
+        return candidates
+    names = dict[str, str]()
+    for number, spare in own.items():
+        step = candidates.steps[number - 1]
+        assert isinstance(step, PartStep)
+        names[step.part.name] = spare.part.name
+    items = {item.name: item for item in candidates.cell.objects}
+    steps = list[KnownStep]()
+    for number, step in enumerate(candidates.steps, start=1):
+        if number in own:
+            steps.append(own[number])
+            continue
+        touched = {names.get(k, k): gap for k, gap in step.touched.items()}
+        around = {
+            names.get(k, k): (items[names[k]] if k in names else item, at)
+            for k, (item, at) in step.around.items()
+            if k not in names.values()
+        }
+        steps.append(replace(step, touched=touched, around=around))
+    paths = replace(candidates.paths, steps=steps)
+    return replace(candidates, steps=tuple(steps), paths=paths)
