@@ -99,16 +99,15 @@ def as_chosen(
         names[step.part.name] = spare.part.name
     items = {item.name: item for item in candidates.cell.objects}
     steps = list[KnownStep]()
-    for number, step in enumerate(candidates.steps, start=1):
-        if number in own:
-            steps.append(own[number])
-            continue
-        touched = {names.get(k, k): gap for k, gap in step.touched.items()}
+    for number, known in enumerate(candidates.steps, start=1):
+        step = own.get(number, known)
+        # Where a spare part was it is no more, and in its place it has its own name.
         around = {
             names.get(k, k): (items[names[k]] if k in names else item, at)
             for k, (item, at) in step.around.items()
             if k not in names.values()
         }
+        touched = {names.get(k, k): gap for k, gap in step.touched.items()}
         steps.append(replace(step, touched=touched, around=around))
     paths = replace(candidates.paths, steps=steps)
     return replace(candidates, steps=tuple(steps), paths=paths)
