@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
+from hypothesis.vendor.pretty import for_type_by_name
 from xdist.scheduler import LoadScopeScheduling
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ def pytest_configure(config: pytest.Config) -> None:
     # How long an example takes tells of the machine: of kernels that it compiles, of what else it does.
     hypothesis.settings.register_profile("whenever", deadline=None)
     hypothesis.settings.load_profile("whenever")
+    # All of a plan is megabytes, and what was found would not be told.
+    for_type_by_name(
+        "twin.trial.plan_result", "PlanResult", lambda plan, to, _: to.text(repr(plan))
+    )
     if "PYTEST_XDIST_WORKER" in os.environ:
         from tests.kernels import compile_once
 
