@@ -142,8 +142,9 @@ def plan_onward(
     begun = world.begun()
     steps = {number: begun[number] for number in begun.keys() - now.reopened.keys()}
     done = {number: _done(step, world) for number, step in steps.items()}
-    past = [*world.past]
-    past += [_done(step, world) for step in world.steps if step.step not in steps]
+    # What an earlier plan had in mind and nobody has done has the numbers of new tasks.
+    left_behind = (step for step in world.steps if step.step not in steps)
+    past = [_done(step, world) for step in (*world.past, *left_behind)]
     for step in now.given_up & there.keys():
         done[step] = StepTasks(step, there[step], (), ())
 

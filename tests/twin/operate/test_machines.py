@@ -145,6 +145,14 @@ def test_whoever_is_out_and_whatever_is_dropped_a_line_goes_on(
     assert done.out <= {out}
 
 
+def test_what_was_planned_and_never_done_is_forgotten(plan: PlanResult) -> None:
+    changes = [{"at_s": 1.0, "drop": [8]}]
+    mill = [{"robot": "mill", "at_s": 2.1}]
+    done, _ = operated(plan, 8, **lost(0.1), outages=mill, changes=changes)
+    require_true(done)
+    assert len(done.versions) > 1
+
+
 def test_what_is_in_a_machine_that_is_out_is_taken_away(plan: PlanResult) -> None:
     done, _ = operated(plan, 0, outages=[{"robot": "mill", "at_s": 15.0}])
     require_true(done)
