@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
 from planning.parts.assembly import PartAssembly, Work
-from planning.parts.candidates import PartCandidates
+from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.expansion import step_tasks, time_windows, waiting_tasks
 from planning.parts.spares import with_spares
 from planning.tasks.work import AssemblyWork
+from planning.transforms import Transform
 
 
 def part_work(candidates: PartCandidates) -> AssemblyWork:
@@ -23,6 +25,7 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
         partial(waiting_tasks, candidates),
         windows=partial(time_windows, candidates.steps),
         spare=partial(_spare_work, candidates),
+        moved=partial(_work_with, candidates),
         needs=frozenset(stands.union(*map(pairwise, passing.values()))),
         passing=passing,
     )
@@ -33,6 +36,18 @@ def _spare_work(
 ) -> AssemblyWork | None:
     found = with_spares(candidates, step, there)
     return None if found is None else part_work(found)
+
+
+def _work_with(
+    candidates: PartCandidates, starts: Mapping[str, Transform]
+) -> AssemblyWork:
+    """Return the work with parts that lie elsewhere at the start, and without spares."""
+    objects = tuple(
+        replace(item, start=starts.get(item.name, item.start))
+        for item in candidates.cell.objects
+    )
+    moved = replace(candidates.cell, objects=objects)
+    return part_work(find_candidates(moved, candidates.assembly))
 
 
 def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:

@@ -57,6 +57,8 @@ class AssemblyWork:
             put down on its way, by its name.
         spare: returns the work with spare objects for a step (from 1) whose own is lost, given those that lie
             where they were at the start; None where there are no others.
+        moved: returns the work with parts that lie elsewhere at the start, given where, by name; None where
+            that cannot be said.
     """
 
     problem: AssignmentProblem
@@ -69,6 +71,7 @@ class AssemblyWork:
     passing: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     windows: Callable[[Sequence[StepTasks]], Iterable[TimeWindow]] = _no_items
     spare: Callable[[int, Collection[str]], AssemblyWork | None] = _no_spare
+    moved: Callable[[Mapping[str, Transform]], AssemblyWork] | None = None
 
     def in_this_order(self) -> AssemblyWork:
         """Return the same work without any other order of its steps."""

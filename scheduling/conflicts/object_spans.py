@@ -14,7 +14,7 @@ import numpy as np
 
 from planning.errors import PlanInvariantError
 from planning.kinematics.kinematics import frame_pose
-from planning.tasks.task import GONE
+from planning.tasks.task import FAILED, GONE
 from planning.transforms import Indices, Transform
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from scheduling.graph.total_order import NodeOrder
@@ -203,7 +203,10 @@ class _Trace:
         chain = self._tpg.chains[event.robot]
         node, here = (event.robot, event.node), (event.node, event.waypoint)
         if event.holder is None:
-            if place.holder != event.robot:
+            task = int(chain.task[event.node])
+            found = place.holder is None and self._tpg.tasks[task].kind == FAILED
+            # Who failed to pick it has measured where it lies.
+            if place.holder != event.robot and not found:
                 raise PlanInvariantError(
                     f"task {self._task(node)} of robot {chain.robot!r} puts down"
                     f" {self._name!r}, which it does not hold"

@@ -96,9 +96,9 @@ def extended(
     new: TemporalPlanGraph,
     cell: Workcell,
     dependencies: Indices,
+    windows: Iterable[TimeWindow] | None = None,
     *,
     order: Sequence[str] = (),
-    windows: Iterable[TimeWindow] = (),
 ) -> TemporalPlanGraph:
     """Return committed nodes with new ones after them, reduced and checked.
 
@@ -108,9 +108,10 @@ def extended(
             then its own, and its robots begin with what they hold in their hands.
         cell: with all objects, as it was at the very start.
         dependencies: between tasks of both, shape (e, 2).
+        windows: of time between tasks of both, of which those of tasks that are not done are left out; by default
+            those of the committed ones.
         order: robots whose chains come first, in this order, by default that of the committed ones; of one that
             has nothing to do any more, and did nothing, the chain is empty.
-        windows: of time between tasks of both; those of tasks that are not done are left out.
 
     Raises:
         PlanInvariantError: a robot or an object that stands is in the way of a new motion.
@@ -156,7 +157,8 @@ def extended(
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist())),
     )
     done = {int(task) for chain in chains for task in chain.task}
-    union = replace(union, windows=tuple(w for w in windows if w.own <= done))
+    timed = committed.windows if windows is None else windows
+    union = replace(union, windows=tuple(w for w in timed if w.own <= done))
     known = [
         (place[committed.chains[k].robot], u, place[committed.chains[i].robot], v)
         for k, u, i, v in committed.edges.tolist()

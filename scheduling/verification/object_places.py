@@ -267,6 +267,10 @@ def _wrong(
     chain, node = moment[:2]
     kind = tpg.tasks[int(tpg.chains[chain].task[node])].kind
     lost = to == GONE and kind in (FAILED, TAKEN_OUT)
+    # Who failed to pick it has measured where it lies.
+    found = kind == FAILED and before.there and holder is None and to is None
+    if found:
+        return None
     takes = tpg.cell.is_machine(who) or lost
     if before.there and who not in (holder, to) and not takes:
         return f"changes hands, and {who!r} neither has it nor gets it"

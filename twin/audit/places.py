@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from planning.cell.workcell import CellObject, Workcell
-from planning.tasks.task import GONE
+from planning.tasks.task import FAILED, GONE
 from planning.transforms import Array, Transform, rotation
 from twin.audit.case import AuditCase
 from twin.audit.motion.executed import ReplayedRun, Stay
@@ -41,8 +41,14 @@ def start_violations(replay: ReplayedRun) -> Iterator[Violation]:
 def jump_violations(case: AuditCase) -> Iterator[Violation]:
     """Yield objects that do not stay where they are when they change hands.
 
-    What comes up must do so where the plan says.
+    What comes up must do so where the plan says. What was found elsewhere, as it could not be picked where it was
+    said to be, has been there all along.
     """
+    measured = [
+        (h.object, h.pose)
+        for h in case.tpg.handlings
+        if case.tpg.tasks[int(case.tpg.chains[h.robot].task[h.node])].kind == FAILED
+    ]
     times = np.unique([stay.t for stay in case.handed()])
     flanges = {
         robot: case.world.flange_poses(k, case.robots[robot].at(times))
@@ -66,6 +72,10 @@ def jump_violations(case: AuditCase) -> Iterator[Violation]:
             before = stay
             if stay.t <= 0.0 or stay.holder == GONE:
                 continue
+            if stay.holder is None and whose == "rest":
+                own = (pose for name, pose in measured if name == item.name)
+                if any(np.allclose(stay.pose, pose, atol=1e-9) for pose in own):
+                    continue
             new = in_world(stay, stay.t)
             jump = max(
                 _way(shape.at(old), shape.at(new), shape.radius)

@@ -104,7 +104,12 @@ class Narrator:
             self.emit("detached", chain, node, name, detail)
             return
         if holder is None:
-            detail = "comes up at its station" if giver is None else "put down"
+            detail = "put down"
+            if giver is None:
+                comes = self._tpg.cell.object(name).later
+                detail = (
+                    "comes up at its station" if comes else "found beside its place"
+                )
             detail = "shuts" if name in self._doors else detail
             self.emit("detached", chain, node, name, detail)
             return

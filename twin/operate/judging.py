@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from planning.errors import PlanInvariantError
 from planning.tasks.task import (
     FAILED,
     GONE,
@@ -19,9 +23,15 @@ from planning.tasks.task import (
     Handling,
     Task,
 )
+from planning.transforms import Transform
+from planning.worlds.measured import Poses, beside
 from planning.worlds.world import World, pose_of
+from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.invariant import check_invariant
+from scheduling.rolling.attempt import with_attempt
 from scheduling.rolling.cut import cut_after, state_at
+from scheduling.rolling.extension import committed_part
 from twin.operate.committed import Judged, not_executed, tried_task
 from twin.operate.ledger import Ledger
 from twin.operate.person import Person
@@ -31,6 +41,9 @@ from twin.uncertainty.draws import uniforms
 
 LOST, SLIPPED, WRONG = "is lost", "has slipped in the hand", "is a wrong part"
 """What has become of an object that is of no use any more, in words."""
+
+BESIDE = "lies beside its place"
+"""What is found of one that is picked from where it is measured."""
 
 _NO_PROCESS = (
     *(*HANDLING, *SUPPLY_KINDS, TRANSIT, STRAIGHT, HOLD, FAILED, LEFT_OUT),
@@ -49,11 +62,13 @@ class Judging:
         section: says what may fail, and how often anything is tried.
         ledger: what is known; it is written to.
         person: who is asked before a step is given up.
+        allows: tells whether parts can be used where they were measured.
     """
 
     section: ExecutionSection
     ledger: Ledger
     person: Person
+    allows: Callable[[Poses], bool] = lambda _: False
 
     def judged(self, tpg: TemporalPlanGraph, incident: Incident) -> Judged:
         """Decide what is done about each failure, and what becomes of the object."""
@@ -106,12 +121,47 @@ class Judging:
             return LOST
         tries = self.ledger.tries[task.step, task.kind]
         number = task.step + tries * _AGAIN
+        drawn = self._draw(task.kind, number, "fate")
+        if drawn < (said.slips if held else said.wrong):
+            return SLIPPED if held else WRONG
+        return BESIDE if not held and drawn < said.wrong + said.beside else LOST
+
+    def _draw(self, kind: str, number: int, what: str, index: int = 0) -> float:
         mine = [self.person.replication]
-        about = self.person.seed, mine, [task.kind], number, ["fate"], "failure"
-        share = said.slips if held else said.wrong
-        if float(uniforms(*about)[0][0]) >= share:
-            return LOST
-        return SLIPPED if held else WRONG
+        about = self.person.seed, mine, [kind], number, [what], "failure"
+        return float(uniforms(*about, index)[0][0])
+
+    def _found(
+        self, tpg: TemporalPlanGraph, incident: Incident, failure: Failure, task: Task
+    ) -> Handling | None:
+        """Return where a part is found beside its place; None where nothing can be done with it there."""
+        name = str(task.object)
+        start = tpg.cell.object(name).start
+        lay = self.ledger.measured.get(name, start)
+        number = task.step + self.ledger.tries[task.step, task.kind] * _AGAIN
+        offset = self.section.failures[task.kind].offset
+        far, round_, turned = (
+            self._draw(task.kind, number, "offset", k) for k in range(3)
+        )
+        way = (
+            offset.m
+            * np.sqrt(far)
+            * np.array([np.cos(a := 2.0 * np.pi * round_), np.sin(a)])
+        )
+        pose = beside(lay, way, offset.rad * (2.0 * turned - 1.0))
+        found = Handling(name, 1, None, pose)
+        counts = cut_after(tpg, incident.released, not_executed(tpg, incident))
+        who = tpg.chains[failure.chain].robot
+        there = with_attempt(
+            committed_part(tpg, counts), tpg, who, failure.node, (found,)
+        )
+        try:
+            # Others go on by a plan in which it lies where it was said.
+            check_invariant(DerivedTpg(there))
+        except PlanInvariantError:
+            return None
+        poses = {**self.ledger.measured, name: pose}
+        return found if self.allows(poses) else None
 
     def _changes(
         self,
@@ -137,14 +187,27 @@ class Judging:
             if task.kind == "pick":
                 self.ledger.shunned.add(self.ledger.lost(name))
             return (), ""
-        self.ledger.gone.add(self.ledger.lost(name))
         fate = self._fate(task, held=at.holder is not None)
+        if fate == BESIDE:
+            if found := self._found(tpg, incident, failure, task):
+                self.ledger.measured[name] = found.pose
+                return (found,), _beside_words(at.pose, found.pose)
+            fate = f"{BESIDE}, where nobody can pick it"
+        self.ledger.gone.add(self.ledger.lost(name))
         if fate != LOST:
             return (), fate  # it is still where it was
         if at.holder is None:
             return (Handling(name, 1, GONE, at.pose),), fate
         pose = pose_of(tpg.cell, state, name)
         return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), fate
+
+
+def _beside_words(said: Transform, found: Transform) -> str:
+    """Return how far a part lies beside its place, in words."""
+    mm = 1e3 * float(np.linalg.norm(found[:3, 3] - said[:3, 3]))
+    turn = found[:3, :3] @ said[:3, :3].T
+    deg = float(np.degrees(abs(np.arctan2(turn[1, 0], turn[0, 0]))))
+    return f"{BESIDE}, {mm:.1f} mm and {deg:.1f} degrees off, and is picked there"
 
 
 def _worked_before(tpg: TemporalPlanGraph, task: Task) -> Task | None:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from planning.transforms import Transform
 from twin.operate.person import Ask
 
 
@@ -22,6 +23,7 @@ class Ledger:
         closed: whether no more steps come than are planned, as nobody can do the next one.
         tries: how often all attempts at a skill of a step have failed.
         asks: what a person was asked.
+        measured: where parts lie that were found beside where they were said to.
     """
 
     resting: Mapping[int, frozenset[int]]
@@ -32,6 +34,7 @@ class Ledger:
     closed: bool = False
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
     asks: tuple[Ask, ...] = ()
+    measured: dict[str, Transform] = field(default_factory=dict)
 
     def copy(self) -> Ledger:
         """Return one that goes on independently."""
@@ -42,6 +45,7 @@ class Ledger:
             gone=set(self.gone),
             shunned=set(self.shunned),
             tries=Counter(self.tries),
+            measured=dict(self.measured),
         )
 
     @property

@@ -9,6 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
+from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -31,6 +33,7 @@ from planning.tasks.task import (
     StepTasks,
 )
 from planning.tasks.work import AssemblyWork
+from planning.worlds.measured import MeasuredWork, Poses, chosen_there
 from planning.worlds.onward import Situation, narrowed
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, leftovers, standing
@@ -104,6 +107,7 @@ class Recovery:
         tpg: the first plan.
         draw: times of new nodes.
         gone: objects that are lost already.
+        measured: where parts lie that were found beside their places.
         person: who is asked before something is given up.
         cuts: that are tried, in this order, until nothing has to be given up; else that from which least is.
     """
@@ -114,27 +118,33 @@ class Recovery:
     draw: Draw
     person: Person
     gone: InitVar[Collection[str]] = ()
+    measured: InitVar[Poses] = MappingProxyType({})
     cuts: tuple[Recut, ...] = (Recut(steps=True), Recut(steps=False, aside=True))
     _known: KnownMotions = field(default_factory=KnownMotions)
+    _elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
     _stuck: bool = False
 
-    def __post_init__(self, tpg: TemporalPlanGraph, gone: Collection[str]) -> None:
+    def __post_init__(
+        self, tpg: TemporalPlanGraph, gone: Collection[str], measured: Poses
+    ) -> None:
         settings = self.motions.settings
         seconds = {TAKEN_OUT: self.scenario.execution.recovery.remove_s}
         settings = replace(
             settings, skill_seconds={**settings.skill_seconds, **seconds}
         )
         self.motions = replace(self.motions, settings=settings)
-        chosen = self.motions.task_plan
+        chosen, work = self.motions.task_plan, self.motions.work
+        assert work is not None
         self._window = StepWindow(self.scenario.execution.window, self.motions)
         self._executed = _Going(
-            coming(tpg.cell, (), REMOVAL) if self.work.passing else tpg.cell,
+            coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell,
             chosen,
             planned_steps(tpg),
             Luck.of(tpg),
             Ledger(
-                resting_steps(tpg.tasks, tpg.allowed, chosen, self.work.needs),
+                resting_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
                 gone=set(gone),
+                measured=dict(measured),
             ),
         )
         self._planned = self._executed
@@ -174,9 +184,19 @@ class Recovery:
 
     @property
     def work(self) -> AssemblyWork:
-        """All candidates."""
-        assert self.motions.work is not None
-        return self.motions.work
+        """All candidates, with parts where they were measured."""
+        return self._elsewhere.of(self.motions.work, self._ledger.measured)
+
+    def _after(
+        self, tpg: TemporalPlanGraph, incident: Incident
+    ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
+        """Decide what is done about failures, and plan that; see ``plan_alone``."""
+        allows = partial(self._elsewhere.allows, self.motions.work, self._task_plan)
+        about = self.scenario.execution, self._ledger, self.person
+        judged = Judging(*about, allows).judged(tpg, incident)
+        there = self._ledger.measured
+        self._task_plan: TaskPlan = chosen_there(self.work, self._task_plan, there)
+        return self._from_some_cut(tpg, incident, judged)
 
     def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
         """Return the graph that goes on, from the best cut from which anything does."""
@@ -186,9 +206,7 @@ class Recovery:
         if self.due(tpg, incident.released):
             planned = self._window.after(executed)
         self.motions = self._window.of_first(self.motions, planned)
-        judging = Judging(self.scenario.execution, self._ledger, self.person)
-        judged = judging.judged(tpg, incident)
-        union, new, at = self._from_some_cut(tpg, incident, judged)
+        union, new, at = self._after(tpg, incident)
         self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
         self._planned = self._state()
         answers = [ask.answer for ask in self._ledger.asks[len(self.asks) :]]
@@ -204,26 +222,19 @@ class Recovery:
 
         The tasks of the new graph are those before it and then its own; it begins in the world at the cut.
         """
-        judging = Judging(self.scenario.execution, self._ledger, self.person)
-        judged = judging.judged(tpg, incident)
-        union, new, at = self._from_some_cut(tpg, incident, judged)
+        union, new, at = self._after(tpg, incident)
         self._planned = self._executed = self._state()
         return union, new, at
 
     def _state(self) -> _Going:
-        return _Going(
-            self._cell,
-            self._task_plan,
-            self._steps,
-            self._luck,
-            self._ledger.copy(),
-            self._past,
-        )
+        going = self._cell, self._task_plan, self._steps, self._luck
+        return _Going(*going, self._ledger.copy(), self._past)
 
     def _restore(self, going: _Going) -> None:
-        self._cell, self._task_plan = going.cell, going.task_plan
-        self._steps, self._past, self._luck = going.steps, going.past, going.luck
-        self._ledger = going.ledger.copy()
+        self._cell, self._steps, self._past = going.cell, going.steps, going.past
+        self._task_plan = going.task_plan
+        self._luck = going.luck
+        self._ledger: Ledger = going.ledger.copy()
 
     def _from_some_cut(
         self, tpg: TemporalPlanGraph, incident: Incident, judged: Judged
@@ -258,14 +269,7 @@ class Recovery:
                 self._ledger.give_up(step, why)
         nothing = committed_part(at.committed, [0] * len(at.committed.chains))
         waits = np.empty((0, 2), dtype=np.int64)
-        union = extended(
-            at.committed,
-            nothing,
-            self._cell,
-            waits,
-            order=at.robots,
-            windows=at.committed.windows,
-        )
+        union = extended(at.committed, nothing, self._cell, waits, order=at.robots)
         return union, nothing, at
 
     def _world(self, at: Committed) -> World:
@@ -340,7 +344,8 @@ class Recovery:
                 world, self._task_plan, reopened, given_up, aside=goes_aside
             )
             work, undoable = hopeless(self.work, now, self._cell)
-            self.motions = replace(self.motions, work=work)
+            if not self._elsewhere.keep(work, self._ledger.measured):
+                self.motions = replace(self.motions, work=work)
             if undoable:
                 there = self._ledger.takes_what_is_there()
                 asked = not there and any(
@@ -353,7 +358,7 @@ class Recovery:
                 continue
             try:
                 found = plan_from(
-                    self.motions,
+                    replace(self.motions, work=self.work),
                     self.scenario,
                     self._cell,
                     now,
@@ -382,14 +387,8 @@ class Recovery:
             brought = brought_in((*at.committed.tasks, *new.tasks[first:]))
             late = supply_waits(new.tasks[first:], brought)
             waits = np.concatenate([onward.motions.dependencies, late])
-            union = extended(
-                at.committed,
-                new,
-                self._cell,
-                waits,
-                order=at.robots,
-                windows=onward.motions.windows,
-            )
+            known = waits, onward.motions.windows
+            union = extended(at.committed, new, self._cell, *known, order=at.robots)
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs

@@ -26,6 +26,7 @@ from planning.tasks.task import (
     Task,
 )
 from planning.tasks.work import AssemblyWork
+from planning.worlds.measured import MeasuredWork
 from planning.worlds.world import World
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -77,6 +78,13 @@ def plan_remainder(
     world = World(start_state(tpg.cell), planned_steps(tpg), complete=done)
     before = [h for h in tpg.handlings if h.node < counts[h.robot]]
     gone = frozenset(h.object for h in before if h.holder == GONE)
+    measured = {
+        h.object: h.pose
+        for h in before
+        if tpg.tasks[int(tpg.chains[h.robot].task[h.node])].kind == FAILED
+        and h.holder is None
+        and h.object not in gone
+    }
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
         nobody = Person(None, scenario.seed)
@@ -85,7 +93,8 @@ def plan_remainder(
         )
     else:
         _require_tried_once(tpg, world)
-        work = _with_what_was_used(motions.work, world.begun())
+        work = MeasuredWork().find(motions.work, measured) or motions.work
+        work = _with_what_was_used(work, world.begun())
         chosen = _choices_of(work, motions.task_plan, world.begun())
         planner = Recovery(
             _with_shortcuts(scenario),
@@ -94,6 +103,7 @@ def plan_remainder(
             _nobody_draws,
             Person(None, scenario.seed),
             gone,
+            measured,
             cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
         )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)

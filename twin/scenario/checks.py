@@ -300,6 +300,9 @@ def _check_skills(scenario: Scenario) -> Found:
     section = scenario.assembly
     own = section.parts if isinstance(section, PartsSection) else ()
     things = [part.name for part in own]
+    lie_as_said = isinstance(section, PartsSection) and not (
+        section.sources or section.products
+    )
     robots = [robot.name for robot in scenario.cell.robots]
     for skill, failure in execution.failures.items():
         at_a_part = skill in HANDLING
@@ -309,6 +312,16 @@ def _check_skills(scenario: Scenario) -> Found:
         if failure.wrong > 0.0 and skill != "pick":
             words = f"no wrong part is found in {skill}: leave it out (valid: pick)"
             yield ("execution", "failures", skill, "wrong"), words
+        if failure.beside > 0.0:
+            place = ("execution", "failures", skill, "beside")
+            if skill != "pick":
+                words = f"nothing is found beside its place in {skill}: leave it out"
+                yield place, f"{words} (valid: pick)"
+            elif not lie_as_said:
+                words = "only parts of an assembly without sources and products lie beside where they are said to be"
+                yield place, f"{words}: leave it out"
+            if failure.beside + failure.wrong > 1.0:
+                yield place, "with wrong it is more than all that are lost"
         if failure.slips > 0.0 and skill not in ("place-down", "place-up", "handover"):
             words = f"nothing is in the hand before {skill}, so that it could slip: leave it out"
             yield ("execution", "failures", skill, "slips"), words

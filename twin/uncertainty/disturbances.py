@@ -183,6 +183,8 @@ class SkillFailure(Section):
             it is not made again; of picks, places and handovers.
         slips: share of those in which it does not fall, but slips in the hand, which then brings it to a person.
         wrong: share of those of a pick in which it is a wrong part or a broken one, and stays where it lies.
+        beside: share of those of a pick in which it lies beside where it was said: it is measured, and picked there.
+        offset: how far: its origin is anywhere within ``m``, and it is turned about the vertical by up to ``rad``.
         then: what is done when all attempts at a process have failed, such as an inspection that rejects a part:
             ``again``; ``rework``, what was done to the part before, there, and then again; or ``scrap``, it is given up.
     """
@@ -194,6 +196,8 @@ class SkillFailure(Section):
     loses: Probability = 0.0
     slips: Probability = 0.0
     wrong: Probability = 0.0
+    beside: Probability = 0.0
+    offset: PoseErrorSection = PoseErrorSection(m=0.005)
     then: Literal["again", "rework", "scrap"] = "again"
 
     def of(self, robot: str, part: str | None) -> float:
