@@ -137,7 +137,7 @@ class PartKind(AssemblyKind):
         from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
         from planning.parts.order import find_ordered_candidates, in_found_order
-        from planning.parts.part_work import part_work
+        from planning.parts.work import part_work
         from twin.planning.goals import ASSIGNMENT, plan_in_turns
 
         line = self.line

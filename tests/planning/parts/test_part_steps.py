@@ -22,7 +22,7 @@ from planning.kinematics.kinematics import frame_pose
 from planning.parts.assembly import PartAssembly, PartHandling, Process, Spot, Work
 from planning.parts.candidates import PartCandidates, find_candidates
 from planning.parts.order import find_ordered_candidates, in_found_order
-from planning.parts.part_work import part_work
+from planning.parts.work import part_work
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import TRANSIT
