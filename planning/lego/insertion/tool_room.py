@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import numpy.typing as npt
 
 from planning.cell.cover import cut_across
 from planning.files import KeptAnswers
+from planning.kernels import kernel
 from planning.lego.bricks.assembly import (
     LAYER_HEIGHT,
     STUD_PITCH,
@@ -116,10 +118,38 @@ def blocking(boxes: Array, bricks: BrickBoxes, *, clearance: float = 0.0) -> lis
     shrink = -clearance if clearance > 0.0 else TOUCH
     low, high = boxes[:, 0] + shrink, boxes[:, 1] - shrink
     plate = [PLATE] if float(low[:, 2].min()) < 0.0 else []
-    them = bricks.corners
-    apart = (low[:, None] >= them[None, :, 1]) | (high[:, None] <= them[None, :, 0])
-    hit = np.flatnonzero(~apart.any(axis=2).all(axis=0))
+    hit = np.flatnonzero(_met(low, high, bricks.corners))
     return plate + [bricks.names[int(k)] for k in hit]
+
+
+@kernel
+def _met(low: Array, high: Array, corners: Array) -> npt.NDArray[np.bool_]:
+    """Return which of the boxes of bricks any of some boxes meets, shape (n,)."""
+    found = np.zeros(len(corners), np.bool_)
+    for n in range(len(corners)):
+        for k in range(len(low)):
+            apart = False
+            for x in range(3):
+                if low[k, x] >= corners[n, 1, x] or high[k, x] <= corners[n, 0, x]:
+                    apart = True
+                    break
+            if not apart:
+                found[n] = True
+                break
+    return found
+
+
+@kernel
+def _bounds(corners: Array) -> Array:
+    """Return the boxes around groups of points, shape (k, 2, 3), of those of shape (k, v, 3)."""
+    out = np.empty((len(corners), 2, 3))
+    for k in range(len(corners)):
+        for x in range(3):
+            low = high = corners[k, 0, x]
+            for v in range(1, corners.shape[1]):
+                low, high = min(low, corners[k, v, x]), max(high, corners[k, v, x])
+            out[k, 0, x], out[k, 1, x] = low, high
+    return out
 
 
 @dataclass(frozen=True)
@@ -180,13 +210,15 @@ class ToolRoom:
     lever_end: Array
     supports: KeptAnswers[SupportRoom]
 
-    def boxes_at(self, pose: Transform) -> Array:
-        """Return boxes along the world's axes around the pieces, shape (m, 2, 3) [m].
+    def boxes_at(self, *poses: Transform) -> Array:
+        """Return boxes along the world's axes around the pieces, pose by pose, shape (k, 2, 3) [m].
 
-        The pose is that of the frame ``"tool"``.
+        The poses are those of the frame ``"tool"``.
         """
-        corners = self.pieces @ pose[:3, :3].T + pose[:3, 3]
-        return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+        every = np.array(poses)
+        turned = self.pieces @ every[:, None, :3, :3].swapaxes(-1, -2)
+        corners = turned + every[:, None, None, :3, 3]
+        return _bounds(corners.reshape(-1, *self.pieces.shape[1:]))
 
     def place_blocked(
         self, item: PlacedBrick, press: Press, others: BrickBoxes, *, up: bool
@@ -261,7 +293,7 @@ class ToolRoom:
 
     def _boxes(self, subgoals: Sequence[Subgoal]) -> Array:
         """Return boxes along the plate's axes around the tool at each subgoal, (k, 2, 3) [m]."""
-        return np.concatenate([self.boxes_at(self._pose(s)) for s in subgoals])
+        return self.boxes_at(*map(self._pose, subgoals))
 
     def _pose(self, subgoal: Subgoal) -> Transform:
         """Return the pose of the frame ``"tool"`` at a subgoal."""
