@@ -71,7 +71,7 @@ def step_tasks(
     candidates: PartCandidates, plan: TaskPlan, step: int, first: int
 ) -> StepTasks:
     """Return the tasks of a step of a plan, from an index on."""
-    chosen = as_chosen(candidates, {c.step: c.object for c in plan.choices})
+    chosen = as_chosen(candidates, ((c.step, c.object) for c in plan.choices))
     return _Expansion(chosen, plan, step, first).tasks()
 
 
@@ -269,7 +269,8 @@ def waiting_tasks(
     A pick waits for the part to be there, if it comes up. What leaves waits for all that was done to
     it, and whatever is done at the place of the next product for that to be gone.
     """
-    picked = {own.step: t.object for own in steps for t in own.tasks if t.kind == _PICK}
+    tasks_of = ((own.step, task) for own in steps for task in own.tasks)
+    picked = ((step, task.object) for step, task in tasks_of if task.kind == _PICK)
     known, history = as_chosen(candidates, picked).steps, TaskHistory()
     done = {own.step for own in steps if _is_done(own)}
     pairs = [(known[own.step - 1], own) for own in steps if own.step in done]

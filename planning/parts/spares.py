@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -77,17 +77,19 @@ def with_spares(
 
 
 def as_chosen(
-    candidates: PartCandidates, objects: Mapping[int, str | None]
+    candidates: PartCandidates, objects: Iterable[tuple[int, str | None]]
 ) -> PartCandidates:
     """Return candidates as if the spare parts that are chosen had been what their steps are about.
 
     Args:
         candidates: of all steps.
-        objects: parts that steps place, by the numbers of the steps; others are not looked at.
+        objects: numbers of steps, each with the part that it places; others are not looked at.
     """
+    if not candidates.spares:
+        return candidates
     own = {
         number: candidates.spares[number, name]
-        for number, name in objects.items()
+        for number, name in objects
         if name is not None and (number, name) in candidates.spares
     }
     if not own:

@@ -143,6 +143,8 @@ def extended(
         for h in new.handlings
         if not (new.holds_before(h) and hands.get(h.object) == h.holder)
     ]
+    done = {int(task) for chain in chains for task in chain.task}
+    timed = committed.windows if windows is None else windows
     union = TemporalPlanGraph(
         cell,
         (
@@ -155,10 +157,8 @@ def extended(
         tuple(handlings),
         merged((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist())),
+        windows=tuple(window for window in timed if window.own <= done),
     )
-    done = {int(task) for chain in chains for task in chain.task}
-    timed = committed.windows if windows is None else windows
-    union = replace(union, windows=tuple(w for w in timed if w.own <= done))
     known = [
         (place[committed.chains[k].robot], u, place[committed.chains[i].robot], v)
         for k, u, i, v in committed.edges.tolist()

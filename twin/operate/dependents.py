@@ -61,14 +61,6 @@ def hopeless(
     Returns:
         The work, and the reason by the number of the step.
     """
-    lie = {
-        name: at.pose
-        for name, at in now.world.state.attachments.items()
-        if at.holder is None and name not in now.world.out
-    }
-    items = (item for item in cell.objects if item.name in lie)
-    there = {i.name for i in items if np.allclose(lie[i.name], i.start)}
-    there -= {choice.object for choice in now.kept.values()}
     while True:
         left = narrowed(work.problem, now.kept, now.world.out, {})
         steps = [step for step in left.impossible if step not in now.kept]
@@ -76,12 +68,24 @@ def hopeless(
         for step in steps:
             own = work.problem.primaries_of.get(step, ())
             if all(work.problem.primaries[k].object in now.world.out for k in own):
-                work = work.spare(step, there) or work
+                work = work.spare(step, _untouched(now, cell)) or work
         if work is before:
             return work, {
                 step: _lost_or_out(work.problem, step, now) or left.lacking(step) or ""
                 for step in steps
             }
+
+
+def _untouched(now: Situation, cell: Workcell) -> set[str]:
+    """Return the objects that lie where they were at the start and that nobody has chosen."""
+    lie = {
+        name: at.pose
+        for name, at in now.world.state.attachments.items()
+        if at.holder is None and name not in now.world.out
+    }
+    items = (item for item in cell.objects if item.name in lie)
+    there = {i.name for i in items if np.allclose(lie[i.name], i.start)}
+    return there - {choice.object for choice in now.kept.values()}
 
 
 def _lost_or_out(problem: AssignmentProblem, step: int, now: Situation) -> str:

@@ -96,7 +96,8 @@ class BulkEngine:
         """Return when everything happens in replications in which no task fails."""
         if self._drive is None:
             return completions(self.graph, times.busy_ns, self.messages)
-        return explain(self.graph, *self._driven(times, threads=1))
+        start, end = self._driven(*self._drawn(times))
+        return explain(self.graph, start.T, end.T)
 
     def makespans(
         self, times: SegmentTimes, messages: Messages | None = None
@@ -112,26 +113,25 @@ class BulkEngine:
         if self._drive is None:
             said = self.messages if messages is None else messages
             return makespans(self.graph, end_times(self.graph, times.busy_ns, said))
-        return makespans(self.graph, self._driven(times, threads=usable_cores())[1])
+        shares = (np.array_split(own, usable_cores()) for own in self._drawn(times))
+        parts = zip(*shares, strict=True)
+        ends = side_by_side(lambda part: self._driven(*part)[1], parts)
+        return makespans(self.graph, np.concatenate(ends).T)
+
+    def _drawn(self, times: SegmentTimes) -> tuple[Nanoseconds, Nanoseconds]:
+        """Return how long every node moves and stands, shape (replications, nodes) each [ns]."""
+        stood = times.stood_ns()
+        return (
+            np.ascontiguousarray((times.busy_ns - stood).T),
+            np.ascontiguousarray(stood.T),
+        )
 
     def _driven(
-        self, times: SegmentTimes, *, threads: int
+        self, motion: Nanoseconds, stand: Nanoseconds
     ) -> tuple[Nanoseconds, Nanoseconds]:
-        """Return start and end of every node, shape (nodes, replications) [ns]."""
-        drive, stood = self._drive, times.stood_ns()
-        assert drive is not None
-        motion = np.ascontiguousarray((times.busy_ns - stood).T)
-        stand = np.ascontiguousarray(stood.T)
-
-        def some(rows: Indices) -> tuple[Nanoseconds, Nanoseconds]:
-            own = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0)
-            return driven_times(self.graph, drive, motion[own], stand[own], self._ahead)
-
-        parts = np.array_split(np.arange(len(motion)), threads)
-        start, end = (
-            np.concatenate(p) for p in zip(*side_by_side(some, parts), strict=True)
-        )
-        return start.T, end.T
+        """Return start and end of every node, of the same shape [ns]."""
+        assert self._drive is not None
+        return driven_times(self.graph, self._drive, motion, stand, self._ahead)
 
     def _busy(self, totals: Nanoseconds) -> Nanoseconds:
         """Return the times of segments from those of skills, shape (tasks, r) [ns]."""
