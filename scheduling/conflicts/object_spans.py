@@ -203,8 +203,8 @@ class _Trace:
         chain = self._tpg.chains[event.robot]
         node, here = (event.robot, event.node), (event.node, event.waypoint)
         if event.holder is None:
-            task = int(chain.task[event.node])
-            found = place.holder is None and self._tpg.tasks[task].kind == FAILED
+            tried = self._tpg.task_of(event).kind == FAILED
+            found = place.holder is None and tried
             # Who failed to pick it has measured where it lies.
             if place.holder != event.robot and not found:
                 raise PlanInvariantError(

@@ -174,6 +174,10 @@ class TemporalPlanGraph:
         """Index in ``chains`` of each robot that has nodes."""
         return {chain.robot: i for i, chain in enumerate(self.chains)}
 
+    def task_of(self, h: NodeHandling) -> Task:
+        """Return the task in which an object changes hands."""
+        return self.tasks[int(self.chains[h.robot].task[h.node])]
+
     def holds_before(self, h: NodeHandling) -> bool:
         """Tell whether by a handling a robot has in its hand what it had before its first node."""
         begins = (h.node, h.waypoint) == (0, 0)

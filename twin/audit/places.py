@@ -47,7 +47,7 @@ def jump_violations(case: AuditCase) -> Iterator[Violation]:
     measured = [
         (h.object, h.pose)
         for h in case.tpg.handlings
-        if case.tpg.tasks[int(case.tpg.chains[h.robot].task[h.node])].kind == FAILED
+        if case.tpg.task_of(h).kind == FAILED
     ]
     times = np.unique([stay.t for stay in case.handed()])
     flanges = {

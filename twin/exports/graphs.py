@@ -223,7 +223,7 @@ def _add_objects(graph: Graph, tpg: TemporalPlanGraph) -> None:
         if not item.later:
             add_stay(item.name, None, item.start[:3, 3].tolist())
     for handling in tpg.handlings:
-        index = int(tpg.chains[handling.robot].task[handling.node])
+        index = tpg.task_of(handling).index
         name, taker = handling.object, handling.holder
         if holders.get(name) is None and taker is not None:
             resting = f"{name} {stays[name] - 1}"

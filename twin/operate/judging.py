@@ -119,16 +119,16 @@ class Judging:
         said = self.section.failures.get(task.kind)
         if said is None:
             return LOST
-        tries = self.ledger.tries[task.step, task.kind]
-        number = task.step + tries * _AGAIN
-        drawn = self._draw(task.kind, number, "fate")
+        drawn = self._draw(task, "fate")
         if drawn < (said.slips if held else said.wrong):
             return SLIPPED if held else WRONG
         return BESIDE if not held and drawn < said.wrong + said.beside else LOST
 
-    def _draw(self, kind: str, number: int, what: str, index: int = 0) -> float:
+    def _draw(self, task: Task, what: str, index: int = 0) -> float:
+        """Return a number in [0, 1) that is drawn for the failure of a task."""
+        number = task.step + self.ledger.tries[task.step, task.kind] * _AGAIN
         mine = [self.person.replication]
-        about = self.person.seed, mine, [kind], number, [what], "failure"
+        about = self.person.seed, mine, [task.kind], number, [what], "failure"
         return float(uniforms(*about, index)[0][0])
 
     def _found(
@@ -136,18 +136,11 @@ class Judging:
     ) -> Handling | None:
         """Return where a part is found beside its place; None where nothing can be done with it there."""
         name = str(task.object)
-        start = tpg.cell.object(name).start
-        lay = self.ledger.measured.get(name, start)
-        number = task.step + self.ledger.tries[task.step, task.kind] * _AGAIN
+        lay = self.ledger.measured.get(name, tpg.cell.object(name).start)
         offset = self.section.failures[task.kind].offset
-        far, round_, turned = (
-            self._draw(task.kind, number, "offset", k) for k in range(3)
-        )
-        way = (
-            offset.m
-            * np.sqrt(far)
-            * np.array([np.cos(a := 2.0 * np.pi * round_), np.sin(a)])
-        )
+        far, around, turned = (self._draw(task, "offset", k) for k in range(3))
+        angle = 2.0 * np.pi * around
+        way = offset.m * np.sqrt(far) * np.array([np.cos(angle), np.sin(angle)])
         pose = beside(lay, way, offset.rad * (2.0 * turned - 1.0))
         found = Handling(name, 1, None, pose)
         counts = cut_after(tpg, incident.released, not_executed(tpg, incident))

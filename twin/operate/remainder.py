@@ -81,9 +81,7 @@ def plan_remainder(
     measured = {
         h.object: h.pose
         for h in before
-        if tpg.tasks[int(tpg.chains[h.robot].task[h.node])].kind == FAILED
-        and h.holder is None
-        and h.object not in gone
+        if tpg.task_of(h).kind == FAILED and h.holder is None and h.object not in gone
     }
     planner: Recovery | ConstructionRecovery
     if motions.work is None:

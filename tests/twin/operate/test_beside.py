@@ -57,7 +57,7 @@ def require_picked_there(done: Operation, events: Sequence[Event]) -> int:
     assert not verify_plan(done.tpg).problems
     places: dict[str, list[Transform]] = {}
     for h in done.tpg.handlings:
-        task = done.tpg.tasks[int(done.tpg.chains[h.robot].task[h.node])]
+        task = done.tpg.task_of(h)
         start = done.tpg.cell.object(h.object).start
         lies = places.setdefault(h.object, [start])
         if task.kind == FAILED and h.holder is None:
@@ -102,11 +102,7 @@ def test_how_far_it_lies_is_told_and_is_all_that_is_different(plan: PlanResult) 
     done, events = operated(plan, 0, **sure, **{"recovery.again": 1})
     # It is found twice, the second time beside where it was found the first time, and then given up.
     (first, second) = [e.detail for e in events if e.kind == "recovered"]
-    lies = [
-        h.pose
-        for h in done.tpg.handlings
-        if done.tpg.tasks[int(done.tpg.chains[h.robot].task[h.node])].kind == FAILED
-    ]
+    lies = [h.pose for h in done.tpg.handlings if done.tpg.task_of(h).kind == FAILED]
     way, turn = off(done.tpg.cell.object("block_b").start, lies[0])
     assert first == (
         f"step 7 is begun anew: block_b lies beside its place, {1e3 * way:.1f} mm and"
