@@ -107,17 +107,27 @@ def find_problems(scenario: Scenario, folder: Path) -> Found:
     yield from _check_names(scenario)
     yield from _check_meshes(scenario.cell.fixtures, ("cell", "fixtures"), folder)
     yield from _check_meshes(scenario.assembly, ("assembly",), folder)
-    yield from _check_durations(scenario.execution, ("execution",), folder)
     yield from _check_durations(scenario.cell.tools, ("cell", "tools"), folder)
     rules = getattr(scenario.assembly, "grips", None)
     yield from _check_durations(rules, ("assembly", "grips"), folder)
-    yield from _check_processes(scenario)
     yield from _check_tools(scenario)
     yield from _check_tool_speeds(scenario)
+    yield from execution_problems(scenario, folder)
+    yield from assembly.problems(scenario.cell)
+
+
+def execution_problems(scenario: Scenario, folder: Path) -> Found:
+    """Yield what of this depends on the execution section: cheap, as studies vary it often.
+
+    Args:
+        scenario: its cell and its assembly have no problems.
+        folder: where relative paths in it start.
+    """
+    yield from _check_durations(scenario.execution, ("execution",), folder)
+    yield from _check_processes(scenario)
     yield from _check_overrides(scenario)
     yield from _check_robot_names(scenario)
     yield from _check_skills(scenario)
-    yield from assembly.problems(scenario.cell)
 
 
 def _check_names(scenario: Scenario) -> Found:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -281,10 +281,9 @@ class PlannedStudy:
     plans: Plans
 
 
-def distinct(variants: Sequence[Variant]) -> list[Variant]:
-    """Return the layouts of some variants, each once, in order of their first."""
-    found = {json.dumps(layout_of(v)): layout_of(v) for v in variants}
-    return list(found.values())
+def distinct(variants: Iterable[Variant]) -> list[Variant]:
+    """Return some variants, each once, in order of their first."""
+    return list({json.dumps(variant): variant for variant in variants}.values())
 
 
 def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
@@ -297,7 +296,7 @@ def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
         RequestError: there are several, and none can.
     """
     experiment = request.experiment
-    wanted = distinct(experiment.variants)
+    wanted = distinct(map(layout_of, experiment.variants))
     if not any(wanted):
         plans = _planned(request, {}, progress)
         return PlannedStudy(request, {plan_key({}, k): p for k, p in plans.items()})
@@ -316,7 +315,7 @@ def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
     kept = tuple(v for v in experiment.variants if json.dumps(layout_of(v)) in found)
     plans = {
         plan_key(layout, name): plan
-        for layout in distinct(kept)
+        for layout in distinct(map(layout_of, kept))
         for name, plan in found[json.dumps(layout)].items()
     }
     experiment = replace(experiment, variants=kept)

@@ -29,7 +29,7 @@ from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import write_motion
 from twin.run.policies import NAMED_POLICIES, OPEN_LOOP
 from twin.scenario.sections.scenario import Scenario
-from twin.scenario.variations import layout_of, varied
+from twin.scenario.variations import is_of_execution, layout_of, varied
 from twin.study.folder import (
     AUDITS,
     BLOCKS,
@@ -61,6 +61,7 @@ from twin.study.operated import (
 )
 from twin.study.plans import (
     Plans,
+    distinct,
     given_plans,
     load_plans,
     plan_hashes,
@@ -131,8 +132,16 @@ def start_study(
     """
     experiment, scenario = request.experiment, request.scenario
     # Refuses what does not fit before the time that planning takes is spent.
+    case = LoadedScenario(scenario, request.base)
+    executions = [
+        {key: variant[key] for key in variant if is_of_execution(key)}
+        for variant in experiment.variants
+    ]
+    for own in distinct(executions):
+        case.varied(own)
     for variant in experiment.variants:
-        _require_fitting(varied(scenario, variant), request.base)
+        if layout_of(variant):
+            _require_fitting(varied(scenario, variant), request.base)
     if plans is None:
         made = plan_layouts(request, progress)
         request, plans = made.request, made.plans

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
-from twin.scenario.checks import find_problems
+from twin.scenario.checks import execution_problems, find_problems
 from twin.scenario.document.validation import parsed
 from twin.scenario.document.yaml_text import YamlDocument
 from twin.scenario.manifest import read_scenario
@@ -78,16 +78,12 @@ class LoadedScenario:
         if not values:
             return self
         sections = varied(self.sections, values)
-        if not all(map(is_of_execution, values)):
-            found = dict.fromkeys(
-                text for _, text in find_problems(sections, self.folder)
-            )
-            if found:
-                said = "; ".join(found)
-                raise ScenarioError(f"cannot vary {', '.join(values)}: {said}")
-        # Names of robots and files of times are looked at now, not after planning.
-        names = tuple(robot.name for robot in sections.cell.robots)
-        sections.execution.disturbances(names, self.folder)
+        alone = all(map(is_of_execution, values))
+        problems = execution_problems if alone else find_problems
+        found = dict.fromkeys(text for _, text in problems(sections, self.folder))
+        if found:
+            said = "; ".join(found)
+            raise ScenarioError(f"cannot vary {', '.join(values)}: {said}")
         return replace(self, sections=sections)
 
     def resolved(self) -> dict[str, Any]:

@@ -247,3 +247,20 @@ def test_the_number_of_robots_is_varied_with_and_without_a_team(
         assert [robot.name for robot in team] == [f"robot{k}" for k in range(1, 5)]
     with pytest.raises(ScenarioError, match="the cell has 2 robots and no team"):
         varied(cliff, {"robots": 3})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    rows(r"""
+key                 | value                                        | says
+failures.place-down | {probability: 0.1, loses: 1, wrong: 0.2}     | no wrong part is found in place-down
+failures.pick       | {probability: 0.1, beside: 0.5, wrong: 0.7}  | with wrong it is more than all
+outages             | [{robot: middle, at_s: 3}]                   | robot 'middle' .valid: left, right
+skills.pick         | {kind: empirical, csv: no.csv}               | no\.csv
+"""),
+)
+def test_what_no_file_may_say_of_the_execution_is_refused(
+    key: str, value: str, message: str
+) -> None:
+    with pytest.raises(ScenarioError, match=f"^cannot vary {key}: .*{message}"):
+        load("tray").varied({key: yaml.safe_load(value)})

@@ -167,6 +167,10 @@ def test_values_and_keys_that_do_not_fit_are_refused_before_planning(
         twin.study("tray", {X: [0.7, "far"]}, out=tmp_path / "no")
     with pytest.raises(ScenarioError, match="no entry 'middle'"):
         twin.study("tray", {"cell.robots.middle.tool": ["a"]}, out=tmp_path / "no")
+    lost = [{"probability": 0.1, "wrong": share} for share in (0.5, 1.0)]
+    beside = {"failures.pick": [{**own, "beside": 0.3} for own in lost], X: [0.6]}
+    with pytest.raises(ScenarioError, match="more than all that are lost"):
+        twin.study("tray", beside, out=tmp_path / "no")
     assert not (tmp_path / "no").exists()
 
 
