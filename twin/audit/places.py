@@ -147,15 +147,12 @@ def helpers_left(replay: ReplayedRun, wanted: Wanted) -> tuple[str, ...]:
 
 
 def named_places(replay: ReplayedRun, wanted: Wanted) -> Wanted:
-    """Return what is wanted with the name of whatever came to each place for which any of some will do."""
-    if not any(place.any_of for place in wanted.places):
-        return wanted
+    """Return what is wanted with the names of whatever came to the places for which others will do, too."""
     filled = taken(replay.cell, replay.at(), wanted.places)
-    places = (
-        replace(place, object=name) if place.any_of else place
-        for place, name in zip(wanted.places, filled, strict=True)
-    )
-    return replace(wanted, places=tuple(places))
+    pairs = list(zip(wanted.places, filled, strict=True))
+    names = {p.object: name for p, name in pairs if p.object and name}
+    places = (replace(p, object=name) if p.any_of else p for p, name in pairs)
+    return replace(wanted, places=tuple(places)).renamed(names)
 
 
 def taken(
@@ -163,9 +160,18 @@ def taken(
 ) -> list[str | None]:
     """Return the object of each place: the one of its name, or the nearest of those that will do.
 
-    Objects are shared out so that the sum of distances is least.
+    Objects are shared out so that the sum of distances is least. Where one of a name has left the cell, another
+    of its kind may have come to its place, and that one's place may be another's in turn.
     """
     out: list[str | None] = [p.object if p.object in there else None for p in places]
+    left = {p.kind for p in places if p.object is not None and p.object not in there}
+    for k, place in enumerate(places):
+        if place.object is not None and place.kind in left:
+            alike = (
+                b for b in cell.objects if b.kind == place.kind and b.name in there
+            )
+            found = (b.name for b in alike if _rests_at(b, there[b.name], place.pose))
+            out[k] = next(found, out[k])
     groups = dict.fromkeys((p.kind, p.any_of) for p in places if p.object is None)
     for kind, names in groups:
         which = [
@@ -185,6 +191,10 @@ def taken(
         for i, j in zip(*linear_sum_assignment(cost), strict=True):
             out[which[i]] = own[j]
     return out
+
+
+def _rests_at(box: CellObject, stay: Stay, place: Transform) -> bool:
+    return stay.holder is None and distance_of(box, stay.pose, place) <= PLACED
 
 
 def distance_of(box: CellObject, pose: Transform, place: Transform) -> float:

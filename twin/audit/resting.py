@@ -308,8 +308,8 @@ def balance_violations(case: AuditCase) -> Iterator[Violation]:
         return
     goals = {p.object: p.pose for p in case.wanted.places if p.object is not None}
     bodies = {name: body_at(cell.object(name), pose) for name, pose in goals.items()}
-    kinds = {name: cell.object(name).kind for name in goals}
-    alike = {n: [k for k in goals if kinds[k] == kinds[n] and k != n] for n in goals}
+    kinds = {item.name: item.kind for item in cell.objects}
+    alike = {n: [k for k in kinds if kinds[k] == kinds[n] and k != n] for n in goals}
     standing = Standing(bodies, ground_of(cell, bodies), rules)
     since: tuple[float, str, str] | None = None
     kept = held_in_place(case)

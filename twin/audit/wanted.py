@@ -6,7 +6,7 @@ The audit takes nothing of this from the plan that it judges.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from planning.cell.robot_model import ToolGrip
@@ -172,6 +172,41 @@ class Wanted:
     keeps: Mapping[str, str] = field(default_factory=dict)
     lags: Mapping[tuple[str, str], float] = field(default_factory=dict)
     statics: StandingRules | None = None
+
+    def renamed(self, names: Mapping[str, str]) -> Wanted:
+        """Return the same of objects that have come to the places of others, by the names of those."""
+        if all(name == own for name, own in names.items()):
+            return self
+
+        def of(name: str) -> str:
+            return names.get(name, name)
+
+        def maybe(name: str | None) -> str | None:
+            return None if name is None else of(name)
+
+        def pairs(given: Mapping[frozenset[str], float]) -> dict[frozenset[str], float]:
+            return {frozenset(map(of, pair)): room for pair, room in given.items()}
+
+        statics = self.statics
+        if statics is not None:
+            joints = (
+                replace(j, first=of(j.first), second=of(j.second))
+                for j in statics.joints
+            )
+            statics = replace(statics, joints=tuple(joints))
+        return replace(
+            self,
+            places=tuple(replace(p, object=maybe(p.object)) for p in self.places),
+            processes=tuple(
+                replace(p, owner=maybe(p.owner), hold=maybe(p.hold))
+                for p in self.processes
+            ),
+            by_suction=self.by_suction.union(map(of, self.by_suction)),
+            joined=pairs(self.joined),
+            overlaps_m=pairs(self.overlaps_m),
+            keeps={of(n): step for n, step in self.keeps.items()},
+            statics=statics,
+        )
 
     def order(self) -> Iterator[tuple[str, str]]:
         """Yield pairs of steps of which the first begins after the end of the second."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planning.cell.workcell import Workcell
+from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.construction.motion_plan_export import motion_plan, rests_on
 from planning.construction.onward import Middle, plan_rest
 from planning.construction.problem.models import ModelPart
@@ -26,6 +26,7 @@ from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, cut_after
 from scheduling.rolling.extension import committed_part, extended
+from scheduling.rolling.supply import brought_in, renamed, supply_waits
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
@@ -35,10 +36,10 @@ from twin.operate.committed import (
     not_executed,
     version_of,
 )
-from twin.operate.judging import Judging
+from twin.operate.judging import Judging, asks_for_another
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
-from twin.operate.person import Ask, Person
+from twin.operate.person import Ask, Person, with_help
 from twin.operate.rolling import Incident, Version
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
@@ -84,9 +85,8 @@ class ConstructionRecovery:
         motions: what the first plan was made of.
         tpg: the first plan, or what was executed of it.
         draw: times of new nodes.
-        person: names the random draws; nobody is asked.
+        person: who is asked before something is given up.
         gone: parts that are lost already.
-        asks: nobody is asked.
         steps: whether robots bring their steps to an end before the cut; their tasks only otherwise.
     """
 
@@ -96,7 +96,6 @@ class ConstructionRecovery:
     draw: Draw
     person: Person
     gone: frozenset[str] = frozenset()
-    asks: tuple[Ask, ...] = ()
     steps: bool = True
     _made: dict[object, ConstructionProblem] = field(default_factory=dict)
 
@@ -135,6 +134,11 @@ class ConstructionRecovery:
         """Steps that are not wanted any more in what is executed, or rest on one, likewise."""
         return self._executed.ledger.dropped
 
+    @property
+    def asks(self) -> tuple[Ask, ...]:
+        """What a person was asked for what is executed."""
+        return self._executed.ledger.asks
+
     def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
         """Return the steps that have begun once so many nodes of each chain are executed."""
         done = (tpg.tasks[k] for k in complete_tasks(tpg, counts))
@@ -154,7 +158,9 @@ class ConstructionRecovery:
         union, new, at = self._onward(tpg, incident)
         luck = self._executed.luck.onward(union, len(at.committed.tasks))
         self._planned = replace(self._planned, luck=luck)
-        drawn, cause = self.draw(new, luck.names), cause_of(tpg, incident, range(0))
+        answers = [ask.answer for ask in self._planned.ledger.asks[len(self.asks) :]]
+        drawn = self.draw(new, luck.names)
+        cause = cause_of(tpg, incident, range(0), answers)
         section = self.scenario.execution.recovery
         return version_of(union, new, at, drawn, section, begin, cause)
 
@@ -179,10 +185,10 @@ class ConstructionRecovery:
         at = committed_at(tpg, counts, incident, judged)
         for step in incident.unwanted - self.begun(tpg, counts):
             ledger.drop(step)
-        there = at.state.attachments
+        there = self._there(ledger, at)
         ledger.gone |= {name for name, own in there.items() if own.holder in at.out}
         placed = tuple(
-            str(task.object)
+            ledger.lost(str(task.object))
             for task in at.committed.tasks
             if task.kind == _PUT and task.index in at.complete
         )
@@ -192,10 +198,15 @@ class ConstructionRecovery:
             lies = there[name].pose
             (own,) = (k for k in goals if np.allclose(goals[k], lies, atol=1e-6))
             built = built.exchanged(name, own)
-        for name in sorted(ledger.gone):
-            built = self._exchanged(built, name, placed, at)
+        for name in sorted(ledger.gone & built.step_of.keys()):
+            built = self._exchanged(built, name, placed, there)
+        for name in sorted(ledger.gone & built.step_of.keys() - there.keys()):
+            if (step := built.step_of[name]) not in ledger.undone:
+                about = ledger, self.person, tpg.cell
+                asks_for_another(*about, step, name, f"{name} is lost")
+        there = self._there(ledger, at)
         self._planned = built
-        problem = self._problem(tpg.cell, built, placed, at)
+        problem = self._problem(tpg.cell, built, placed, there, at.out)
         names = {part.name for part in problem.parts}
         held = {
             name: own
@@ -204,17 +215,23 @@ class ConstructionRecovery:
         }
         robots = {r.name: at.state.configurations[r.name] for r in tpg.cell.robots}
         complete = frozenset(at.complete)
-        size = len(at.committed.tasks)
-        world = World(at.state, complete=complete, out=at.out, tasks=size)
+        before = at.committed.tasks
+        state = WorldState(at.state.configurations, there)
+        world = World(state, complete=complete, out=at.out, tasks=len(before))
         try:
             effort = PlannerSettings().finding(self.motions.settings.paths)
             rest = plan_rest(problem, Middle(robots, placed, held), effort)
             self._give_up(built, rest.placed)
             plan = self._motions(problem, rest, world, tpg.cell)
-            new = graph_from(plan, world, at.committed.tasks, StageWatch())
+            new = graph_from(plan, world, before, StageWatch())
             new = timed(new, self.scenario, StageWatch())
+            new = renamed(new, ledger.fresh, len(before))
+            new, cell = with_help(new, tpg.cell, ledger.pending(before))
             waits = self._waits(problem, rest, plan, at)
-            union = extended(at.committed, new, tpg.cell, waits, order=at.robots)
+            brought = brought_in((*before, *new.tasks[len(before) :]))
+            late = supply_waits(new.tasks[len(before) :], brought)
+            waits = np.concatenate([waits, late])
+            union = extended(at.committed, new, cell, waits, order=at.robots)
         except (ConstructionError, PlanInvariantError) as error:
             for name in names - {*placed}:
                 why = str(error).partition("\n")[0]
@@ -225,15 +242,23 @@ class ConstructionRecovery:
             union = extended(at.committed, new, tpg.cell, none, order=at.robots)
         return union, new, at
 
+    def _there(self, ledger: Ledger, at: Committed) -> Mapping[str, Attachment]:
+        """Return where parts are, by the names with which plans know them."""
+        pending = ledger.pending(at.committed.tasks)
+        return ledger.where(at.state.attachments, pending, at.committed.cell)
+
     def _exchanged(
-        self, built: _Built, name: str, placed: Sequence[str], at: Committed
+        self,
+        built: _Built,
+        name: str,
+        placed: Sequence[str],
+        there: Mapping[str, Attachment],
     ) -> _Built:
         """Return where parts belong once another one of its kind has the place of one that is lost."""
         ledger, steps = built.ledger, built.step_of
         if steps[name] in ledger.undone:
             return built
         parts = {part.name: part for part in built.parts}
-        there = at.state.attachments
         own = self._alike(parts[name])
         spare = [
             other
@@ -266,10 +291,15 @@ class ConstructionRecovery:
         return len(found)
 
     def _problem(
-        self, cell: Workcell, built: _Built, placed: Sequence[str], at: Committed
+        self,
+        cell: Workcell,
+        built: _Built,
+        placed: Sequence[str],
+        there: Mapping[str, Attachment],
+        out: frozenset[str],
     ) -> ConstructionProblem:
         """Return the problem of all parts that stand or are to."""
-        there, ledger = at.state.attachments, built.ledger
+        ledger = built.ledger
         wanted = tuple(
             part
             for part in built.parts
@@ -282,7 +312,7 @@ class ConstructionRecovery:
         )
         key = (
             tuple((p.name, p.goal.tobytes()) for p in wanted),
-            at.out,
+            out,
             frozenset(there),
         )
         if key not in self._made:
@@ -291,7 +321,7 @@ class ConstructionRecovery:
             )
             now = replace(cell, objects=objects)
             found = self.kind.problem(now, self.motions.settings, wanted)
-            self._made[key] = replace(found, idle=at.out)
+            self._made[key] = replace(found, idle=out)
         return self._made[key]
 
     def _give_up(
@@ -366,8 +396,9 @@ class ConstructionRecovery:
     ) -> np.ndarray:
         """Return what waits for what, of what is new and what is committed, shape (e, 2)."""
         before = [task for task in at.committed.tasks if task.kind in ("pick", _PUT)]
-        put = {t.object: t.index for t in before if t.kind == _PUT}
-        taken = {t.object: t.index for t in before if t.kind == "pick"}
+        name_of = self._planned.ledger.lost
+        put = {name_of(str(t.object)): t.index for t in before if t.kind == _PUT}
+        taken = {name_of(str(t.object)): t.index for t in before if t.kind == "pick"}
         needs, covers = rests_on(problem, rest), problem.graph.covers
         pairs = [tuple(pair) for pair in plan.dependencies.tolist()]
         for task in plan.tasks:

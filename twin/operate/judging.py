@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.cell.workcell import Workcell
 from planning.errors import PlanInvariantError
 from planning.tasks.task import (
     FAILED,
@@ -218,6 +219,28 @@ def _worked_before(tpg: TemporalPlanGraph, task: Task) -> Task | None:
     ):
         return None
     return last
+
+
+def asks_for_another(
+    ledger: Ledger, person: Person, cell: Workcell, step: int, name: str, why: str
+) -> bool:
+    """Ask a person for another object in place of one that is lost; return whether anybody was asked.
+
+    Args:
+        ledger: what is known; it is written to.
+        person: who is asked.
+        cell: with all objects that there are.
+        step: that lacks the object; it is given up where that does not help.
+        name: of what is lost.
+        why: reason to give it up.
+    """
+    words = f"step {step} lacks an object: will you bring one in place of {name}?"
+    taken = [item.name for item in cell.objects]
+    ask = person.asked(ledger.asks, step, words, name, taken)
+    if ask is not None and not ledger.answered(ask):
+        said = why.partition("\n")[0]
+        ledger.give_up(step, f"{said}, and a person could not help")
+    return ask is not None
 
 
 def interrupted(

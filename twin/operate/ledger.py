@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from planning.cell.workcell import Attachment, Workcell
+from planning.tasks.task import Task
 from planning.transforms import Transform
+from scheduling.rolling.supply import brought_in
 from twin.operate.person import Ask
 
 
@@ -62,6 +65,26 @@ class Ledger:
     def lost(self, name: str) -> str:
         """Return the name with which plans know what has a name in the graph."""
         return next((old for old, own in self.fresh.items() if own == name), name)
+
+    def pending(self, tasks: Iterable[Task]) -> list[Ask]:
+        """Return what a person is to do that is not among some tasks."""
+        known = {task.label for task in brought_in(tasks)}
+        fresh = {None, *self.fresh.values()}
+        asks = (ask for ask in self.asks if ask.helps and ask.fresh in fresh)
+        return [ask for ask in asks if ask.label not in known]
+
+    def where(
+        self,
+        attachments: Mapping[str, Attachment],
+        pending: Iterable[Ask],
+        cell: Workcell,
+    ) -> dict[str, Attachment]:
+        """Return where objects are, by the names with which plans know them; what is to be brought is there."""
+        found = {self.lost(name): own for name, own in attachments.items()}
+        for ask in pending:
+            if ask.object is not None:
+                found[ask.object] = Attachment(None, cell.object(ask.object).start)
+        return found
 
     def answered(self, ask: Ask) -> bool:
         """Take note of what came of asking; return whether it helps."""

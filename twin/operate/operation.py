@@ -145,9 +145,8 @@ def operate(
     person = Person(asked, seed, replication, says)
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
-        nobody = Person(None, seed, replication)
         planner = ConstructionRecovery(
-            scenario, motions, tpg, draw, nobody, steps=not halting
+            scenario, motions, tpg, draw, person, steps=not halting
         )
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)

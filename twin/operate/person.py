@@ -6,12 +6,15 @@ task of the graph, in which the person brings an object of the kind that is lost
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from planning.cell.workcell import Workcell
 from planning.transforms import Array
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.rolling.supply import coming, with_supply
 from twin.scenario.sections.execution import AskSection
 from twin.uncertainty.draws import uniforms
 
@@ -114,3 +117,24 @@ class Person:
         number, mine = step + count * _AGAIN, [self.replication]
         u = uniforms(self.seed, mine, [PERSON], number, ["ask"], purpose)
         return np.asarray(u[0])
+
+
+def with_help(
+    tpg: TemporalPlanGraph, cell: Workcell, asks: Iterable[Ask]
+) -> tuple[TemporalPlanGraph, Workcell]:
+    """Return a new graph with what a person does, and a cell with what that brings under its own name.
+
+    Args:
+        tpg: the graph.
+        cell: with all objects.
+        asks: those that help.
+    """
+    for ask in asks:
+        item = None
+        if ask.object is not None:
+            item = replace(cell.object(ask.object), name=str(ask.fresh))
+        cell = coming(cell, () if item is None else (item,), PERSON)
+        tpg = with_supply(
+            tpg, PERSON, item, label=ask.label, step=ask.step, seconds=ask.seconds
+        )
+    return tpg, cell

@@ -15,7 +15,6 @@ from types import MappingProxyType
 import numpy as np
 
 from planning.cell.workcell import (
-    Attachment,
     Workcell,
     WorldState,
     start_state,
@@ -49,7 +48,6 @@ from scheduling.rolling.supply import (
     coming,
     renamed,
     supply_waits,
-    with_supply,
 )
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
@@ -63,10 +61,10 @@ from twin.operate.committed import (
     version_of,
 )
 from twin.operate.dependents import hopeless, resting_steps
-from twin.operate.judging import Judging, interrupted
+from twin.operate.judging import Judging, asks_for_another, interrupted
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
-from twin.operate.person import PERSON, Ask, Person
+from twin.operate.person import Ask, Person, with_help
 from twin.operate.rolling import Incident, Version
 from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
@@ -278,12 +276,8 @@ class Recovery:
         for task in at.tried:
             if task.step in at.judged.reopened or task.step in self._ledger.undone:
                 complete.add(task.index)
-        # Plans go on with the names of what was lost.
-        where = {self._ledger.lost(n): own for n, own in at.state.attachments.items()}
-        for ask in self._pending(at):
-            if ask.object is not None:
-                start = self._cell.object(ask.object).start
-                where[ask.object] = Attachment(None, start)
+        pending = self._ledger.pending(at.committed.tasks)
+        where = self._ledger.where(at.state.attachments, pending, self._cell)
         return World(
             WorldState(at.state.configurations, where),
             self._steps,
@@ -293,31 +287,6 @@ class Recovery:
             len(at.committed.tasks),
             at.ago,
         )
-
-    def _pending(self, at: Committed) -> list[Ask]:
-        """Return what a person is to do that is not committed."""
-        committed = {task.label for task in brought_in(at.committed.tasks)}
-        fresh = {None, *self._ledger.fresh.values()}
-        asks = (ask for ask in self._ledger.asks if ask.helps and ask.fresh in fresh)
-        return [ask for ask in asks if ask.label not in committed]
-
-    def _helped(self, at: Committed, tpg: TemporalPlanGraph) -> TemporalPlanGraph:
-        """Return a new graph with what a person does, and what that brings under its own name."""
-        tpg = renamed(tpg, self._ledger.fresh, len(at.committed.tasks))
-        for ask in self._pending(at):
-            item = None
-            if ask.object is not None:
-                item = replace(self._cell.object(ask.object), name=str(ask.fresh))
-            self._cell = coming(self._cell, () if item is None else (item,), PERSON)
-            tpg = with_supply(
-                tpg,
-                PERSON,
-                item,
-                label=ask.label,
-                step=ask.step,
-                seconds=ask.seconds,
-            )
-        return tpg
 
     def _onward(
         self, at: Committed, *, aside: bool
@@ -382,9 +351,11 @@ class Recovery:
             onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
             self._cell = replace(self._cell, objects=(*self._cell.objects, *come_up))
-            new = self._helped(at, found.tpg)
-            first = len(at.committed.tasks)
-            brought = brought_in((*at.committed.tasks, *new.tasks[first:]))
+            first, before = len(at.committed.tasks), at.committed.tasks
+            new = renamed(found.tpg, self._ledger.fresh, first)
+            pending = self._ledger.pending(before)
+            new, self._cell = with_help(new, self._cell, pending)
+            brought = brought_in((*before, *new.tasks[first:]))
             late = supply_waits(new.tasks[first:], brought)
             waits = np.concatenate([onward.motions.dependencies, late])
             known = waits, onward.motions.windows
@@ -409,13 +380,8 @@ class Recovery:
         name = min(own, key=lambda c: (c.cost, c.object)).object
         if name in self.work.passing:
             return False  # others lie by now where it came from
-        words = f"step {step} lacks an object: will you bring one in place of {name}?"
-        taken = [item.name for item in self._cell.objects]
-        ask = self.person.asked(self._ledger.asks, step, words, name, taken)
-        if ask is not None and not self._ledger.answered(ask):
-            said = why.partition("\n")[0]
-            self._ledger.give_up(step, f"{said}, and a person could not help")
-        return ask is not None
+        about = self._ledger, self.person, self._cell
+        return asks_for_another(*about, step, name, why)
 
     def _look_no_further(self, hopeless: Mapping[int, str]) -> None:
         """End the assembly before a step that comes into the window and that nobody can do."""

@@ -11,13 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+import twin
 from planning.tasks.task import GONE
 from tests.twin.operate.operated import STACK, operated, stack
 from tests.twin.operate.test_late import came_at, require_kept
 from tests.twin.program import invoke
+from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.cli import app
 from twin.operate.person import PERSON, Person
 from twin.scenario.sections.execution import AskSection
+from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 
 
@@ -179,6 +182,20 @@ def test_the_program_asks_audits_and_resumes(plan: PlanResult, tmp_path: Path) -
     again = json.loads((out / "summary.json").read_text())
     assert again["operation"]["asked"] == summary["operation"]["asked"]
     assert again["audit"]["violations"] == []
+
+
+@pytest.mark.nightly
+def test_processes_are_done_at_what_was_brought(tmp_path: Path) -> None:
+    file = tmp_path / "cover.yaml"
+    file.write_text(COVER)
+    lost = {
+        "failures.pick": {"probability": 0.0, "loses": 1.0, "parts": {"cover": 0.7}}
+    }
+    case = load(file).varied({**asking(), **lost})
+    run = twin.operate(case, out=tmp_path / "run", recording=False)
+    assert run.outcome == "completed"
+    assert run.summary["operation"]["asked"]
+    assert run.summary["audit"]["violations"] == []
 
 
 @pytest.mark.nightly

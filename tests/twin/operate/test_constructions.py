@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,19 +12,22 @@ from hypothesis import strategies as st
 
 import twin
 from planning.errors import RequestError
-from planning.tasks.task import FAILED, GONE, TAKEN_OUT
+from planning.tasks.task import BROUGHT, FAILED, GONE, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import lost, operated
+from tests.twin.operate.test_late import came_at
 from twin.operate.operation import Operation
+from twin.operate.person import PERSON
 from twin.planning.kind import assembly_kind
 from twin.recorders.observers import MemoryRecorder
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import execute
+from twin.trial.trial import resume_run
 
 ROOT = Path(__file__).parents[3] / "scenarios" / "construction"
 LEVELS = 6
@@ -60,7 +64,8 @@ def require_true(plan: PlanResult, done: Operation) -> list[int]:
         assert np.allclose(at.pose, goals[task.step - 1], atol=1e-9)
     gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
     assert not gone & {t.object for t in put}
-    assert len(gone) + len(state.attachments) == LEVELS
+    brought = {t.object for t in done.tpg.tasks if t.kind == BROUGHT and t.object}
+    assert len(gone) + len(state.attachments) == LEVELS + len(brought)
     holders = {at.holder for at in state.attachments.values()}
     assert holders <= {None, *done.out} or done.given_up
     return steps
@@ -117,6 +122,109 @@ def test_what_goes_nowhere_is_taken_out(plan: PlanResult) -> None:
     done = next(d for d in dones if 1 < len(d.given_up) < LEVELS)
     require_true(plan, done)
     assert any(t.kind == TAKEN_OUT for t in done.tpg.tasks)
+
+
+LOSES = {"failures.place-down": {"probability": 0.4, "retries": 0, "loses": 1.0}}
+
+
+def asks(helps: float = 1.0, times: int = 50) -> dict[str, Any]:
+    """Return the values by which a person is asked."""
+    return {"recovery.ask": {"answer_s": 30.0, "helps": helps, "times": times}}
+
+
+def test_a_person_brings_another_one_of_the_kind(plan: PlanResult) -> None:
+    done, events = operated(plan, 4, **LOSES, **asks())
+    assert done.record.outcome == "completed"
+    assert sorted(require_true(plan, done)) == list(range(1, LEVELS + 1))
+    # Of one that was brought and lost another one is brought in its turn.
+    assert {"beam1.1", "beam1.2"} <= {ask.fresh for ask in done.asks}
+    cell, came = done.tpg.cell, came_at(events)
+    assert came.keys() == {ask.fresh for ask in done.asks}
+    for ask in done.asks:
+        item, old = cell.object(str(ask.fresh)), cell.object(str(ask.object))
+        assert (item.kind, item.start.tolist()) == (old.kind, old.start.tolist())
+        told = [e for e in events if f"asked: {ask.answer}" in e.detail]
+        assert [e.kind for e in told] == ["replanned"]
+        assert came[str(ask.fresh)] - told[0].t_ns >= 30_000_000_000
+
+
+def test_a_person_sees_to_what_fails_again_and_again(plan: PlanResult) -> None:
+    never = {"failures.place-down": {"probability": 0.5, "retries": 0, "loses": 0.0}}
+    done, _ = operated(plan, 0, **never, **asks(), **{"recovery.again": 0})
+    assert done.record.outcome == "completed"
+    require_true(plan, done)
+    start, end = done.record.start_ns, done.record.end_ns
+    index = done.tpg.chain_index
+    seen = [t for t in done.tpg.tasks if t.robot == PERSON]
+    assert [t.label for t in seen] == [ask.label for ask in done.asks]
+    assert len(seen) > 1
+    for node, own in enumerate(seen):
+        # The step goes on when the person is done, and not before.
+        (again,) = (
+            t for t in done.tpg.tasks if t.kind == "place-down" and t.step == own.step
+        )
+        k = index[again.robot]
+        first = done.tpg.chains[k].task.tolist().index(again.index)
+        assert end[index[PERSON]][node] <= start[k][first]
+
+
+def test_who_is_asked_in_vain_changes_nothing_but_what_is_said(
+    plan: PlanResult,
+) -> None:
+    done, _ = operated(plan, 0, **LOSES, **asks(helps=0.0))
+    silent, _ = operated(plan, 0, **LOSES)
+    assert done.asks
+    assert not silent.asks
+    assert done.given_up.keys() == silent.given_up.keys()
+    assert done.record.makespan_ns == silent.record.makespan_ns
+    for ask in done.asks:
+        why = done.given_up[ask.step]
+        assert why == f"{ask.object} is lost, and a person could not help"
+    require_true(plan, done)
+
+
+@pytest.mark.nightly
+@settings(max_examples=20, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    helps=st.sampled_from([0.5, 1.0]),
+    times=st.sampled_from([1, 50]),
+    planning_s=st.sampled_from([1.0, 25.0]),
+    out=st.booleans(),
+)
+def test_whatever_is_asked_for_it_goes_on(
+    plan: PlanResult,
+    seed: int,
+    helps: float,
+    times: int,
+    planning_s: float,
+    *,
+    out: bool,
+) -> None:
+    more: dict[str, Any] = {"recovery.planning_s": planning_s, "recovery.again": 1}
+    if out:
+        more["outages"] = [{"robot": "robot2", "at_s": 8.0}]
+    done, _ = operated(plan, seed, **lost(0.3), **asks(helps, times), **more)
+    require_true(plan, done)
+    for step in range(1, LEVELS + 1):
+        assert sum(ask.step == step for ask in done.asks) <= times
+
+
+def test_what_a_person_brings_is_audited_and_resumed(
+    plan: PlanResult, tmp_path: Path
+) -> None:
+    case = plan.scenario.varied({**LOSES, **asks()})
+    run = twin.operate(case, out=tmp_path / "run", recording=False)
+    assert run.outcome == "completed"
+    assert run.summary["audit"]["violations"] == []
+    (one, *_) = run.summary["operation"]["asked"]
+    assert one["question"].startswith("step 6 lacks an object: will you bring one")
+    log = (run.files / "events.jsonl").read_text()
+    (run.files / "events.jsonl").write_text(log[: len(log) // 2])
+    (run.files / "summary.json").unlink()
+    again = resume_run(run.files)
+    assert (run.files / "events.jsonl").read_text() == log
+    assert again.summary["operation"]["asked"] == run.summary["operation"]["asked"]
 
 
 def test_what_is_left_of_a_run_is_planned(plan: PlanResult, tmp_path: Path) -> None:
