@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from planning.construction.candidates import skeletons
+from planning.construction.candidates import Skeleton, skeletons
 from planning.construction.checks.checker import SpaceTimeChecker
 from planning.construction.checks.time_windows import arrival_windows
-from planning.construction.problem.problem import Part
+from planning.construction.problem.problem import ConstructionProblem, Hold, Part
 from planning.construction.subproblem import (
     Attempt,
     LegPlanner,
@@ -17,41 +18,110 @@ from planning.construction.subproblem import (
     SubproblemSolver,
 )
 from planning.construction.world.fixed_world import Building, Keeping
+from planning.construction.world.timeline import follow
+from planning.kinematics.kinematics import frame_pose
 from planning.steps.skill import gripped
+from planning.transforms import Array
+
+Teams = Callable[[Building, Part], Iterable[Skeleton]]
+"""Returns who may place a part in a state, in order of preference."""
 
 
-def place_held(solver: SubproblemSolver, building: Building) -> Solution | None:
+def place_held(
+    solver: SubproblemSolver,
+    building: Building,
+    teams: Teams | None = None,
+    holds: Mapping[str, Hold] | None = None,
+    effort: int = 0,
+) -> Solution | None:
     """Plan a part that would fall, the one that keeps it standing, and how its robot then leaves it.
 
     Args:
         solver: of sub-problems.
         building: the state before, in which no part may come that stands at once.
+        teams: who may place a part; all whom no lower bound rules out where not given.
+        holds: how parts are held that are in hands already.
+        effort: how much harder than usual is tried.
 
     Returns:
         The state with both in place, None where nobody can do it.
     """
-    bounds, problem = solver.bounds, solver.problem
+    problem, own = solver.problem, holds or {}
+    teams = teams or (lambda now, part: skeletons(solver.bounds, now, part))
     for name, other in problem.balance.held(building.placed):
-        part, last = problem.part(name), problem.part(other)
-        for holder in skeletons(bounds, building, part, 1):
+        part = problem.part(name)
+        for holder in teams(building, part):
+            if len(holder) > 1:
+                continue
             seed = [problem.seed, 6, building.step, problem.team.index(holder[0])]
-            kept = solver.solve(building, Attempt(part, holder, seed, keep=True))
+            seed += [effort] * (effort > 0)
+            attempt = Attempt(part, holder, seed, effort, keep=True, hold=own.get(name))
+            kept = solver.solve(building, attempt)
             if kept is None:
                 continue
-            for robots in skeletons(bounds, kept.building, last):
-                if holder[0] in robots:
-                    continue
-                own = [*seed, *map(problem.team.index, robots)]
-                after = solver.solve(kept.building, Attempt(last, robots, own))
-                if after is None:
-                    continue
-                done = _let_go(solver, after.building, part, last)
-                if done is not None:
-                    return replace(after, building=done)
+            done = secure(solver, kept.building, part, [other], teams, own, effort)
+            if done is not None:
+                return done
     return None
 
 
-def _let_go(
+def secure(
+    solver: SubproblemSolver,
+    building: Building,
+    part: Part,
+    others: Iterable[str],
+    teams: Teams,
+    holds: Mapping[str, Hold],
+    effort: int = 0,
+) -> Solution | None:
+    """Plan a part that keeps another one standing, and how the robot leaves that one which keeps hold of it.
+
+    Args:
+        solver: of sub-problems.
+        building: the state before.
+        part: that would fall.
+        others: parts with any of which it stands, by name.
+        teams, holds, effort: see ``place_held``.
+    """
+    problem, keeping = solver.problem, building.kept[part.name]
+    robot, team = keeping.robot, problem.team
+    number = [problem.seed, 6, building.step - 1]
+    number.append(team.index(robot) if robot in team else len(team))
+    for last in map(problem.part, others):
+        for robots in teams(building, last):
+            if robot in robots:
+                continue
+            seed = [*number, *map(team.index, robots), *[effort] * (effort > 0)]
+            attempt = Attempt(last, robots, seed, effort, hold=holds.get(last.name))
+            after = solver.solve(building, attempt)
+            if after is None:
+                continue
+            kept = {
+                **after.building.kept,
+                part.name: keeping._replace(last=last.name),
+            }
+            done: Building | None = replace(after.building, kept=kept)
+            if robot in team:  # else it is out, and stays
+                done = let_go(solver, after.building, part, last)
+            if done is not None:
+                return replace(after, building=done)
+    return None
+
+
+def way_out(problem: ConstructionProblem, robot: str, q: Array) -> Array | None:
+    """Return on which way a robot leaves a part that it keeps hold of, shape (w, n), None if it cannot.
+
+    Args:
+        problem: says how far.
+        robot: its name.
+        q: where it stands, shape (n,).
+    """
+    placed = problem.cell.robot(robot)
+    at = frame_pose(placed, q, problem.frame)
+    return follow(placed, problem.frame, at, q, -problem.approach * at[:3, 2])
+
+
+def let_go(
     solver: SubproblemSolver, building: Building, part: Part, last: Part
 ) -> Building | None:
     """Return the state in which a robot has let go of a part and left, None where it cannot.

@@ -16,7 +16,12 @@ import numpy as np
 from planning.construction.checks.scene import HALVINGS
 from planning.construction.piece_conflicts import conflicting_pieces
 from planning.construction.problem.problem import ConstructionProblem
-from planning.construction.world.fixed_world import Building, FixedWorld, PlannedTask
+from planning.construction.world.fixed_world import (
+    Building,
+    FixedWorld,
+    Keeping,
+    PlannedTask,
+)
 from planning.construction.world.timeline import (
     SAME,
     STEP,
@@ -56,7 +61,7 @@ def motion_plan(problem: ConstructionProblem, building: Building) -> MotionPlan:
         [task for line in lines for task in _tasks(building, line)],
         rests_on=rests_on(problem, building),
         covers=problem.graph.covers,
-        kept={part: keeping.last for part, keeping in building.kept.items()},
+        kept=building.kept,
     )
 
 
@@ -68,6 +73,11 @@ def _tasks(building: Building, line: RobotTimeline) -> Iterator[PlannedTask]:
         key=lambda w: w.start,
     )
     at, carried = float(line.time[0]), _in_hand(building, robot)
+    put = {work.object for work in own if work.kind == "place-down"}
+    for part, own_part in building.kept.items():
+        if own_part.robot == robot and part not in put:
+            # It stands with it from the beginning on.
+            at, carried = own_part.end, part
     for work in own:
         span = (at, work.start)
         yield from _transit(line, span, f"to {work.object}", work, carried)
@@ -164,7 +174,7 @@ def export_motion_plan(
     *,
     rests_on: Mapping[str, Iterable[str]] | None = None,
     covers: Mapping[str, Iterable[str]] | None = None,
-    kept: Mapping[str, str] | None = None,
+    kept: Mapping[str, Keeping] | None = None,
 ) -> MotionPlan:
     """Return the motion plan of a space-time plan.
 
@@ -174,8 +184,8 @@ def export_motion_plan(
             where there is none it stands.
         rests_on: for an object those that must be in place before it is put down.
         covers: for an object those that must be taken before it is.
-        kept: for an object that is kept hold of in its place, the one that must be in place before
-            who placed it leaves.
+        kept: objects that are kept hold of in their places, or were, with what must be in place before
+            who does leaves.
 
     Raises:
         PlanInvariantError: two robots come too close at the same time; names both.
@@ -189,15 +199,18 @@ def export_motion_plan(
     taken = {h.object: k for h, k in reversed(handled)}
     edges = _object_order(tasks) | _one_after_another(placed, rests_on or {})
     edges |= _one_after_another(taken, covers or {})
-    for name, last in (kept or {}).items():
-        way = next(
+    for name, keeping in (kept or {}).items():
+        since = tasks[placed[name]].end if name in placed else -np.inf
+        ways = (
             k
             for k, task in enumerate(tasks)
             if task.kind == TRANSIT
-            and (task.robot, task.object) == (tasks[placed[name]].robot, name)
-            and task.start >= tasks[placed[name]].end - SAME
+            and (task.robot, task.object) == (keeping.robot, name)
+            and task.start >= since - SAME
         )
-        edges.add((placed[last], way))
+        way = next(ways, None)
+        if way is not None and keeping.last in placed:
+            edges.add((placed[keeping.last], way))
     return MotionPlan(
         cell,
         tuple(

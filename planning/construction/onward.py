@@ -14,6 +14,7 @@ import numpy as np
 
 from planning.cell.workcell import Attachment
 from planning.construction.candidates import Skeleton, rank_parts, skeletons
+from planning.construction.held_parts import let_go, place_held, secure, way_out
 from planning.construction.keyframes import TURNS
 from planning.construction.problem.problem import (
     ConstructionProblem,
@@ -22,8 +23,18 @@ from planning.construction.problem.problem import (
     PlannerSettings,
 )
 from planning.construction.problem.reach_bounds import reach_bounds
-from planning.construction.subproblem import Attempt, LegPlanner, SubproblemSolver
-from planning.construction.world.fixed_world import Building, FixedWorld, lying_at
+from planning.construction.subproblem import (
+    Attempt,
+    LegPlanner,
+    Solution,
+    SubproblemSolver,
+)
+from planning.construction.world.fixed_world import (
+    Building,
+    FixedWorld,
+    Keeping,
+    lying_at,
+)
 from planning.construction.world.timeline import ObjectTimeline, RobotTimeline
 from planning.kinematics.kinematics import frame_pose
 from planning.steps.skill import NOTHING, gripped
@@ -32,6 +43,9 @@ from planning.transforms import Array
 _ALWAYS = float("-inf")
 _SAME = 1e-6
 """Configurations and poses that differ by less are the same."""
+
+_EFFORTS = 2
+"""How often it is tried to keep hold of a part that would fall, each time harder."""
 
 _TEAMS = 8
 """Teams that are tried for a part, before another one is."""
@@ -45,11 +59,14 @@ class Middle:
         configurations: of all robots, by name.
         placed: parts that are in their places, in their order.
         held: parts in hands.
+        kept: parts that would fall and are kept hold of in their places, by whom, and what has come by which
+            they stand; nothing as long as nothing has, then the part is the last one that was placed.
     """
 
     configurations: Mapping[str, Array]
     placed: tuple[str, ...] = ()
     held: Mapping[str, Attachment] = field(default_factory=dict)
+    kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def building(self, problem: ConstructionProblem) -> Building:
         """Return the state of the search there."""
@@ -63,7 +80,12 @@ class Middle:
         for name, at in self.held.items():
             line = ObjectTimeline(name).then(_ALWAYS, at.holder, at.pose)
             world = world.with_object(line)
-        return Building(world, placed=dict.fromkeys(self.placed, 0.0))
+        kept = {}
+        for name, (robot, last) in self.kept.items():
+            q = self.configurations[robot]
+            way = way_out(problem, robot, q)
+            kept[name] = Keeping(robot, q[None] if way is None else way, last)
+        return Building(world, placed=dict.fromkeys(self.placed, 0.0), kept=kept)
 
 
 def plan_rest(
@@ -94,7 +116,8 @@ class _Rest:
             if (hold := self._hold_of(name, at)) is not None
         }
         self.busy = {str(at.holder): name for name, at in middle.held.items()}
-        self.building = self._out_of_the_way(middle.building(problem))
+        self.building = self._left(middle.building(problem))
+        self.building = self._out_of_the_way(self.building)
         while (after := self._next()) is not None:
             self.building = after
 
@@ -110,14 +133,28 @@ class _Rest:
                     return Hold(grip, turn)
         return None
 
+    def _left(self, building: Building) -> Building:
+        """Return the state in which robots have left parts that stand by now; others stay with theirs."""
+        for name, keeping in building.kept.items():
+            part, free = self.problem.part(name), keeping.robot in self.problem.team
+            done = None
+            if free and keeping.last:
+                last = self.problem.part(keeping.last)
+                done = let_go(self.solver, building, part, last)
+            if done is None:
+                self.busy[keeping.robot] = name
+            building = done or building
+        return building
+
     def _out_of_the_way(self, building: Building) -> Building:
         """Return the state in which robots go HOME with what they hold, until there is something to do."""
         legs = LegPlanner(self.effort.subproblem.rrt, self.rng, self.solver.watch)
         for name in self.problem.team:
             robot = self.problem.cell.robot(name)
-            here = building.world.robots[name].path[-1]
+            here, part = building.world.robots[name].path[-1], self.busy.get(name)
+            if part in building.kept:
+                continue  # it keeps hold of that
             if np.abs(here - robot.home).max() > _SAME:
-                part = self.busy.get(name)
                 allowed = NOTHING if part is None else gripped(name, part)
                 leg = legs.leg(building, name, (), allowed=allowed, work=False)
                 building = building if leg is None else leg.building
@@ -126,26 +163,49 @@ class _Rest:
     def _next(self) -> Building | None:
         """Return the state with one more part in its place, None where none can be placed."""
         names = self._ranked()
+        kept = [k for k, own in self.building.kept.items() if not own.last]
+        if kept:
+            part, near = self.problem.part(kept[0]), self.problem.graph.neighbours
+            others = [name for name in names if kept[0] in near[name]]
+            about = self.solver, self.building, part, others, self._teams, self._ways
+            ways = (secure(*about, effort) for effort in range(_EFFORTS))
+            return self._done(next(filter(None, ways), None))
         for low, effort in ((True, 0), (False, 0), (False, 1)):
             for name in names:
                 part = self.problem.part(name)
-                for k, robots in enumerate(islice(self._teams(part), _TEAMS)):
+                teams = self._teams(self.building, part)
+                for k, robots in enumerate(islice(teams, _TEAMS)):
                     seed = [self.problem.seed, 9, self.building.step, k, effort, low]
-                    held = self.holds.get(name)
-                    hold = None if held is None else held[1]
+                    hold = self._ways.get(name)
                     tried = Attempt(part, robots, seed, effort, low, hold=hold)
                     done = self.solver.solve(self.building, tried)
                     if done is not None:
-                        self.busy = {r: p for r, p in self.busy.items() if p != name}
-                        return done.building
-        return None
+                        return self._done(done)
+        team = self.solver, self.building, self._teams, self._ways
+        ways = (place_held(*team, effort) for effort in range(_EFFORTS))
+        return self._done(next(filter(None, ways), None))
 
-    def _teams(self, part: Part) -> Iterator[Skeleton]:
+    def _done(self, found: Solution | None) -> Building | None:
+        """Return the state after a solution; whose part is in its place by then has its hand free."""
+        if found is None:
+            return None
+        after, before = found.building, self.building.kept
+        stays = {k for k in before if not np.isfinite(after.kept[k].end)}
+        there = after.placed.keys() - stays
+        self.busy = {r: p for r, p in self.busy.items() if p not in there}
+        return after
+
+    @property
+    def _ways(self) -> dict[str, Hold]:
+        """How parts are held that are in hands."""
+        return {name: hold for name, (_, hold) in self.holds.items()}
+
+    def _teams(self, building: Building, part: Part) -> Iterator[Skeleton]:
         """Yield who may place a part: who has it in the hand goes on with it."""
         if part.name in self.busy.values() and part.name not in self.holds:
             return
         holder, _ = self.holds.get(part.name, (None, None))
-        teams = skeletons(self.solver.bounds, self.building, part)
+        teams = skeletons(self.solver.bounds, building, part)
         if holder is not None:
             others = (name for name in self.problem.team if name != holder)
             teams = chain([(holder,)], ((holder, other) for other in others))

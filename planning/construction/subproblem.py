@@ -149,6 +149,8 @@ def retreat_hints(world: FixedWorld, robot: str) -> Array:
 def approach_hints(world: FixedWorld, robot: str) -> Array:
     """Return places on a robot's way to its last skill, which may be a way back, shape (w, n)."""
     line = world.robots[robot]
+    if not line.skills:
+        return _places(line, 0.0, 0.0)
     since = line.skills[-2][1] if len(line.skills) > 1 else 0.0
     return _places(line, since, line.skills[-1][0])
 

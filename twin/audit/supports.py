@@ -11,7 +11,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from planning.tasks.task import Task
+from planning.tasks.task import TRANSIT, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.audit.case import AuditCase
 from twin.audit.grips import RIGHT, as_shaped
@@ -187,13 +187,24 @@ def keeping_violations(
 def held_in_place(case: AuditCase) -> dict[str, tuple[float, float]]:
     """Return from when to when parts that are kept hold of are held where they were put down [s].
 
-    That is as long as who placed them stands still, whatever they are kept hold of for.
+    That is as long as who placed them stands still, whatever they are kept hold of for; where balance is looked
+    at, and the rest of a plan was not executed, that may be any part.
     """
-    return {
+    wanted, begins = case.wanted, dict[str, Task]()
+    parts = {*wanted.keeps, *(part for part, _ in _kept_in_plan(case.tpg))}
+    if wanted.statics is not None:
+        parts |= {place.object for place in wanted.places if place.object is not None}
+        begins = {task.robot: task for task in reversed(case.tpg.tasks)}
+    found = {
         part: (stay.t, case.robots[str(stay.giver)].leaves(stay.t))
-        for part in {*case.wanted.keeps, *(part for part, _ in _kept_in_plan(case.tpg))}
+        for part in parts
         for stay in _put_down(case, part)
     }
+    for robot, task in begins.items():
+        if task.kind == TRANSIT and task.object and not task.handlings:
+            # The plan begins while it keeps hold of it.
+            found.setdefault(task.object, (0.0, case.robots[robot].leaves(0.0)))
+    return found
 
 
 def _kept_in_plan(tpg: TemporalPlanGraph) -> Iterator[tuple[str, int]]:

@@ -18,7 +18,7 @@ from planning.construction.onward import Middle, plan_rest
 from planning.construction.problem.models import ModelPart
 from planning.construction.problem.problem import ConstructionProblem, PlannerSettings
 from planning.construction.world.fixed_world import Building
-from planning.errors import ConstructionError, PlanInvariantError, RequestError
+from planning.errors import ConstructionError, PlanInvariantError
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import AllowedContact, Task
 from planning.worlds.onward import taken_out
@@ -26,6 +26,7 @@ from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, cut_after
 from scheduling.rolling.extension import committed_part, extended
+from scheduling.rolling.kept import kept_hold
 from scheduling.rolling.supply import brought_in, renamed, supply_waits
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
@@ -58,12 +59,14 @@ class _Built:
         step_of: step that puts it there, by its name.
         luck: of its tasks.
         ledger: what has become of steps and parts.
+        kept: parts that would fall and are kept hold of, see ``Middle``.
     """
 
     parts: tuple[ModelPart, ...]
     step_of: Mapping[str, int]
     luck: Luck
     ledger: Ledger
+    kept: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def exchanged(self, one: str, other: str) -> _Built:
         """Return the same where each of two parts has the other's place."""
@@ -100,17 +103,8 @@ class ConstructionRecovery:
     _made: dict[object, ConstructionProblem] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Take note of the first plan.
-
-        Raises:
-            RequestError: parts are kept hold of in it until others are in place.
-        """
+        """Take note of the first plan."""
         building = self.motions.assembly.building
-        if building.kept:
-            raise RequestError(
-                f"{min(building.kept)} is kept hold of until the next part is in place: such a construction cannot"
-                " be planned anew while it is executed"
-            )
         kind = assembly_kind(self.scenario.assembly)
         assert isinstance(kind, ConstructionKind)
         self.kind, tpg = kind, self.tpg
@@ -192,7 +186,8 @@ class ConstructionRecovery:
             for task in at.committed.tasks
             if task.kind == _PUT and task.index in at.complete
         )
-        built = replace(self._executed, ledger=ledger)
+        kept, placed = self._kept(ledger, tpg, at, placed)
+        built = replace(self._executed, ledger=ledger, kept=kept)
         for name in placed:
             goals = {part.name: part.goal for part in built.parts}
             lies = there[name].pose
@@ -220,7 +215,9 @@ class ConstructionRecovery:
         world = World(state, complete=complete, out=at.out, tasks=len(before))
         try:
             effort = PlannerSettings().finding(self.motions.settings.paths)
-            rest = plan_rest(problem, Middle(robots, placed, held), effort)
+            rest = plan_rest(problem, Middle(robots, placed, held, kept), effort)
+            kept = {k: (own.robot, own.last) for k, own in rest.kept.items()}
+            self._planned = replace(built, kept=kept)
             self._give_up(built, rest.placed)
             plan = self._motions(problem, rest, world, tpg.cell)
             new = graph_from(plan, world, before, StageWatch())
@@ -246,6 +243,29 @@ class ConstructionRecovery:
         """Return where parts are, by the names with which plans know them."""
         pending = ledger.pending(at.committed.tasks)
         return ledger.where(at.state.attachments, pending, at.committed.cell)
+
+    def _kept(
+        self,
+        ledger: Ledger,
+        tpg: TemporalPlanGraph,
+        at: Committed,
+        placed: Sequence[str],
+    ) -> tuple[dict[str, tuple[str, str]], tuple[str, ...]]:
+        """Return what is kept hold of, and what is placed: before that by which it stands, or last."""
+        kept, order = {}, list(placed)
+        for name, (robot, last) in self._executed.kept.items():
+            if name in placed:
+                kept[name] = robot, last if last in placed else ""
+        pairs = {name: last for name, (_, last) in kept.items()}
+        for part, robot, until, left in kept_hold(tpg, at.complete):
+            name, last = ledger.lost(part), ledger.lost(until)
+            pairs[name], kept[name] = last, (robot, last)
+            if left:
+                del kept[name]
+        for name, last in pairs.items():
+            order.remove(name)
+            order.insert(order.index(last) if last else len(order), name)
+        return kept, tuple(order)
 
     def _exchanged(
         self,
@@ -335,7 +355,13 @@ class ConstructionRecovery:
                 ledger.give_up(step, f"{name} is lost")
         for step, name in sorted(undone.items()):
             if step not in ledger.undone:
-                ledger.give_up(step, f"no way was found to place {name}")
+                held = (
+                    f": {part} would fall without {robot}, which keeps hold of it"
+                    for part, (robot, last) in self._planned.kept.items()
+                    if not last
+                )
+                why = next(held, "")
+                ledger.give_up(step, f"no way was found to place {name}{why}")
 
     def _motions(
         self,
@@ -408,4 +434,7 @@ class ConstructionRecovery:
             elif task.kind == "pick":
                 own = covers.get(name, ())
                 pairs += [(taken[k], task.index) for k in own if k in taken]
+            elif name in rest.kept and rest.kept[name].robot == task.robot:
+                last = rest.kept[name].last
+                pairs += [(put[k], task.index) for k in (last,) if k in put]
         return np.array(sorted(set(pairs)), dtype=np.int64).reshape(-1, 2)

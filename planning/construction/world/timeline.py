@@ -382,8 +382,8 @@ def skill_motion(
         seconds: nominal duration of the skill; more where the joints need more for the ways [s].
     """
     at = frame_pose(robot, touch, frame)
-    into = _follow(robot, frame, at, touch, -ways[0])
-    out = _follow(robot, frame, at, touch, ways[1])
+    into = follow(robot, frame, at, touch, -ways[0])
+    out = follow(robot, frame, at, touch, ways[1])
     if into is None or out is None:
         return None
     path = np.vstack([into[::-1], out[1:]])
@@ -396,7 +396,7 @@ def skill_motion(
     return SkillMotion(robot.name, readonly(path), k + 1, readonly(time))
 
 
-def _follow(
+def follow(
     robot: PlacedRobot, frame: str, at: Transform, q: Array, way: Array
 ) -> Array | None:
     """Return configurations along a straight way of the tool, shape (k + 1, n), ``q`` first."""
