@@ -4,7 +4,7 @@
 
 Every attempt at any skill fails with a probability, and a fifth of those lose the object; attempts are made
 three times. Compared are, for the same draws: *ours*; *stop*: everybody ends the task at hand, waits for the
-plan, and goes HOME before going on; *knew*: a plan from the beginning on without the objects that were to be
+plan, and goes HOME before going on, whatever it had been cleared for; *knew*: a plan from the beginning on without the objects that were to be
 lost, executed with attempts that fail and never for good. ``cliff with spares`` is the shipped cliff with
 twelve more bricks, ``magazine with spares`` the shipped one with six more pins; of the products of
 ``machine tending`` each that is lost is one less, and a tower of which a beam is lost has no top. A construction
@@ -30,8 +30,8 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from twin.durations.model import NANOSECONDS
-from twin.operate.hindsight import Hindsight
 from twin.operate.operation import Operation, operate
+from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures

@@ -189,11 +189,13 @@ class Rollout:
 
 @kernel
 def _longest_paths(
-    graph: FlatGraph, duration: npt.NDArray[Any]
+    graph: FlatGraph, duration: npt.NDArray[Any], earliest: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     start, end = np.zeros_like(duration), np.zeros_like(duration)
     for n in graph.order:
-        t = end[n - 1] if n > graph.first[graph.chain[n]] else 0 * duration[n]
+        t = earliest[n]
+        if n > graph.first[graph.chain[n]]:
+            t = max(t, end[n - 1])
         for e in range(graph.edge_first[n], graph.edge_first[n + 1]):
             t = max(t, end[graph.source[e]])
         start[n] = t
@@ -206,6 +208,7 @@ def earliest_times(
     durations: Sequence[npt.NDArray[Any]] | None = None,
     *,
     flat: FlatGraph | None = None,
+    earliest: Sequence[npt.NDArray[Any]] | None = None,
 ) -> Rollout:
     """Return the earliest start and end of every node: longest paths in the total order.
 
@@ -214,13 +217,17 @@ def earliest_times(
         durations: one array of shape (nodes,) a chain, floats [s] or integers [ns]; the
             nominal durations by default. Integers stay integers.
         flat: the graph as flat arrays, where they are known already.
+        earliest: before which no node starts, as the durations; 0 by default.
     """
     chosen = durations or [chain.duration for chain in tpg.chains]
     duration = np.concatenate(chosen) if chosen else np.empty(0)
     integer = np.issubdtype(duration.dtype, np.integer)
     duration = duration.astype(np.int64 if integer else np.float64)
     graph = flat or flatten(planned_ranks(tpg.chains), tpg.edges)
-    start, end = _longest_paths(graph, duration)
+    floor = np.zeros_like(duration)
+    if earliest is not None:
+        floor = np.concatenate(earliest).astype(duration.dtype)
+    start, end = _longest_paths(graph, duration, floor)
     cut = [slice(a, b) for a, b in pairwise(graph.first)]
     return Rollout(
         tuple(start[c] for c in cut),

@@ -40,6 +40,7 @@ def cut_after(
     never: Collection[tuple[int, int]] = (),
     *,
     steps: bool = True,
+    go_on: Sequence[float] = (),
 ) -> Counts:
     """Return a cut: how many nodes of each chain are committed.
 
@@ -50,6 +51,7 @@ def cut_after(
             have been released.
         steps: whether a robot goes on to the end of what it does for the step that it has begun a
             skill of; else to the end of its task.
+        go_on: for how long each robot goes on, task by task, beyond what has been released [s].
 
     Returns:
         A number of nodes a chain. Where something can be committed, a robot stops neither within a
@@ -61,6 +63,8 @@ def cut_after(
     if steps:
         for k in range(len(tpg.chains)):
             found.finish_step(k)
+    for k, seconds in enumerate(go_on):
+        found.go_on(k, released[k], seconds)
     for k in range(len(tpg.chains)):
         found.let_pass(k)
     return tuple(found.counts)
@@ -122,6 +126,16 @@ class _Commitment:
             if tasks[following.task].step != step:
                 return
             if not self.commit(chain, following.stop):
+                return
+
+    def go_on(self, chain: int, released: int, seconds: float) -> None:
+        """Commit tasks of a chain that take so long, beyond its nodes that have been released [s]."""
+        duration = self.tpg.chains[chain].duration
+        while (node := self.counts[chain]) < len(duration):
+            following = self._of_node[chain][node].stop
+            if duration[released:node].sum() >= seconds:
+                return
+            if not self.commit(chain, following):
                 return
 
     def let_pass(self, chain: int) -> None:

@@ -30,7 +30,8 @@ from twin.live.link import AwaitedAct, Link, see_to_tools
 from twin.live.measured import MeasuredLog, MeasuredRows, samples_between
 from twin.live.wire import Wire
 from twin.live.wire_format import Report
-from twin.operate.rolling import RollingExecution, Version
+from twin.operate.incident import Version
+from twin.operate.rolling import RollingExecution
 from twin.run.events import EventKind, Measured, Outcome
 from twin.uncertainty.node_times import NodeTimes
 

@@ -10,10 +10,10 @@ from planning.cell.workcell import WorldState
 from planning.tasks.task import Handling, Task
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.attempt import with_attempt
-from scheduling.rolling.cut import complete_tasks, state_at
+from scheduling.rolling.cut import Counts, complete_tasks, cut_after, state_at
 from scheduling.rolling.extension import committed_part
 from twin.durations.model import NANOSECONDS
-from twin.operate.rolling import Failure, Incident, Version
+from twin.operate.incident import Failure, Incident, Version
 from twin.scenario.sections.execution import RecoverySection
 from twin.uncertainty.draws import TaskName
 from twin.uncertainty.node_times import NodeTimes
@@ -40,10 +40,27 @@ class Recut:
     Attributes:
         steps: whether robots bring their steps to an end before it; their tasks only otherwise.
         aside: whether every robot goes HOME first with what it has to bring to an end, and comes back.
+        going: whether robots go on by the plan that there is while it is planned anew.
     """
 
-    steps: bool
+    steps: bool = False
     aside: bool = False
+    going: bool = False
+
+    def counts(
+        self, tpg: TemporalPlanGraph, incident: Incident, planning_s: float
+    ) -> Counts:
+        """Return how many nodes of each chain are committed; planning takes so long [s]."""
+        never, released, clock = (
+            not_executed(tpg, incident),
+            incident.released,
+            incident.clock,
+        )
+        go_on: list[float] = []
+        if self.going and clock is not None:
+            for k, chain in enumerate(tpg.chains):
+                go_on.append(planning_s - clock.left_s(chain, k, released[k]))
+        return cut_after(tpg, released, never, steps=self.steps, go_on=go_on)
 
 
 @dataclass(frozen=True)

@@ -37,11 +37,11 @@ from twin.operate.committed import (
     not_executed,
     version_of,
 )
+from twin.operate.incident import Incident, Version
 from twin.operate.judging import Judging, asks_for_another
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
 from twin.operate.person import Ask, Person, with_help
-from twin.operate.rolling import Incident, Version
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.onward import graph_from

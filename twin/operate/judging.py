@@ -34,9 +34,9 @@ from scheduling.rolling.attempt import with_attempt
 from scheduling.rolling.cut import cut_after, state_at
 from scheduling.rolling.extension import committed_part
 from twin.operate.committed import Judged, not_executed, tried_task
+from twin.operate.incident import Failure, Incident
 from twin.operate.ledger import Ledger
 from twin.operate.person import Person
-from twin.operate.rolling import Failure, Incident
 from twin.scenario.sections.execution import ExecutionSection
 from twin.uncertainty.draws import uniforms
 

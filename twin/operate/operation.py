@@ -22,13 +22,10 @@ from twin.engine.bulk.holding import held_back
 from twin.engine.execution_model import ExecutionModel
 from twin.operate.committed import Recut
 from twin.operate.constructing import ConstructionRecovery
+from twin.operate.incident import Version
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
-from twin.operate.rolling import (
-    RollingDrivenExecution,
-    RollingExecution,
-    Version,
-)
+from twin.operate.rolling import RollingDrivenExecution, RollingExecution
 from twin.planning.kind import PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
@@ -113,8 +110,8 @@ def operate(
         model: how it is executed.
         seed, replication: name the random draws.
         recorders: told of every event, then closed.
-        halting: let everybody stop and go HOME before anything is planned anew, as without a graph that
-            is extended: what this is compared with.
+        halting: let everybody stop after the task at hand, and go HOME once it is planned how to go on, as
+            without a graph that is extended: what this is compared with.
         says: answers for the person who is asked, in place of what is drawn; then somebody is asked also
             where the scenario names nobody.
         held: the plan, held back for windows of time, where that is known.
@@ -151,7 +148,7 @@ def operate(
     else:
         planner = Recovery(scenario, motions, tpg, draw, person)
         if halting:
-            planner.cuts = (Recut(steps=False, aside=True),)
+            planner.cuts = ((Recut(aside=True),),)
 
     def hold(graph: TemporalPlanGraph) -> TemporalPlanGraph:
         return held if held and graph is plan else held_back(graph, model)
@@ -164,6 +161,8 @@ def operate(
         model.messages,
         planner=planner,
         hold=hold,
+        far=not scenario.execution.may_be_planned_anew(),
+        halting=halting,
         observers=Observers(recorders),
     )
     for outage in scenario.execution.outages:

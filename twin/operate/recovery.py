@@ -15,7 +15,6 @@ from types import MappingProxyType
 import numpy as np
 
 from planning.cell.workcell import (
-    Workcell,
     WorldState,
     start_state,
 )
@@ -29,7 +28,6 @@ from planning.motion.known_motions import KnownMotions
 from planning.tasks.assignment import TaskPlan
 from planning.tasks.task import (
     TAKEN_OUT,
-    StepTasks,
 )
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork, Poses, chosen_there
@@ -38,8 +36,8 @@ from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import (
+    Counts,
     complete_tasks,
-    cut_after,
     planned_steps,
 )
 from scheduling.rolling.extension import committed_part, extended
@@ -57,39 +55,22 @@ from twin.operate.committed import (
     Recut,
     cause_of,
     committed_at,
-    not_executed,
     version_of,
 )
 from twin.operate.dependents import hopeless, resting_steps
+from twin.operate.going import Found, Going
+from twin.operate.incident import Incident, Version
 from twin.operate.judging import Judging, asks_for_another, interrupted
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
 from twin.operate.person import Ask, Person, with_help
-from twin.operate.rolling import Incident, Version
 from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
 from twin.scenario.sections.scenario import Scenario
 
-
-@dataclass(frozen=True)
-class _Going:
-    """What is known of a plan from which it can be gone on.
-
-    Attributes:
-        cell: with the objects that have come up.
-        task_plan: the choices.
-        steps, past: tasks, as of a world.
-        luck: of its tasks.
-        ledger: what has become of steps and objects.
-    """
-
-    cell: Workcell
-    task_plan: TaskPlan
-    steps: tuple[StepTasks, ...]
-    luck: Luck
-    ledger: Ledger
-    past: tuple[StepTasks, ...] = ()
+_AS_PLANNED = ((Recut(steps=True),), (Recut(aside=True),))
+"""Where a plan is cut in which nothing has happened but that more steps come next."""
 
 
 @dataclass
@@ -107,7 +88,8 @@ class Recovery:
         gone: objects that are lost already.
         measured: where parts lie that were found beside their places.
         person: who is asked before something is given up.
-        cuts: that are tried, in this order, until nothing has to be given up; else that from which least is.
+        cuts: from which it is planned, those that come later only where something has to be given up else; of all
+            that from which least is, and of these that from which all is done soonest.
     """
 
     scenario: Scenario
@@ -117,7 +99,10 @@ class Recovery:
     person: Person
     gone: InitVar[Collection[str]] = ()
     measured: InitVar[Poses] = MappingProxyType({})
-    cuts: tuple[Recut, ...] = (Recut(steps=True), Recut(steps=False, aside=True))
+    cuts: tuple[tuple[Recut, ...], ...] = (
+        (Recut(), Recut(going=True), Recut(aside=True)),
+        (Recut(steps=True),),
+    )
     _known: KnownMotions = field(default_factory=KnownMotions)
     _elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
     _stuck: bool = False
@@ -134,7 +119,7 @@ class Recovery:
         chosen, work = self.motions.task_plan, self.motions.work
         assert work is not None
         self._window = StepWindow(self.scenario.execution.window, self.motions)
-        self._executed = _Going(
+        self._executed = Going(
             coming(tpg.cell, (), REMOVAL) if work.passing else tpg.cell,
             chosen,
             planned_steps(tpg),
@@ -224,11 +209,11 @@ class Recovery:
         self._planned = self._executed = self._state()
         return union, new, at
 
-    def _state(self) -> _Going:
+    def _state(self) -> Going:
         going = self._cell, self._task_plan, self._steps, self._luck
-        return _Going(*going, self._ledger.copy(), self._past)
+        return Going(*going, self._ledger.copy(), self._past)
 
-    def _restore(self, going: _Going) -> None:
+    def _restore(self, going: Going) -> None:
         self._cell, self._steps, self._past = going.cell, going.steps, going.past
         self._task_plan = going.task_plan
         self._luck = going.luck
@@ -238,26 +223,35 @@ class Recovery:
         self, tpg: TemporalPlanGraph, incident: Incident, judged: Judged
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph, Committed]:
         """Return the longer graph, the new one, and what was there before."""
-        never, why = not_executed(tpg, incident), ""
-        before, found = self._state(), []
-        for cut in self.cuts:
+        before, found, why = self._state(), list[Found](), ""
+        planning_s = self.scenario.execution.recovery.planning_s
+        tried = set[tuple[Counts, bool]]()
+        for cuts in _AS_PLANNED if incident.due else self.cuts:
             self._stuck = False
-            counts = cut_after(tpg, incident.released, never, steps=cut.steps)
-            at = committed_at(tpg, counts, incident, judged)
-            try:
-                union, new = self._onward(at, aside=cut.aside)
-            except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
-                why = str(error)
-            else:
-                more = len(self._ledger.given_up) - len(before.ledger.given_up)
-                found.append((more, union, new, at, self._state()))
-            self._restore(before)
-            if found and (found[-1][0] == 0 or not self._stuck):
+            for cut in cuts:
+                counts = cut.counts(tpg, incident, planning_s)
+                if (counts, cut.aside) in tried:
+                    continue
+                tried.add((counts, cut.aside))
+                at = committed_at(tpg, counts, incident, judged)
+                try:
+                    union, new = self._onward(at, aside=cut.aside)
+                except (PlanInvariantError, TransitError, InfeasibleStepError) as error:
+                    why = str(error)
+                else:
+                    more = len(self._ledger.given_up) - len(before.ledger.given_up)
+                    found.append(Found(union, new, at, self._state(), more))
+                self._restore(before)
+            if found and (any(not item.more for item in found) or not self._stuck):
                 break  # what nobody can do can be done from nowhere else
         if found:
-            _, union, new, at, after = min(found, key=lambda item: item[0])
-            self._restore(after)
-            return union, new, at
+            least = min(item.more for item in found)
+            best = min(
+                (item for item in found if item.more == least),
+                key=lambda item: item.end_s(incident.clock, planning_s),
+            )
+            self._restore(best.going)
+            return best.union, best.new, best.at
         world = self._world(at)
         left = {item.step.step for item in leftovers(world, {}) if not item.ends}
         done = world.begun().keys() - left

@@ -34,9 +34,9 @@ from scheduling.rolling.alone import alone, going_on
 from scheduling.rolling.cut import Counts, complete_tasks, planned_steps
 from twin.operate.committed import Committed, Recut
 from twin.operate.constructing import ConstructionRecovery
+from twin.operate.incident import Failure, Incident
 from twin.operate.person import Person
 from twin.operate.recovery import Recovery
-from twin.operate.rolling import Failure, Incident
 from twin.planning.kind import PlannedMotions
 from twin.planning.pipeline import planned_shortcuts
 from twin.scenario.sections.scenario import Scenario
@@ -102,7 +102,7 @@ def plan_remainder(
             Person(None, scenario.seed),
             gone,
             measured,
-            cuts=(Recut(steps=False), Recut(steps=False, aside=True)),
+            cuts=((Recut(),), (Recut(aside=True),)),
         )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
     union, new, at = planner.plan_alone(tpg, incident)

@@ -8,10 +8,10 @@ takes the place of the one that is executed.
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Generator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import simpy
@@ -22,111 +22,28 @@ from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import opened_at
+from scheduling.rolling.forecast import Clock
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.driven import DrivenExecution
 from twin.engine.passage import Passage
 from twin.engine.processes import Steps, impatient_edges
-from twin.operate.supplied import SuppliedExecution
+from twin.engine.supplied import SuppliedExecution
+from twin.operate.incident import Failure, Incident, Planner, Version
 from twin.uncertainty.node_times import NodeTimes, Standstill
 
 _AFTER_ALL = EventPriority(10)
 """Priority of what looks at all that has happened at a time."""
 
 
+_AHEAD_NS = NANOSECONDS // 2
+"""Time before the end of what was released at which a robot is released its next task: more than it brakes for."""
+
 OUT_FOR_GOOD = "is out for good"
 """What the log says of a robot that is out."""
 
 
-@dataclass(frozen=True)
-class Failure:
-    """A skill that has failed for good.
-
-    Attributes:
-        chain, node: its first node.
-        lost: whether its object is lost.
-        missing: whether it was not tried, as what it is about was not there.
-    """
-
-    chain: int
-    node: int
-    lost: bool = False
-    missing: bool = False
-
-
-@dataclass(frozen=True)
-class Incident:
-    """What has happened since the last plan.
-
-    Attributes:
-        failures: skills that failed.
-        out: robots that are out.
-        unwanted: steps that are not wanted any more, by number.
-        released: how many nodes of each chain have been released.
-        ago: how long ago the tasks ended that opened windows of time, by their index [s].
-    """
-
-    failures: tuple[Failure, ...]
-    out: frozenset[str]
-    unwanted: frozenset[int]
-    released: tuple[int, ...]
-    ago: Mapping[int, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Version:
-    """A graph that takes the place of the one that is executed.
-
-    Attributes:
-        tpg: what was executed, is still, and what is new.
-        counts: how many nodes of each chain are not new.
-        new: robots that have new nodes.
-        times: of the new nodes, an entry for each of these robots.
-        planning_ns: how long planning it takes in the simulation [ns].
-        cpu_s: processor seconds that planning it took.
-        cause: why, for people.
-        recovered: what becomes of each failure, for people; one entry each.
-    """
-
-    tpg: TemporalPlanGraph
-    counts: tuple[int, ...]
-    new: tuple[str, ...]
-    times: NodeTimes
-    planning_ns: int
-    cpu_s: float
-    cause: str
-    recovered: tuple[str, ...] = ()
-
-
 Hold = Callable[[TemporalPlanGraph], TemporalPlanGraph]
 """Returns a graph with edges that hold back what opens windows of time."""
-
-
-class Planner(Protocol):
-    """Plans what is left of an assembly while it is executed."""
-
-    @property
-    def given_up(self) -> Mapping[int, str]:
-        """Steps that are not done any more in what is executed, by number, with the reason."""
-        ...
-
-    def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:
-        """Return what is to take the place of a graph; nothing beyond its counts is executed any more.
-
-        It may be asked again for the same graph, with more that has happened, before it takes its place.
-        """
-        ...
-
-    def begun(self, tpg: TemporalPlanGraph, counts: Sequence[int]) -> set[int]:
-        """Return the steps that have begun once so many nodes of each chain are executed."""
-        ...
-
-    def due(self, tpg: TemporalPlanGraph, released: Sequence[int]) -> bool:
-        """Tell whether it is time to plan more of what is executed, though nothing has failed."""
-        ...
-
-    def swapped(self) -> None:
-        """Take note that what was planned last has taken its place."""
-        ...
 
 
 class RollingExecution(SuppliedExecution):
@@ -137,7 +54,13 @@ class RollingExecution(SuppliedExecution):
     """
 
     def __init__(
-        self, *rest: Any, planner: Planner, hold: Hold | None = None, **options: Any
+        self,
+        *rest: Any,
+        planner: Planner,
+        hold: Hold | None = None,
+        far: bool = False,
+        halting: bool = False,
+        **options: Any,
     ) -> None:
         """Set the cell up at time 0; see Execution.
 
@@ -145,12 +68,17 @@ class RollingExecution(SuppliedExecution):
             rest, options: as of an execution.
             planner: plans what is left.
             hold: makes graphs wait where what opens windows of time is held back; by default nothing is.
+            far: whether robots are released as much as is safe; else no task long before it begins.
+            halting: whether everybody stops after the task at hand when something is to be planned.
         """
         super().__init__(*rest, **options)
         self._hold = hold or (lambda tpg: tpg)
         self._dispatch_by(self._hold(self.tpg))
         self.versions: list[Version] = []
         self._planner = planner
+        self._halting = halting
+        messages_ns = self.messages.report_ns + self.messages.release_ns
+        self._ahead_ns = None if far else _AHEAD_NS + messages_ns
         self._limit = [len(chain) for chain in self.tpg.chains]
         self._failures: list[Failure] = []
         self._out: set[str] = set()
@@ -158,6 +86,7 @@ class RollingExecution(SuppliedExecution):
         self._again = False
         self._planning = False
         self._finished: dict[int, int] = {}
+        self._void: Counter[Node] = Counter()
         self._swapped = self.env.event()
 
     @property
@@ -236,12 +165,37 @@ class RollingExecution(SuppliedExecution):
         if back > 0:
             self.released[chain] = count
             self.outstanding[chain] -= back
-            self.queue[chain].clear()
+            queue = self.queue[chain]
+            self._void.update((chain, n) for n in range(count, count + back))
+            while queue and queue[-1] >= count:
+                self._void[chain, queue.pop()] -= 1
+
+    def _enqueue(self, chain: int, node: int) -> None:
+        # What was on its way when it was taken back comes before what is released since.
+        if self._void[chain, node]:
+            self._void[chain, node] -= 1
+        else:
+            super()._enqueue(chain, node)
+
+    def _take_note(self, chain: int, node: int) -> None:
+        # That an attempt has failed may be known before what came before it is reported.
+        if node >= self.dispatcher.completed(chain):
+            super()._take_note(chain, node)
 
     def _next_is_safe(self, chain: int) -> bool:
-        return self.released[chain] < self._limit[chain] and super()._next_is_safe(
-            chain
-        )
+        more = self.released[chain] < self._limit[chain] and self._needs_more(chain)
+        return more and super()._next_is_safe(chain)
+
+    def _needs_more(self, chain: int) -> bool:
+        """Tell whether a robot is to be released more, unless it begins a task too early.
+
+        What is released is not taken back, and the more is, the less can be planned anew.
+        """
+        node, task = self.released[chain], self.task[chain]
+        count = self.outstanding[chain]
+        if self._ahead_ns is None or not count or task[node] == task[node - 1]:
+            return True
+        return int(sum(self.motion[chain][node - count : node])) < self._ahead_ns
 
     def _release(self, chain: int) -> None:
         super()._release(chain)
@@ -259,9 +213,25 @@ class RollingExecution(SuppliedExecution):
     def _replan(self) -> None:
         """Plan what is left, or once more what is being planned."""
         self._again = True
+        if self._halting:
+            self._halt()
         if not self._planning:
             self._planning = True
             self.env.process(self._plan())
+
+    def _halt(self) -> None:
+        """Take back all that was released beyond the tasks at hand."""
+        for k, own in enumerate(self.start):
+            count = sum(begun >= 0 for begun in own)
+            while not self._rests_between_tasks(k, count):
+                count += 1
+            self._take_back(k, count)
+            self._limit[k] = min(self._limit[k], count)
+
+    def _rests_between_tasks(self, chain: int, count: int) -> bool:
+        """Tell whether a robot is at rest, and in no task, after so many of its nodes."""
+        task = self.task[chain]
+        return count in (0, len(task)) or task[count - 1] != task[count]
 
     def _plan(self) -> Steps:
         # After all that happens at this time.
@@ -291,7 +261,16 @@ class RollingExecution(SuppliedExecution):
             # Whatever is done, what is to be brought is brought.
             tuple(max(n, int(k in self._coming)) for k, n in enumerate(self.released)),
             {k: (self.now_ns - t) / NANOSECONDS for k, t in opened.items()},
+            self._clock(),
+            due=not (self._failures or self._out or self._unwanted),
         )
+
+    def _clock(self) -> Clock:
+        begun, ended = (
+            tuple(np.array([t for t in own if t >= 0]) / NANOSECONDS for own in rows)
+            for rows in (self.start, self.end)
+        )
+        return Clock(self.now_ns / NANOSECONDS, begun, ended)
 
     def _dispatch_by(self, held: TemporalPlanGraph) -> None:
         """Dispatch by a graph from now on, of which nothing has been reported yet."""
@@ -438,6 +417,10 @@ class RollingDrivenExecution(RollingExecution, DrivenExecution):
     def _never_tried(self, chain: int, node: int) -> None:
         super()._never_tried(chain, node)
         self._given[chain].pop(node, None)
+
+    def _rests_between_tasks(self, chain: int, count: int) -> bool:
+        ends = count == len(self.task[chain]) or self._opens(chain, count)
+        return ends and super()._rests_between_tasks(chain, count)
 
     def _resize(self, version: Version) -> None:
         super()._resize(version)

@@ -15,9 +15,10 @@ from scheduling.graph.windows import opened_at
 from scheduling.rolling.cut import Counts, cut_after, stands_at
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
+from twin.operate.incident import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
-from twin.operate.rolling import OUT_FOR_GOOD, Failure
+from twin.operate.rolling import OUT_FOR_GOOD
 from twin.planning.pipeline import plan_motions, planned_shortcuts
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario

@@ -8,8 +8,8 @@ import pytest
 
 from planning.tasks.task import GONE
 from tests.twin.operate.operated import stack
-from twin.operate.hindsight import Hindsight
 from twin.operate.operation import Operation, operate
+from twin.study.replications.hindsight import Hindsight
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import execute, scenario_execution
 

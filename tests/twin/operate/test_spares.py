@@ -16,8 +16,8 @@ from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import lost, operated
-from twin.operate.hindsight import Hindsight
 from twin.operate.operation import Operation
+from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate

@@ -225,6 +225,10 @@ class ExecutionSection(Disturbances):
             if own
         ]
 
+    def may_be_planned_anew(self) -> bool:
+        """Tell whether anything may happen for which it would be planned anew."""
+        return bool(self.failures) or bool(self.known_when_it_happens())
+
     @property
     def report_s(self) -> float:
         """Time that a message takes from a robot to the dispatcher [s]."""

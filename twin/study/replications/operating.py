@@ -15,10 +15,10 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS, Nanoseconds
 from twin.engine.bulk.holding import held_back
 from twin.engine.execution_model import ExecutionModel
-from twin.operate.hindsight import Hindsight
 from twin.operate.operation import Operation, operate
 from twin.planning.kind import PlannedMotions
 from twin.scenario.sections.scenario import Scenario
+from twin.study.replications.hindsight import Hindsight
 
 RUNGS = ("done_again", "begun_anew", "not_done_any_more", "robots_out", "asked")
 """What was done about failures for good: the same with the same object, its step with another object, nothing;

@@ -1,0 +1,113 @@
+"""Messages that are on their way when it is planned anew, and what robots are released ahead."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from tests.twin.operate.operated import lost, operated, stack
+from twin.durations.model import NANOSECONDS
+from twin.run.events import Event
+from twin.trial.plan_result import PlanResult
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
+    return stack(tmp_path_factory.mktemp("stack"))
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    report_s=st.sampled_from([0.0, 1.0, 10.0]),
+    release_s=st.sampled_from([0.0, 1.0, 10.0]),
+    depth=st.integers(1, 8),
+    planning_s=st.sampled_from([0.0, 1.0]),
+)
+# A report of a node before the one that failed came after the swap.
+@example(seed=9, report_s=10.0, release_s=10.0, depth=2, planning_s=0.1)
+# A robot took what it had been released before for what it was released then.
+@example(seed=20, report_s=4.0, release_s=10.0, depth=5, planning_s=1.0)
+def test_nobody_begins_before_a_release_has_come_that_still_counts(
+    plan: PlanResult,
+    seed: int,
+    report_s: float,
+    release_s: float,
+    depth: int,
+    planning_s: float,
+) -> None:
+    done, events = operated(
+        plan,
+        seed,
+        report_latency_s=report_s,
+        release_latency_s=release_s,
+        queue_depth=depth,
+        **{"recovery.planning_s": planning_s},
+        **lost(0.3),
+    )
+    released = dict[tuple[str, int], int]()
+    for event in events:
+        if event.kind == "released":
+            released[event.robot, event.node] = event.t_ns
+        elif event.kind == "started":
+            came = released[event.robot, event.node] + release_s * NANOSECONDS
+            assert event.t_ns >= came
+    start, end = done.record.start_ns, done.record.end_ns
+    way = round((report_s + release_s) * NANOSECONDS)
+    for k, u, i, v in done.tpg.edges.tolist():
+        assert end[k][u] + way <= start[i][v]
+
+
+def begun_between(events: list[Event], first: int, last: int) -> list[Event]:
+    """Return what robots have begun from one time to another."""
+    return [e for e in events if e.kind == "started" and first < e.t_ns < last]
+
+
+def planned_anew(
+    plan: PlanResult, *, halting: bool, **values: Any
+) -> tuple[list[Event], int, int, set[int]]:
+    """Operate until something fails; return events, when, when it is planned, and tasks at hand then."""
+    done, events = operated(plan, 6, halting=halting, **lost(0.3), **values)
+    fails = next(e.t_ns for e in events if e.kind == "failed")
+    swap = next(e.t_ns for e in events if e.kind == "replanned")
+    at_hand = set()
+    for k, chain in enumerate(done.tpg.chains):
+        busy = np.flatnonzero(
+            (done.record.start_ns[k] <= fails) & (done.record.end_ns[k] > fails)
+        )
+        at_hand |= set(chain.task[busy].tolist())
+    return events, fails, swap, at_hand
+
+
+def test_who_halts_ends_the_task_at_hand_and_no_more(plan: PlanResult) -> None:
+    slow = {"recovery.planning_s": 20.0}
+    events, fails, swap, at_hand = planned_anew(plan, halting=True, **slow)
+    assert {e.task for e in begun_between(events, fails, swap)} <= at_hand
+    events, fails, swap, at_hand = planned_anew(plan, halting=False, **slow)
+    assert {e.task for e in begun_between(events, fails, swap)} - at_hand
+
+
+def test_no_task_is_released_long_before_it_begins(plan: PlanResult) -> None:
+    done, events = operated(plan, 1, **lost(1e-9))
+    assert not done.versions
+    first = dict[int, int]()
+    for event in events:
+        if event.kind == "released":
+            first.setdefault(event.task, event.t_ns)
+    _, freely = operated(plan, 1)
+    begins = dict[int, int]()
+    for event in freely:
+        if event.kind == "started":
+            begins.setdefault(event.task, event.t_ns)
+    longest = max(float(chain.duration.max()) for chain in done.tpg.chains)
+    # And nobody is slower for it.
+    ends = [
+        max(e.t_ns for e in own if e.kind == "completed") for own in (events, freely)
+    ]
+    assert ends[0] == ends[1]
+    for task, at in first.items():
+        assert begins[task] - at <= (0.5 + longest) * NANOSECONDS
