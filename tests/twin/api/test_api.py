@@ -54,7 +54,7 @@ def test_a_scenario_with_other_values_is_another_one() -> None:
     assert found.sections.cell.robots[1].base.xyz_m[2] == 0.0
     with pytest.raises(ScenarioError, match="already taken"):
         found.varied({"cell.robots.north.name": "south"})
-    with pytest.raises(ScenarioError, match="no robot 'nobody'"):
+    with pytest.raises(ScenarioError, match="unknown robot 'nobody'"):
         found.varied(
             {"emergency_stops": [{"at_s": 1.0, "duration_s": 1.0, "robot": "nobody"}]}
         )
