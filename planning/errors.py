@@ -80,6 +80,12 @@ class OutputError(TwinError):
     """A file or folder cannot be written or read."""
 
 
+def in_a_line(message: str) -> str:
+    """Return a message of several lines in one, where what is told has room for no more."""
+    lines = (" ".join(line.split()) for line in message.splitlines())
+    return "; ".join(filter(None, lines)).replace(":; ", ": ")
+
+
 def listed(names: Sequence[str], most: int = 6) -> str:
     """Return names for a message, and how many are left out where there are too many."""
     shown = ", ".join(names[:most])

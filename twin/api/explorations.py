@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from planning.errors import RequestError, ScenarioError
 from planning.parallel import usable_cores
 from twin.cluster.client import ClusterLostError
@@ -38,6 +36,11 @@ from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
+from twin.scenario.document.validation import (
+    InvalidScenarioError,
+    parsed,
+    validated,
+)
 from twin.scenario.sections.exploration import ExploreSection
 from twin.study.replications.workload import (
     check_cluster,
@@ -151,7 +154,8 @@ def explore(
     section = asked(case, vary, given, single=single_changes is not None)
     folder = None if out is None else Path(out)
     require_free(folder)
-    dimensions_of(case.sections, section, case.document)  # before anything is written
+    # Before anything is written.
+    dimensions_of(case.sections, section, case.document, case.folder)
     drawn = case.varied({} if seed is None else {"seed": seed})
     singles = single_changes or 0
     bare = drawn.sections.changed(explore=None)
@@ -203,12 +207,11 @@ def asked(
 
 
 def _validated(content: Mapping[str, Any]) -> ExploreSection:
+    document = parsed(Path("explore"), json.dumps(content))
     try:
-        return ExploreSection.model_validate_json(json.dumps(content))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise ScenarioError(f"explore.{place}: {first['msg']}") from None
+        return validated(document, ExploreSection, ExploreSection.model_json_schema)
+    except InvalidScenarioError as error:
+        raise ScenarioError(f"explore: {error.problems[0].message}") from None
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from twin.scenario.shipped import write_beginning
 from twin.scenario.variations import varied
 from twin.trial.loaded_scenario import LoadedScenario
 
-_DESIGN = re.compile(r"^(.*?)(?:#(\d+))?$")
+_DESIGN = re.compile(r"^([^#]*)(?:#(\d+))?$")
 
 
 def begin_design(target: Path, source: str) -> Path:
@@ -38,14 +38,22 @@ def begin_design(target: Path, source: str) -> Path:
         RequestError: there is no design of this rank.
     """
     match = _DESIGN.match(source)
-    assert match is not None
+    if match is None:
+        raise RequestError(
+            f"{source}: a design is called by folder and rank, such as explored#3"
+        )
     folder, rank = Path(match[1]), int(match[2] or 1)
     path = folder / SUMMARY
     try:
         best = json.loads(read_file(path))["best"]
         found = {int(row["rank"]): row for row in best}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OutputError(f"{path}: no summary of an exploration: {error!r}") from error
+        why = (
+            "there is none"
+            if isinstance(error, OSError)
+            else "it is of something else, or damaged"
+        )
+        raise OutputError(f"{path}: no summary of an exploration: {why}") from error
     if rank not in found:
         there = f"1 to {len(found)}" if found else "none"
         raise RequestError(f"{folder} has no design #{rank}: there are {there}")

@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 from planning.errors import ScenarioError
-from twin.scenario.document.validation import FileProblem, InvalidScenarioError
+from planning.robots.registry import ROBOTS
+from twin.scenario.checks import find_problems
+from twin.scenario.document.validation import (
+    FileProblem,
+    InvalidScenarioError,
+    parsed,
+    unknown_name,
+    validated,
+)
 from twin.scenario.document.yaml_text import YamlDocument
+from twin.scenario.manifest import scenario_schema
 from twin.scenario.sections.exploration import ExploreSection, VarySection
 from twin.scenario.sections.scenario import Scenario, resolved
-from twin.scenario.variations import Variant, parse_variation, value_of
+from twin.scenario.variations import (
+    Variant,
+    assign_variant,
+    parse_variation,
+    path_of,
+    value_of,
+)
 
 Values = Mapping[str, Any]
 """What a design has at each key that is varied."""
@@ -23,8 +40,22 @@ Values = Mapping[str, Any]
 _MOST_DESIGNS = 5000
 """That are counted up where all values are given."""
 
+_MOST_TRIED = 100
+"""Values of a key that are looked at before anything is evaluated."""
+
+_NO_DESIGN = {
+    "seed": "; all designs see the same draws",
+    "name": "",
+    "description": "",
+    "version": "",
+}
+"""Keys that change nothing about a cell."""
+
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\.\.({_NUMBER})$")
+_BETWEEN = re.compile(r"[^\[{,]*\.\.[^/,]*$")
+"""What is meant as a range, and what has the dots of one."""
+
 _ORDER = "order"
 
 _PREFIX = re.compile(
@@ -137,6 +168,12 @@ def vary_section(text: str) -> VarySection:
     key, _, rest = text.partition("=")
     bounds = _RANGE.match(rest.strip())
     own = key.strip().removeprefix("execution.")
+    ways = "write key=low..high, key=a,b,c or key=order"
+    if not own or not rest.strip():
+        raise ScenarioError(f"cannot vary {text!r}: {ways}")
+    if not bounds and _BETWEEN.match(rest.strip()):
+        words = "low and high of a range are numbers, with two dots between them"
+        raise ScenarioError(f"cannot vary {text!r}: {words}; {ways}")
     try:
         if bounds:
             low, high = map(_number, bounds.groups())
@@ -149,9 +186,7 @@ def vary_section(text: str) -> VarySection:
         said = str(error).splitlines()
         words = next((line for line in said if "Value error" in line), said[0])
         words = words.strip().removeprefix("Value error, ").partition(" [type=")[0]
-        raise ScenarioError(
-            f"cannot vary {text!r}: {words}; write key=low..high, key=a,b,c or key=order"
-        ) from None
+        raise ScenarioError(f"cannot vary {text!r}: {words}; {ways}") from None
 
 
 def _number(text: str) -> int | float:
@@ -159,7 +194,10 @@ def _number(text: str) -> int | float:
 
 
 def dimensions_of(
-    scenario: Scenario, section: ExploreSection, document: YamlDocument
+    scenario: Scenario,
+    section: ExploreSection,
+    document: YamlDocument,
+    folder: Path | None = None,
 ) -> tuple[Dimension, ...]:
     """Return what a section varies, with the values that the scenario has.
 
@@ -167,6 +205,7 @@ def dimensions_of(
         scenario: what is explored.
         section: of the file, or made of options.
         document: the file, for places of keys that are wrong.
+        folder: where relative paths start: values are then looked at, too, each by itself.
 
     Raises:
         InvalidScenarioError: a key is not there, or does not fit; with all places in the file.
@@ -181,16 +220,28 @@ def dimensions_of(
             one = _dimension(content, vary)
             _refuse(one, found)
             found.append(one)
+            if folder is not None:
+                _require_possible(scenario, content, folder, one)
         except ScenarioError as error:
             problems.append(((*at, "key"), str(error)))
     for number, expression in enumerate(section.expressions):
         for key in expression.keys:
             try:
-                value_of(content, key)
+                _require_number(key, value_of(content, key), "give one of a number")
             except ScenarioError as error:
                 goals = len(section.goals)
                 place = ("goals", number) if number < goals else ("constraints",)
                 problems.append((("explore", *place), str(error)))
+    if folder is not None:
+        known = _priced(scenario, found)
+        problems += (
+            (
+                ("explore", "prices", name, "[key]"),
+                unknown_name("model or tool", name, known),
+            )
+            for name in section.prices
+            if name not in known
+        )
     if not problems:
         return tuple(found)
     if scenario.explore == section and document.nearest(problems[0][0]):
@@ -209,6 +260,44 @@ def _refuse(one: Dimension, others: Sequence[Dimension]) -> None:
                 raise ScenarioError(f"{key} is varied twice")
 
 
+def _priced(scenario: Scenario, dimensions: Sequence[Dimension]) -> tuple[str, ...]:
+    """Return what may have a price: models and tools that there are, or are varied."""
+    robots = scenario.cell.robots
+    own = [name for r in robots for name in (r.model, r.tool, *r.tools) if name]
+    others = [v for one in dimensions for v in one.choices if isinstance(v, str)]
+    come_with = [tool for entry in ROBOTS.values() for tool in entry.tools]
+    names = (*own, *scenario.cell.tools, *others, *ROBOTS, *come_with)
+    return tuple(dict.fromkeys(names))
+
+
+def _require_possible(
+    scenario: Scenario, content: Mapping[str, Any], folder: Path, one: Dimension
+) -> None:
+    """Refuse a value that no other value of any other key could make valid.
+
+    That is one by which something is wrong at the key itself: a number beyond what it may be, or a name
+    that nothing has. What is wrong elsewhere because of it, others that vary may set right.
+    """
+    tried = [one.low, one.high] if one.choices == () else one.choices[:_MOST_TRIED]
+    for value in () if one.ordered else tried:
+        other = copy.deepcopy(dict(content))
+        assign_variant(other, {one.key: value})
+        path = path_of(other, one.key)
+        document = parsed(Path(scenario.name), json.dumps(other))
+        words = f"cannot vary {one.key}: "
+        try:
+            own = validated(document, Scenario, scenario_schema)
+        except InvalidScenarioError as error:
+            at = document.mark_of(path)
+            for problem in error.problems:
+                if problem.mark == at:
+                    raise ScenarioError(words + problem.message) from None
+            continue
+        for place, text in find_problems(own, folder):
+            if place == path and text.startswith("unknown "):
+                raise ScenarioError(words + text)
+
+
 def _holds(key: str, other: str) -> bool:
     """Tell whether a key is another one, or a part of what the other one holds."""
     return key == other or key.startswith(f"{other}.")
@@ -217,10 +306,8 @@ def _holds(key: str, other: str) -> bool:
 def _dimension(content: Mapping[str, Any], vary: VarySection) -> Dimension:
     key = vary.key
     base = value_of(content, key)
-    if key == "seed":
-        raise ScenarioError(
-            "cannot vary seed: it is no design; all designs see the same draws"
-        )
+    if key in _NO_DESIGN:
+        raise ScenarioError(f"cannot vary {key}: it is no design{_NO_DESIGN[key]}")
     if vary.order:
         if not isinstance(base, list) or len(base) < 2:
             raise ScenarioError(f"{key} is no list of two or more entries to order")
@@ -260,9 +347,9 @@ def _as_json(value: Any) -> Any:
     return value
 
 
-def _require_number(key: str, value: Any) -> Any:
+def _require_number(key: str, value: Any, advice: str = "give its values") -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float | None):
-        raise ScenarioError(f"{key} is no number, but {value!r}: give its values")
+        raise ScenarioError(f"{key} is no number, but {value!r}: {advice}")
     return 0.0 if value is None else value
 
 

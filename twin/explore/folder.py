@@ -63,6 +63,11 @@ def read_request(folder: Path) -> ExploreRequest:
         RequestError: a file that the scenario names, or a version, has changed since.
     """
     scenario, manifest = read_manifest(folder, "folder of an exploration")
+    path = folder / MANIFEST
+    if _ENTRY not in manifest:
+        raise OutputError(
+            f"{path}: no folder of an exploration: it is of something else"
+        )
     try:
         entry = manifest[_ENTRY]
         base = unchanged_base(folder, manifest, scenario)
@@ -74,7 +79,6 @@ def read_request(folder: Path) -> ExploreRequest:
         singles = int(entry["single_changes"])
         return ExploreRequest(scenario, base, section, singles)
     except (ValueError, KeyError, TypeError, ValidationError) as error:
-        path = folder / MANIFEST
         raise OutputError(
             f"{path}: is no manifest of an exploration: {error!r}"
         ) from error

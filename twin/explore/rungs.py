@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from planning.errors import TwinError
+from planning.errors import TwinError, in_a_line
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.check.check import quick_findings, reach_findings
@@ -104,7 +104,7 @@ def refused(rung: str, reason: str, share: float = 0.5, **known: Any) -> Evaluat
         known: what is known of it nevertheless.
     """
     left = len(RUNGS) - RUNGS.index(rung) if rung in RUNGS else 0
-    return Evaluation("refused", rung, " ".join(reason.split()), left + share, **known)
+    return Evaluation("refused", rung, in_a_line(reason), left + share, **known)
 
 
 class RefusedError(Exception):

@@ -21,7 +21,7 @@ from planning.errors import ScenarioError
 from planning.tasks.task import HOLD, SKILLS
 from twin.durations.lifetimes import Distribution
 from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
-from twin.scenario.document.yaml_text import read_yaml
+from twin.scenario.document.yaml_text import KeyPath, read_yaml
 from twin.scenario.manifest import scenario_schema
 from twin.scenario.sections.cell import choose_robots
 from twin.scenario.sections.scenario import Scenario, resolved
@@ -176,19 +176,37 @@ def value_of(content: Mapping[str, Any], key: str) -> Any:
     if key == ROBOTS:
         team = content["cell"]["team"]
         return len(content["cell"]["robots"]) if team is None else team["count"]
+    return _found(content, key)[1]
+
+
+def path_of(content: Mapping[str, Any], key: str) -> KeyPath:
+    """Return where the value of a key stands in a resolved scenario.
+
+    Raises:
+        ScenarioError: there is no such key; the message names those there are.
+    """
+    if key == ROBOTS:
+        team = content["cell"]["team"] is not None
+        return ("cell", "team", "count") if team else ("cell", "robots")
+    return _found(content, key)[0]
+
+
+def _found(content: Mapping[str, Any], key: str) -> tuple[KeyPath, Any]:
+    """Return where a key is, as far as the scenario has it, and its value; None where it has none."""
     inside = is_of_execution(key)
     place: Any = content["execution"] if inside else content
     words, walked = key.split("."), "execution" if inside else ""
+    path: KeyPath = ("execution",) if inside else ()
     while words:
         if place is None or (inside and isinstance(place, dict) and not place):
-            return None
+            return path, None
         free = walked in ("execution.skills", "execution.failures")
         if free and words[0] not in place:
-            return None
+            return path, None
         entry, used = _entry(place, words, key, walked)
         walked = ".".join(filter(None, (walked, *words[:used])))
-        place, words = place[entry], words[used:]
-    return place
+        place, words, path = place[entry], words[used:], (*path, entry)
+    return path, place
 
 
 class _FreeSection(dict[str, Any]):
@@ -230,6 +248,10 @@ def _assign(tree: dict[str, Any], key: str, value: Any, walked: str) -> None:
                 )
             place.setdefault(words[0], _FreeSection())
         elif isinstance(place, _FreeSection):
+            if words[0].isdigit():
+                raise ScenarioError(
+                    f"cannot vary {key}: the scenario leaves {walked} out; give it as a whole"
+                )
             place[words[0]] = value
             return
         entry, used = _entry(place, words, key, walked)
@@ -271,7 +293,10 @@ def _entry(
             return entries[name], used
     here = f"{walked} has" if walked else "a scenario has"
     what = f"no entry {words[0]!r}" if isinstance(place, list) else f"no {words[0]!r}"
-    raise ScenarioError(f"cannot vary {key}: {here} {what}", choices=tuple(entries))
+    others = [*sorted(_SECTIONS), ROBOTS] if walked == "execution" else []
+    raise ScenarioError(
+        f"cannot vary {key}: {here} {what}", choices=(*entries, *others)
+    )
 
 
 def _split(text: str) -> list[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from planning.errors import RequestError, ScenarioError, TwinError
+from planning.errors import RequestError, ScenarioError, TwinError, in_a_line
 from scheduling.graph.plan_files import load_plan, plan_sha256, save_plan
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.motion_times import is_driven
@@ -307,7 +307,7 @@ def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
         try:
             found[json.dumps(layout)] = _planned(request, layout, progress)
         except TwinError as error:
-            refused.append(Refused(layout, " ".join(str(error).split())))
+            refused.append(Refused(layout, in_a_line(str(error))))
     progress(LAYOUTS, len(wanted), len(wanted))
     if not found:
         said = "; ".join(f"{words(item.layout)}: {item.reason}" for item in refused)

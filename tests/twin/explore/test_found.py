@@ -277,4 +277,6 @@ def test_a_design_becomes_a_scenario_of_its_own(tmp_path: Path) -> None:
     told = invoke("init", tmp_path / "none", "--from", f"{out}#99", code=2).output
     assert "has no design #99: there are 1 to" in " ".join(told.split())
     told = invoke("init", tmp_path / "none", "--from", f"{tmp_path}#1", code=2).output
-    assert "no summary of an exploration" in " ".join(told.split())
+    assert "no summary of an exploration: there is none" in " ".join(told.split())
+    told = invoke("init", tmp_path / "none", "--from", f"{out}#x", code=2).output
+    assert "such as explored#3" in " ".join(told.split())

@@ -8,12 +8,14 @@ import pytest
 
 from tests.twin.explore.sliders import slider_file
 from tests.twin.program import invoke
-from twin.explore.dimensions import vary_section
+from twin.explore.dimensions import dimensions_of, vary_section
 from twin.scenario.document.expressions import (
     Expression,
     ExpressionError,
     Inequality,
 )
+from twin.scenario.sections.exploration import ExploreSection
+from twin.trial.loaded_scenario import load
 
 GOOD = "{key: cell.robots.left.base.xyz_m.0, low: -0.6, high: 0.6}"
 
@@ -30,6 +32,13 @@ GOOD = "{key: cell.robots.left.base.xyz_m.0, low: -0.6, high: 0.6}"
         ("vary: [{key: cell.robots.left.model, low: 0, high: 1}]", 15, "is no number, but 'slider.urdf'"),
         ("vary: [{key: cell.robots.left.model, order: true}]", 15, "no list of two or more entries"),
         ("vary: [{key: seed, low: 0, high: 9}]", 15, "all designs see the same draws"),
+        ("vary: [{key: name, values: [a, b]}]", 15, "name: it is no design"),
+        ("vary: [{key: planning.speed_rad_s, low: 0, high: 1}]", 15, "must be at least 0.01, not 0"),
+        ("vary: [{key: robots, low: 0, high: 2}]", 15, "no number of robots: 0"),
+        ("vary: [{key: cell.robots.left.model, values: [slider.urdf, slidr]}]", 15, "unknown robot model 'slidr'"),
+        (f"vary: [{GOOD}]\n  goals: [{{minimise: price}}]", 15, "give prices"),
+        (f"vary: [{GOOD}]\n  prices: {{slidr.urdf: 1}}", 16, "unknown model or tool 'slidr.urdf'; did you mean 'slider.urdf'"),
+        (f"vary: [{GOOD}]\n  goals: [{{minimise: \"key('cell.robots.left.model')\"}}]", 16, "is no number, but 'slider.urdf'"),
         (f"vary: [{GOOD}, {GOOD}]", 15, "is varied twice"),
         (f"vary: [{GOOD}, {{key: cell.robots.left.base.xyz_m, values: [[0, 0, 0], [1, 0, 0]]}}]", 15, "is varied twice"),
         (f"vary: [{GOOD}]\n  goals: [{{minimise: men_s}}]", 16, "no result 'men_s' (valid: makespan_s, mean_s"),
@@ -52,15 +61,27 @@ def test_malformed_sections_are_named_with_their_line(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("cell.robots.left.base.xyz_m.0", "write"),
+        ("cell.robots.left.base.xyz_m.0", "write key=low..high"),
         ("cell.robots.left.base.xyz_m.0=2..1", "low 2 is not below high 1"),
         ("cell.robots.left.base.xyz_m.0=1", "values are two or more"),
+        ("cell.robots.left.base.xyz_m.0=a..b", "low and high of a range are numbers"),
+        ("cell.robots.left.base.xyz_m.0=0..inf", "low and high of a range are numbers"),
         ("cell.robots.lefd.base.xyz_m.0=1..2", "no entry 'lefd'"),
     ],
 )
 def test_malformed_options_are_named(tmp_path: Path, text: str, words: str) -> None:
     file = slider_file(tmp_path, "")
     assert words in invoke("explore", file, "--vary", text, code=2).output
+
+
+def test_what_other_keys_may_set_right_is_tried(tmp_path: Path) -> None:
+    """HOME of an arm alone does not fit this model, and with the arm it does."""
+    case = load(slider_file(tmp_path, ""))
+    homes = vary_section("cell.robots.left.home_rad_or_m=[0.1],[0,0,0,0,0,0]")
+    models = vary_section("cell.robots.left.model=slider.urdf,ur5e")
+    section = ExploreSection(vary=(homes, models))
+    found = dimensions_of(case.sections, section, case.document, case.folder)
+    assert [one.key for one in found] == [homes.key, models.key]
 
 
 def test_options_say_ranges_values_and_orders() -> None:

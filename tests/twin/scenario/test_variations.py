@@ -152,6 +152,8 @@ cell.robots.left.base.xyz_m.3  | 0        | xyz_m has no entry '3' .*0, 1, 2
 planning.speed_model           | quick    | unknown value 'quick'.*joint
 robots                         | two      | no number of robots: 'two'
 cell.robots.left.parked.at_m.0 | 1        | leaves cell.robots.left.parked out
+cell.robots.left.home_deg.0    | 1        | leaves cell.robots.left.home_deg out; give it as a whole
+cel.robots.left.tool           | slim     | execution has no 'cel' .*valid: speed, .*cell, .*robots
 """),
 )
 def test_paths_and_values_that_do_not_fit_are_refused_by_place(

@@ -175,6 +175,10 @@ class ExploreSection(Section):
         used = frozenset[str]().union(*(e.used for e in self.expressions))
         if "late" in used and self.deadline_s is None:
             raise ValueError("'late' is the share of runs after deadline_s: give it")
+        if "price" in used and not self.prices:
+            raise ValueError(
+                "'price' is the sum of the prices of models and tools: give prices"
+            )
         if self.sampler == "cma-es" and len(self.goals) > 1:
             raise ValueError(
                 "sampler 'cma-es' is for one goal (valid for several: tpe, nsga-ii, random)"
