@@ -109,6 +109,11 @@ class Committed:
         """Number of committed nodes of each robot that has some."""
         return {chain.robot: len(chain) for chain in self.committed.chains}
 
+    def counts(self, union: TemporalPlanGraph) -> Counts:
+        """Return how many nodes of each chain of a longer graph are committed."""
+        lengths = self.lengths
+        return tuple(lengths.get(chain.robot, 0) for chain in union.chains)
+
 
 def version_of(
     union: TemporalPlanGraph,
@@ -132,10 +137,9 @@ def version_of(
     """
     executed_by = tuple(chain.robot for chain in union.chains)
     assert executed_by[: len(at.robots)] == at.robots, "chains keep their numbers"
-    counts = at.lengths
     return Version(
         union,
-        tuple(counts.get(name, 0) for name in executed_by),
+        at.counts(union),
         tuple(chain.robot for chain in new.chains),
         drawn,
         round(section.planning_s * NANOSECONDS),

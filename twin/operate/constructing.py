@@ -27,7 +27,6 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, cut_after
 from scheduling.rolling.extension import committed_part, extended
 from scheduling.rolling.kept import kept_hold
-from scheduling.rolling.supply import brought_in, renamed, supply_waits
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,
@@ -37,11 +36,12 @@ from twin.operate.committed import (
     not_executed,
     version_of,
 )
+from twin.operate.going import appended
 from twin.operate.incident import Incident, Version
 from twin.operate.judging import Judging, asks_for_another
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
-from twin.operate.person import Ask, Person, with_help
+from twin.operate.person import Ask, Person
 from twin.planning.construction import ConstructionKind
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.onward import graph_from
@@ -222,13 +222,8 @@ class ConstructionRecovery:
             plan = self._motions(problem, rest, world, tpg.cell)
             new = graph_from(plan, world, before, StageWatch())
             new = timed(new, self.scenario, StageWatch())
-            new = renamed(new, ledger.fresh, len(before))
-            new, cell = with_help(new, tpg.cell, ledger.pending(before))
             waits = self._waits(problem, rest, plan, at)
-            brought = brought_in((*before, *new.tasks[len(before) :]))
-            late = supply_waits(new.tasks[len(before) :], brought)
-            waits = np.concatenate([waits, late])
-            union = extended(at.committed, new, cell, waits, order=at.robots)
+            union, new, _ = appended(at, new, tpg.cell, ledger, waits)
         except (ConstructionError, PlanInvariantError) as error:
             for name in names - {*placed}:
                 why = str(error).partition("\n")[0]

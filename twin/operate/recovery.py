@@ -42,10 +42,7 @@ from scheduling.rolling.cut import (
 )
 from scheduling.rolling.extension import committed_part, extended
 from scheduling.rolling.supply import (
-    brought_in,
     coming,
-    renamed,
-    supply_waits,
 )
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
@@ -58,12 +55,12 @@ from twin.operate.committed import (
     version_of,
 )
 from twin.operate.dependents import hopeless, resting_steps
-from twin.operate.going import Found, Going
+from twin.operate.going import Found, Going, appended
 from twin.operate.incident import Incident, Version
 from twin.operate.judging import Judging, asks_for_another, interrupted
 from twin.operate.ledger import Ledger
 from twin.operate.luck import Luck
-from twin.operate.person import Ask, Person, with_help
+from twin.operate.person import Ask, Person
 from twin.operate.step_window import StepWindow
 from twin.planning.kind import PlannedMotions
 from twin.planning.onward import plan_from
@@ -245,11 +242,8 @@ class Recovery:
             if found and (any(not item.more for item in found) or not self._stuck):
                 break  # what nobody can do can be done from nowhere else
         if found:
-            least = min(item.more for item in found)
-            best = min(
-                (item for item in found if item.more == least),
-                key=lambda item: item.end_s(incident.clock, planning_s),
-            )
+            about = incident.clock, planning_s
+            best = min(found, key=lambda item: (item.more, item.end_s(*about)))
             self._restore(best.going)
             return best.union, best.new, best.at
         world = self._world(at)
@@ -345,15 +339,10 @@ class Recovery:
             onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
             self._cell = replace(self._cell, objects=(*self._cell.objects, *come_up))
-            first, before = len(at.committed.tasks), at.committed.tasks
-            new = renamed(found.tpg, self._ledger.fresh, first)
-            pending = self._ledger.pending(before)
-            new, self._cell = with_help(new, self._cell, pending)
-            brought = brought_in((*before, *new.tasks[first:]))
-            late = supply_waits(new.tasks[first:], brought)
-            waits = np.concatenate([onward.motions.dependencies, late])
-            known = waits, onward.motions.windows
-            union = extended(at.committed, new, self._cell, *known, order=at.robots)
+            known = onward.motions.dependencies, onward.motions.windows
+            union, new, self._cell = appended(
+                at, found.tpg, self._cell, self._ledger, *known
+            )
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs

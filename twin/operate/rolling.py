@@ -34,7 +34,6 @@ from twin.uncertainty.node_times import NodeTimes, Standstill
 _AFTER_ALL = EventPriority(10)
 """Priority of what looks at all that has happened at a time."""
 
-
 _AHEAD_NS = NANOSECONDS // 2
 """Time before the end of what was released at which a robot is released its next task: more than it brakes for."""
 
