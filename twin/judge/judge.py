@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
+from planning.tasks.task import LEAVE_TOOL, TAKE_TOOL
 from twin.audit.audit import audit_recording
 from twin.audit.order import NodeSpans
 from twin.audit.violation import Violation
@@ -293,8 +294,12 @@ class JudgedPlan:
 _ROUNDING = 1e-6
 """Share of a limit by which it may be exceeded."""
 
-_SKILL_OF = {"take": "pick", "put": "place-down", "give": "handover"}
-"""What work is called that has no name, by what changes hands in it."""
+_SKILLS_OF = {
+    "take": ("pick", "handover", TAKE_TOOL),
+    "put": ("place-down", "place-up", LEAVE_TOOL),
+    "give": ("handover",),
+}
+"""What work may be called in which something changes hands; the first, where it is called otherwise."""
 
 
 class WorkRules:
@@ -348,12 +353,25 @@ class WorkRules:
 
     def _model(self, name: str, motion: OpenMotion) -> DurationModel | None:
         """Return how long work takes, None where nothing says so."""
-        kind = self._kinds.get(motion.object or "")
-        for skill in (motion.skill, *(_SKILL_OF.get(e.verb) for e in motion.events)):
-            found = skill and self._durations.model_of(skill, name, kind)
-            if found:
-                return found
-        return None
+        return next(iter(self._works(name, [motion]).values()), None)
+
+    def _works(
+        self, name: str, group: Sequence[OpenMotion]
+    ) -> dict[str, DurationModel]:
+        """Return what a piece of work consists of, by skill: what it is called, and what changes hands."""
+        found: dict[str, DurationModel] = {}
+        for motion in group:
+            done = [(motion.skill, motion.object)]
+            for event in motion.events:
+                called = _SKILLS_OF.get(event.verb, (motion.skill,))
+                if motion.skill not in called:
+                    done.append((called[0], event.object))
+            for skill, thing in done:
+                kind = self._kinds.get(thing or "")
+                model = skill and self._durations.model_of(skill, name, kind)
+                if skill and model:
+                    found.setdefault(skill, model)
+        return found
 
     def _too_fast(
         self, name: str, motion: OpenMotion, span: MotionSpan, limit: float
@@ -376,12 +394,11 @@ class WorkRules:
     def _too_short(
         self, name: str, group: list[OpenMotion], spans: Mapping[str, MotionSpan]
     ) -> Iterator[Violation]:
-        model = next(filter(None, (self._model(name, m) for m in group)), None)
-        if model is None:
-            return
+        works = self._works(name, group)
+        least = sum(model.mean for model in works.values())
         took = sum((m.t_s[-1] - m.t_s[0]) * spans[m.id].factor for m in group)
-        if took < model.mean * (1.0 - _ROUNDING) - 1e-6:
+        if took < least * (1.0 - _ROUNDING) - 1e-6:
             begin, end = spans[group[0].id].begin, spans[group[-1].id].end(group[-1])
-            skill = group[0].skill or "work"
-            words = f"{group[0].id}: {skill} takes {took:.6g} s, and the task says {model.mean:.6g} s"
+            skill = " and ".join(works)
+            words = f"{group[0].id}: {skill} takes {took:.6g} s, and the task says {least:.6g} s"
             yield Violation(begin, end, name, skill, 0.0, words, "duration")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -201,3 +202,19 @@ def test_a_planted_fault_is_found(name: str, tmp_path: Path) -> None:
     told = [(v.kind, v.first, v.second) for v in found.findings]
     assert any(k == kind and who in f"{a} {b}" for k, a, b in told), told
     assert not found.clean
+
+
+@pytest.mark.parametrize("called", ["place-down", "pick", "hold"])
+def test_work_takes_as_long_as_what_is_done_in_it_under_any_name(
+    called: str, tmp_path: Path
+) -> None:
+    """Whoever puts a part down in what is called a pick, puts it down."""
+    content: Document = yard(tmp_path)
+    task = tmp_path / "yard.yaml"
+    longer = "place-down: {kind: uniform, low_s: 6.0, high_s: 8.0}"
+    task.write_text(re.sub("place-down: {.*}", longer, task.read_text()))
+    for robot in content["robots"].values():
+        robot["motions"][3]["skill"] = called
+    told = [v for v in judged(content, tmp_path).findings if v.kind == "duration"]
+    assert [v.first for v in told] == ["west", "east"]
+    assert all("place-down" in v.detail for v in told)
