@@ -1,6 +1,6 @@
 """What it costs that skills fail: planned anew while the others go on, or after everybody has stopped.
 
-    python -m benchmarks.operate [--seeds N] [--rates 0 0.05] [--only NAME] [--verified N]
+    python -m benchmarks.operate [--seeds N] [--rates 0 0.05 out] [--only NAME] [--verified N]
 
 Every attempt at any skill fails with a probability, and a fifth of those lose the object; attempts are made
 three times. Compared are, for the same draws: *ours*; *stop*: everybody ends the task at hand, waits for the
@@ -8,8 +8,10 @@ plan, and goes HOME before going on, whatever it had been cleared for; *knew*: a
 lost, executed with attempts that fail and never for good. ``cliff with spares`` is the shipped cliff with
 twelve more bricks, ``magazine with spares`` the shipped one with six more pins; of the products of
 ``machine tending`` each that is lost is one less, and a tower of which a beam is lost has no top. A construction
-that stops does not bring its steps to an end first. The table goes to benchmarks/results/operate.md; rows that
-are measured are kept.
+that stops does not bring its steps to an end first. With the rate ``out`` attempts fail as at 1 %, and one robot,
+drawn as the time is, stops for good; a plan that knew of that is not looked for. Every run is audited, and the first
+of each row are verified, and once more with five stalls of each robot. The table goes to benchmarks/results/operate.md;
+rows that are measured are kept.
 """
 
 from __future__ import annotations
@@ -27,23 +29,29 @@ import numpy as np
 from benchmarks.machine import date_line, machine_line
 from benchmarks.store import RowStore
 from scheduling.conflicts.derived_tpg import DerivedTpg
+from scheduling.graph.dispatcher import earliest_times
+from scheduling.graph.plan_files import save_plan
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from twin.durations.model import NANOSECONDS
 from twin.operate.operation import Operation, operate
+from twin.recorders.observers import write_motion
 from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate, with_failures
 from twin.trial.simulation import scenario_execution
+from twin.trial.trial import audit_execution
 
 ROOT = Path(__file__).parents[1]
 CASES = (
-    *("cliff with spares", "lego/faucet", "lego/vessel", "assembly/gearbox"),
-    *("assembly/taskboard", "assembly/truss"),
-    *("magazine with spares", "machine tending, 8 products", "construction/tower"),
+    *("cliff with spares", "lego/cliff", "lego/faucet", "lego/vessel", "lego/chair"),
+    *("magazine with spares", "assembly/gearbox", "assembly/taskboard"),
+    *("assembly/truss", "machine tending, 8 products", "assembly/kitting"),
+    *("construction/tower", "construction/wall"),
 )
-RATES = (0.0, 0.01, 0.05, 0.1, 0.2)
+OUT = "out"
+RATES: tuple[float | str, ...] = (0.0, 0.01, 0.05, 0.1, 0.2, OUT)
 _SPARE = (
     ("2x6", (14, 42)),
     ("2x6", (32, 42)),
@@ -91,9 +99,16 @@ def scenario_of(name: str, folder: Path) -> LoadedScenario:
     return load(file)
 
 
-def measure(plan: PlanResult, rate: float, seed: int, *, verified: bool) -> Row:
+def measure(plan: PlanResult, rate: float | str, seed: int, *, verified: bool) -> Row:
     """Operate once in each way with the same draws."""
-    case = with_failures(plan.scenario, plan.tpg, rate)
+    case = with_failures(plan.scenario, plan.tpg, 0.01 if rate == OUT else float(rate))
+    changed: dict[str, Any] = {}
+    if rate == OUT:
+        draw, names = np.random.default_rng(seed), plan.motions.motion_plan.cell.robots
+        at_s = draw.uniform(0.0, 0.8) * earliest_times(plan.tpg).makespan
+        robot = names[int(draw.integers(len(names)))].name
+        changed["outages"] = [{"robot": robot, "at_s": round(float(at_s), 3)}]
+    case = case.varied(changed) if changed else case
     sections, model = (
         case.sections,
         scenario_execution(case.sections, case.folder),
@@ -104,8 +119,16 @@ def measure(plan: PlanResult, rate: float, seed: int, *, verified: bool) -> Row:
     # Nodes of which all wait for what they must, whichever version they are of.
     check_invariant(DerivedTpg(ours.tpg))
     row["in_order"] = _in_order(ours)
+    row["audit"] = _audited(ours, case)
     if verified:
-        row["problems"] = len(verify_plan(ours.tpg).problems)
+        stalls = {"count_per_robot": 5, "duration_s": [1.0, 20.0]}
+        slow = case.varied({"stalls": stalls})
+        late = scenario_execution(slow.sections, slow.folder)
+        stalled = operate(slow.sections, plan.motions, plan.tpg, late, seed=seed)
+        row["audit"] += _audited(stalled, slow)
+        row["problems"] = sum(
+            len(verify_plan(done.tpg).problems) for done in (ours, stalled)
+        )
     if ours.versions:
         stop = operate(sections, plan.motions, plan.tpg, model, seed=seed, halting=True)
         row["stop"] = _told(stop)
@@ -114,6 +137,17 @@ def measure(plan: PlanResult, rate: float, seed: int, *, verified: bool) -> Row:
     knew = Hindsight(sections, plan.motions, plan.tpg, model).makespan_ns(ours)
     row["knew_s"] = None if knew is None else knew / NANOSECONDS
     return row
+
+
+def _audited(done: Operation, case: LoadedScenario) -> list[str]:
+    """Return what the audit finds in what was executed, in words."""
+    with tempfile.TemporaryDirectory() as scratch:
+        save_plan(done.tpg, Path(scratch))
+        write_motion(Path(scratch), done.tpg, done.record)
+        whole = done.record.outcome == "completed" and not done.dropped
+        about = case.sections, Path(scratch)
+        found = audit_execution(*about, ordered=True, finished=whole)
+    return [str(violation) for violation in found.violations]
 
 
 def _told(done: Operation) -> Row:
@@ -134,7 +168,7 @@ def _in_order(done: Operation) -> bool:
     )
 
 
-def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:
+def table(rows: dict[tuple[str, float | str], list[Row]], seeds: int) -> list[str]:
     """Return the report, as lines of Markdown."""
     commits = ", ".join(sorted({row["commit"] for own in rows.values() for row in own}))
     out = [
@@ -156,15 +190,18 @@ def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:
         whole = [
             row
             for row in own
-            if row["knew_s"] is not None
-            and row["ours"]["completed"]
-            and row["stop"]["completed"]
+            if (row["knew_s"] is not None or rate == OUT)
+            and row["ours"]["given_up"].keys() == row["stop"]["given_up"].keys()
+            and (row["ours"]["completed"] or rate == OUT)
         ]
         seconds = [s for row in own for s in row["ours"]["planning_s"]]
-        wrong = sum(not row["in_order"] or bool(row.get("problems")) for row in own)
+        wrong = sum(
+            not row["in_order"] or bool(row.get("problems")) or bool(row["audit"])
+            for row in own
+        )
         cells = [
             name,
-            f"{100 * rate:g} %",
+            rate if isinstance(rate, str) else f"{100 * rate:g} %",
             f"{sum(row['ours']['completed'] for row in own)} of {len(own)}",
             f"{np.mean([row['ours']['versions'] for row in own]):.2f}",
             *(
@@ -172,7 +209,7 @@ def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:
                 for values in (
                     [row["ours"]["makespan_s"] for row in whole],
                     [row["stop"]["makespan_s"] for row in whole],
-                    [row["knew_s"] for row in whole],
+                    [row["knew_s"] for row in whole if row["knew_s"] is not None],
                 )
             ),
             f"{np.median(seconds):.2f}" if seconds else "-",
@@ -183,16 +220,20 @@ def table(rows: dict[tuple[str, float], list[Row]], seeds: int) -> list[str]:
     return out
 
 
+def _rate(text: str) -> float | str:
+    return OUT if text == OUT else float(text)
+
+
 def main() -> int:
     """Measure what is not in the store, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20, metavar="N")
-    parser.add_argument("--rates", type=float, nargs="+", default=RATES)
+    parser.add_argument("--rates", type=_rate, nargs="+", default=RATES)
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES)
     parser.add_argument("--verified", type=int, default=2, metavar="N")
     options = parser.parse_args()
     store = RowStore(ROOT / "benchmarks" / ".measured" / "operate", ROOT)
-    measured: dict[tuple[str, float], list[Row]] = {}
+    measured: dict[tuple[str, float | str], list[Row]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in options.only:
             case = scenario_of(name, Path(folder))
@@ -201,7 +242,7 @@ def main() -> int:
             for rate in options.rates:
                 rows = measured.setdefault((name, rate), [])
                 for seed in range(options.seeds):
-                    key = f"{name.translate(_IN_FILES)}-{sha256(text).hexdigest()[:8]}-{rate:g}-{seed}"
+                    key = f"{name.translate(_IN_FILES)}-{sha256(text).hexdigest()[:8]}-{rate}-{seed}"
                     row = store.load(key)
                     if row is None:
                         plan = plan or plan_to_operate(case)
