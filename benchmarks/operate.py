@@ -144,7 +144,7 @@ def _audited(done: Operation, case: LoadedScenario) -> list[str]:
     with tempfile.TemporaryDirectory() as scratch:
         save_plan(done.tpg, Path(scratch))
         write_motion(Path(scratch), done.tpg, done.record)
-        whole = done.record.outcome == "completed" and not done.dropped
+        whole = done.record.outcome == "completed" and not done.partial
         about = case.sections, Path(scratch)
         found = audit_execution(*about, ordered=True, finished=whole)
     return [str(violation) for violation in found.violations]

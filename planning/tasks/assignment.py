@@ -161,6 +161,18 @@ class AssignmentProblem:
             changes={key: cost for key, cost in self.changes.items() if key[0] in crew},
         )
 
+    def of_first(self, count: int) -> AssignmentProblem:
+        """Return the problem of the first so many steps."""
+        left = self.of_candidates(
+            lambda item: item.step <= count, lambda item: item.step <= count
+        )
+        return replace(
+            left,
+            steps=self.steps[:count],
+            needs_support=self.needs_support[:count],
+            kept={k: until for k, until in self.kept.items() if k <= count},
+        )
+
     def of_candidates(
         self,
         primary: Callable[[PrimaryCandidate], bool],

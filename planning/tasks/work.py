@@ -73,6 +73,29 @@ class AssemblyWork:
     spare: Callable[[int, Collection[str]], AssemblyWork | None] = _no_spare
     moved: Callable[[Mapping[str, Transform]], AssemblyWork] | None = None
 
+    def of_first(self, count: int) -> AssemblyWork:
+        """Return the work of the first so many steps, as if no others came after them."""
+
+        def some_of(more: AssemblyWork | None) -> AssemblyWork | None:
+            return None if more is None else more.of_first(count)
+
+        def spare(step: int, there: Collection[str]) -> AssemblyWork | None:
+            return some_of(self.spare(step, there))
+
+        def moved(starts: Mapping[str, Transform]) -> AssemblyWork:
+            assert self.moved is not None
+            return self.moved(starts).of_first(count)
+
+        return replace(
+            self,
+            problem=self.problem.of_first(count),
+            exchanged=lambda k: some_of(self.exchanged(k)) if k < count else None,
+            needs=frozenset(pair for pair in self.needs if max(pair) <= count),
+            passing={k: own for k, own in self.passing.items() if max(own) <= count},
+            spare=spare,
+            moved=None if self.moved is None else moved,
+        )
+
     def in_this_order(self) -> AssemblyWork:
         """Return the same work without any other order of its steps."""
         return replace(self, exchanged=_none)
@@ -98,10 +121,12 @@ class WorkAhead:
     Attributes:
         steps: how many there are.
         first: returns the work of the first so many of them.
+        product: how many of them make a product; 0 where it is not products that are ordered.
     """
 
     steps: int
     first: Callable[[int], AssemblyWork]
+    product: int = 0
 
 
 class TaskHistory:

@@ -204,6 +204,10 @@ def cause_of(
     if incident.unwanted:
         steps = ", ".join(map(str, sorted(incident.unwanted)))
         words.append(f"not wanted any more: steps {steps}")
+    if incident.more:
+        words.append(
+            f"{incident.more} more {'products' if incident.more > 1 else 'product'} wanted"
+        )
     if new:
         words.append(f"steps {new[0]} to {new[-1]} come next")
     words += [f"a person was asked: {answer}" for answer in answers]

@@ -142,6 +142,11 @@ class ConstructionRecovery:
         """Tell that all is planned."""
         return False
 
+    @property
+    def short(self) -> bool:
+        """Whether less is built than is wanted."""
+        return bool(self.given_up)
+
     def swapped(self) -> None:
         """Take note that what was planned last has taken its place."""
         self._executed = self._planned

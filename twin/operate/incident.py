@@ -39,6 +39,7 @@ class Incident:
         ago: how long ago the tasks ended that opened windows of time, by their index [s].
         clock: what has been executed; None where there is no time.
         due: whether nothing has happened but that more is to be planned.
+        more: products that have been ordered since the beginning.
     """
 
     failures: tuple[Failure, ...]
@@ -48,6 +49,7 @@ class Incident:
     ago: Mapping[int, float] = field(default_factory=dict)
     clock: Clock | None = None
     due: bool = False
+    more: int = 0
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,11 @@ class Planner(Protocol):
     @property
     def given_up(self) -> Mapping[int, str]:
         """Steps that are not done any more in what is executed, by number, with the reason."""
+        ...
+
+    @property
+    def short(self) -> bool:
+        """Whether less is made, by what is executed, than is wanted."""
         ...
 
     def plan(self, tpg: TemporalPlanGraph, incident: Incident) -> Version:

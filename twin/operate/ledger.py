@@ -24,6 +24,7 @@ class Ledger:
         gone: objects that are lost.
         shunned: objects that could not be picked, and are only tried again where there are no others.
         closed: whether no more steps come than are planned, as nobody can do the next one.
+        more: products that have been ordered since the beginning.
         tries: how often all attempts at a skill of a step have failed.
         asks: what a person was asked.
         measured: where parts lie that were found beside where they were said to.
@@ -35,6 +36,7 @@ class Ledger:
     gone: set[str] = field(default_factory=set)
     shunned: set[str] = field(default_factory=set)
     closed: bool = False
+    more: int = 0
     tries: Counter[tuple[int, str]] = field(default_factory=Counter)
     asks: tuple[Ask, ...] = ()
     measured: dict[str, Transform] = field(default_factory=dict)

@@ -26,7 +26,7 @@ from twin.operate.incident import Version
 from twin.operate.person import Ask, Person, Says
 from twin.operate.recovery import Recovery
 from twin.operate.rolling import RollingDrivenExecution, RollingExecution
-from twin.planning.kind import PlannedMotions, assembly_kind
+from twin.planning.kind import AssemblyKind, PlannedMotions, assembly_kind
 from twin.recorders.observers import Observers, Recorder
 from twin.run.events import ExecutionRecord
 from twin.scenario.sections.execution import AskSection
@@ -50,6 +50,7 @@ class Operation:
         out: robots that were out.
         asks: what a person was asked, and the answers.
         scrapped: products that were not made whole, of several.
+        partial: whether there are steps of the scenario that were not done.
     """
 
     tpg: TemporalPlanGraph
@@ -60,6 +61,7 @@ class Operation:
     out: frozenset[str]
     asks: tuple[Ask, ...] = ()
     scrapped: tuple[int, ...] = ()
+    partial: bool = False
 
     @property
     def planning_s(self) -> tuple[float, ...]:
@@ -168,11 +170,14 @@ def operate(
     for outage in scenario.execution.outages:
         cell.outage(outage.robot, round(outage.at_s * NANOSECONDS))
     for change in scenario.execution.changes:
-        cell.drop(change.drop, round(change.at_s * NANOSECONDS))
+        at_ns = round(change.at_s * NANOSECONDS)
+        cell.drop(change.drop, at_ns)
+        if change.more:
+            cell.order(change.more, at_ns)
     for k, item in enumerate(late):
         cell.late(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
-    if outcome == "completed" and planner.given_up:
+    if outcome == "completed" and planner.short:
         outcome = "failed"
     idle = (k for k, chain in enumerate(cell.tpg.chains) if not len(chain))
     unused = cell.never_came.union(idle)
@@ -182,7 +187,8 @@ def operate(
 
     executed, times = without_chains(cell.tpg, unused), cell.node_times()
     undone = planner.given_up.keys() | planner.dropped.keys()
-    executed, scrapped = _with_products(executed, scenario, undone)
+    kind = assembly_kind(scenario.assembly).written_out()
+    executed, scrapped = _with_products(executed, kind, undone)
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -201,6 +207,7 @@ def operate(
         failure="; ".join(
             f"step {step} is given up: {why}"
             for step, why in sorted(planner.given_up.items())
+            if outcome != "completed"
         ),
         raised_skills=times.raised,
         commands=used(cell.commands()),
@@ -215,14 +222,14 @@ def operate(
         cell.out,
         planner.asks,
         scrapped,
+        bool(undone) or kind.wanted_steps() < kind.steps(),
     )
 
 
 def _with_products(
-    executed: TemporalPlanGraph, scenario: Scenario, undone: Collection[int]
+    executed: TemporalPlanGraph, kind: AssemblyKind, undone: Collection[int]
 ) -> tuple[TemporalPlanGraph, tuple[int, ...]]:
     """Return what was executed with the product that each task is for, and products that are not whole."""
-    kind = assembly_kind(scenario.assembly).written_out()
     if (count := kind.products()) == 1:
         return executed, ()
     steps = kind.steps() // count

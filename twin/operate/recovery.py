@@ -103,6 +103,7 @@ class Recovery:
     _known: KnownMotions = field(default_factory=KnownMotions)
     _elsewhere: MeasuredWork = field(default_factory=MeasuredWork)
     _stuck: bool = False
+    _reach: int = 0
 
     def __post_init__(
         self, tpg: TemporalPlanGraph, gone: Collection[str], measured: Poses
@@ -134,6 +135,12 @@ class Recovery:
     def given_up(self) -> Mapping[int, str]:
         """Steps that are not done any more in what is executed, by number, with the reason."""
         return self._executed.ledger.given_up
+
+    @property
+    def short(self) -> bool:
+        """Whether less is made, by what is executed, than is wanted."""
+        ledger, planned = self._executed.ledger, len(self._executed.task_plan.choices)
+        return self._window.is_short(ledger.given_up, ledger.more, planned)
 
     @property
     def dropped(self) -> Mapping[int, str]:
@@ -185,12 +192,16 @@ class Recovery:
         planned = executed = len(self._task_plan.choices)
         if self.due(tpg, incident.released):
             planned = self._window.after(executed)
+        self._reach = planned
         self.motions = self._window.of_first(self.motions, planned)
+        self._ledger.more = incident.more
         union, new, at = self._after(tpg, incident)
+        planned = len(self._task_plan.choices)
         self._luck: Luck = self._luck.onward(union, len(at.committed.tasks))
         self._planned = self._state()
         answers = [ask.answer for ask in self._ledger.asks[len(self.asks) :]]
-        cause = cause_of(tpg, incident, range(executed + 1, planned + 1), answers)
+        fresh = replace(incident, more=incident.more - self._executed.ledger.more)
+        cause = cause_of(tpg, fresh, range(executed + 1, planned + 1), answers)
         drawn = self.draw(new, self._luck.names)
         section = self.scenario.execution.recovery
         return version_of(union, new, at, drawn, section, begin, cause)
@@ -285,6 +296,7 @@ class Recovery:
         if aside:
             goes_aside = standing(leftovers(self._world(at), {})) - at.out - machines
         while True:
+            self._look_at_what_is_ordered()
             world = self._world(at)
             reopened = {
                 **at.judged.reopened,
@@ -366,16 +378,32 @@ class Recovery:
         about = self._ledger, self.person, self._cell
         return asks_for_another(*about, step, name, why)
 
+    def _look_at_what_is_ordered(self) -> None:
+        """Look at the steps of as many products as are ordered, in place of others that are not made among them."""
+        ledger, motions = self._ledger, self.motions
+        assert motions.work is not None
+        ordered = (
+            0 if ledger.closed else self._window.ordered(ledger.given_up, ledger.more)
+        )
+        count = max(len(self._task_plan.choices), self._reach, ordered)
+        if count != len(motions.work.problem.steps):
+            self.motions = self._window.of_first(motions, count)
+
     def _look_no_further(self, hopeless: Mapping[int, str]) -> None:
         """End the assembly before a step that comes into the window and that nobody can do."""
         planned = len(self._task_plan.choices)
         if new := [step for step in hopeless if step > planned]:
-            first = min(new)
-            self.motions = self._window.of_first(self.motions, first - 1)
-            self._ledger.closed = True
+            first, ledger = min(new), self._ledger
+            count = self._window.whole_products(first - 1)
+            self.motions = self._window.of_first(self.motions, count)
+            ledger.closed = True
             for step in self._window.all_steps(self._task_plan):
                 if step > first:
-                    self._ledger.give_up(step, f"step {first} is given up")
+                    ledger.give_up(step, f"step {first} is given up")
+            if self._window.in_products:
+                # Of a product that cannot be made nothing is begun; nor was it there before.
+                for step in [k for k in ledger.given_up if k > count]:
+                    del ledger.given_up[step]
 
     def _retreat(self, now: Situation, error: TwinError) -> bool:
         """Give up a step, or ask for what it lacks, and tell whether there was one.

@@ -82,6 +82,7 @@ class RollingExecution(SuppliedExecution):
         self._failures: list[Failure] = []
         self._out: set[str] = set()
         self._unwanted: set[int] = set()
+        self._more = 0
         self._again = False
         self._planning = False
         self._finished: dict[int, int] = {}
@@ -118,6 +119,16 @@ class RollingExecution(SuppliedExecution):
             counts = [failed.get(k, n) for k, n in enumerate(self.released)]
             if self._unwanted - self._planner.begun(self.tpg, counts):
                 self._replan()
+
+        self.env.process(change())
+
+    def order(self, products: int, at_ns: int) -> None:
+        """Let more products be wanted from a time on [ns]."""
+
+        def change() -> Steps:
+            yield self.env.timeout(at_ns)
+            self._more += products
+            self._replan()
 
         self.env.process(change())
 
@@ -261,7 +272,8 @@ class RollingExecution(SuppliedExecution):
             tuple(max(n, int(k in self._coming)) for k, n in enumerate(self.released)),
             {k: (self.now_ns - t) / NANOSECONDS for k, t in opened.items()},
             self._clock(),
-            due=not (self._failures or self._out or self._unwanted),
+            due=not (self._failures or self._out or self._unwanted or self._more),
+            more=self._more,
         )
 
     def _clock(self) -> Clock:

@@ -1,7 +1,7 @@
-"""The window of steps that are planned: how far it reaches, and when it is time to plan more.
+"""How many first steps are planned: those of a window, when it is time for more, and of products that are ordered.
 
 Steps are in their order and the structure is known to stand from the beginning; robots, objects and motions
-of a step are chosen when it comes into the window.
+of a step are chosen when it comes into the window, or its product is ordered.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ class StepWindow:
         self, section: StepWindowSection | None, motions: PlannedMotions
     ) -> None:
         self._section, self._ahead = section, motions.ahead
+        self._wanted = len(motions.task_plan.choices)
         self._begins: tuple[TemporalPlanGraph, list[dict[int, int]]] | None = None
 
     def due(
@@ -59,9 +60,45 @@ class StepWindow:
         assert self._section is not None
         return min(planned + self._section.steps, self._ahead.steps)
 
+    @property
+    def in_products(self) -> bool:
+        """Whether what comes after the first steps is further products."""
+        return self._ahead is not None and self._ahead.product > 0
+
+    def whole_products(self, steps: int) -> int:
+        """Return how many of some first steps make whole products; all where it is not products that are ordered."""
+        period = (self._ahead.product if self._ahead else 0) or 1
+        return steps // period * period
+
+    def ordered(self, given_up: Collection[int], more: int) -> int:
+        """Return how many first steps there are to be, those of spare products among them.
+
+        Args:
+            given_up: steps that are not done though they are wanted: others take the place of their products.
+            more: products that have been ordered since.
+        """
+        if self._ahead is None or not self.in_products:
+            return 0
+        lost = len(self.products_of(given_up))
+        wanted = self._wanted + (lost + more) * self._ahead.product
+        return min(wanted, self._ahead.steps)
+
+    def products_of(self, steps: Collection[int]) -> set[int]:
+        """Return the products that some steps make, from 0; the steps where it is not products that are ordered."""
+        period = (self._ahead.product if self._ahead else 0) or 1
+        return {(step - 1) // period for step in steps}
+
+    def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
+        """Tell whether less is made than is wanted, of so many first steps that are planned; see ``ordered``."""
+        if self._ahead is None or not self.in_products:
+            return bool(given_up)
+        made = planned // self._ahead.product - len(self.products_of(given_up))
+        return made < self._wanted // self._ahead.product + more
+
     def all_steps(self, plan: TaskPlan) -> range:
         """Return the numbers of all steps, those after the planned ones included."""
-        steps = len(plan.choices) if self._ahead is None else self._ahead.steps
+        ahead = self._ahead if self._section is not None else None
+        steps = len(plan.choices) if ahead is None else ahead.steps
         return range(1, steps + 1)
 
     def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:

@@ -76,6 +76,10 @@ class AssemblyKind(Protocol):
         """Return the number of steps."""
         ...
 
+    def wanted_steps(self) -> int:
+        """Return the number of first steps that are wanted as long as nothing fails and nothing else is ordered."""
+        return self.steps()
+
     def supply(self) -> str:
         """Return a description of the supply."""
         ...

@@ -42,6 +42,7 @@ from twin.scenario.sections.shapes import as_planned, build_transform
 
 if TYPE_CHECKING:
     from planning.motion.sequential import MotionSettings
+    from planning.tasks.work import AssemblyWork, WorkAhead
 
 
 _GREY_BLUE = (196, 214, 226)
@@ -78,9 +79,18 @@ class PartKind(AssemblyKind):
         """Return the number of steps, of one product or of all."""
         return len(listed_steps(self.section)) * (self.products() if self.whole else 1)
 
+    def wanted_steps(self) -> int:
+        """Return the number of steps without those of spare products."""
+        products = self.section.products
+        spare = products.spare if products and self.whole else 0
+        return self.steps() - spare * len(listed_steps(self.section))
+
     def products(self) -> int:
-        """Return how many products are made."""
-        return self.section.products.count if self.section.products else 1
+        """Return how many products are made; of those that are written out, with the spare ones."""
+        products = self.section.products
+        if products is None:
+            return 1
+        return products.count + (products.spare if self.whole else 0)
 
     def supply(self) -> str:
         """Return in words what there is to build with."""
@@ -134,14 +144,30 @@ class PartKind(AssemblyKind):
         self, cell: Workcell, settings: MotionSettings, watch: StageWatch
     ) -> PlannedMotions:
         """Find the candidates, choose, and plan one task after another."""
+        from twin.planning.goals import plan_in_turns
+
+        assembly, work = self._work(cell, watch)
+        return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
+
+    def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
+        """Return the work of any number of products, where there are spare ones; see ``AssemblyKind``."""
+        from planning.tasks.work import WorkAhead
+
+        if self.wanted_steps() == self.steps():
+            return super().ahead(cell, watch)
+        _, work = self._work(cell, watch)
+        period = len(listed_steps(self.section))
+        return WorkAhead(self.steps(), work.of_first, period)
+
+    def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
+        """Return what is built, and its work."""
         from planning.parts.alike import find_alike_candidates
         from planning.parts.candidates import find_candidates
         from planning.parts.order import find_ordered_candidates, in_found_order
         from planning.parts.work import part_work
-        from twin.planning.goals import ASSIGNMENT, plan_in_turns
+        from twin.planning.goals import ASSIGNMENT
 
-        line = self.line
-        assembly = assembly_of(line)
+        assembly = assembly_of(self.line)
         with watch.stage("assignment", ASSIGNMENT):
             if self.section.order == "find":
                 find = partial(find_ordered_candidates, progress=watch.reporter(ORDERS))
@@ -149,8 +175,7 @@ class PartKind(AssemblyKind):
             else:
                 found = find_alike_candidates(cell, assembly, find_candidates)
             work = part_work(found)
-        assembly = found.assembly if assembly.alike else assembly
-        return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
+        return found.assembly if assembly.alike else assembly, work
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions with the way in which they go on, and which tasks are for which product."""

@@ -69,7 +69,7 @@ def plan_motions(
 def plan_first_steps(
     scenario: Scenario, folder: Path, watch: StageWatch, count: int
 ) -> PlannedMotions:
-    """Plan assignment and motions of the first so many steps of an assembly.
+    """Plan assignment and motions of the first so many steps of an assembly, its products written out.
 
     Raises:
         RequestError: steps of this kind are looked at together.
@@ -77,14 +77,35 @@ def plan_first_steps(
     """
     from twin.planning.goals import plan_in_turns
 
-    kind = assembly_kind(scenario.assembly)
-    cell = build_workcell(scenario, folder)
+    kind = assembly_kind(scenario.assembly).written_out()
+    cell = build_workcell(scenario, folder, kind)
     ahead = kind.ahead(cell, watch)
     with watch.stage("assignment"):
         work = ahead.first(min(count, ahead.steps))
     settings = motion_settings(scenario, cell, folder)
     motions = plan_in_turns(cell, work.assembly, work, settings, watch)
     return replace(kind.finished(motions), ahead=ahead)
+
+
+def plan_wanted(
+    scenario: Scenario, folder: Path, watch: StageWatch, steps: int = 0
+) -> PlannedMotions:
+    """Plan assignment and motions of all that is wanted, from which it can be planned anew.
+
+    Args:
+        scenario: a checked scenario.
+        folder: where relative paths in it start.
+        watch: measures the stages.
+        steps: so many first ones at least, those of spare products among them.
+
+    Raises:
+        TwinError: see plan_scenario.
+    """
+    kind = assembly_kind(scenario.assembly).written_out()
+    if kind.wanted_steps() == kind.steps():
+        return plan_motions(scenario, folder, watch, whole=True)
+    count = max(kind.wanted_steps(), steps)
+    return plan_first_steps(scenario, folder, watch, count)
 
 
 def plan_in_turns(

@@ -184,14 +184,15 @@ def line_summary(
     Args:
         tpg: what was executed; what is done for products that are scrapped is of none.
         run: how.
-        due_s: when each product is due, scrapped or not [s].
+        due_s: when each product is due, scrapped or not [s]. One that is made in place of another is due when that
+            was, and one more that is ordered with the last one.
         start_up: products at the beginning that do not count for throughput and takt.
     """
     nodes = product_nodes(tpg)
     if nodes is None or any((own < 0).any() for own in run.end_ns):
         return None
     if len(due_s):
-        due_s = np.asarray(due_s)[nodes.products - 1].tolist()
+        due_s = _due_of(nodes.products.tolist(), due_s)
     begin = nodes.begin(np.concatenate(run.start_ns))[:, None]
     end = nodes.end(np.concatenate(run.end_ns))[:, None]
     found = line_figures(begin, end, due_s, start_up)
@@ -224,3 +225,12 @@ def line_summary(
             "greatest_lateness_s": float(after.max()),
         }
     return out
+
+
+def _due_of(products: Sequence[int], due_s: Sequence[float]) -> list[float]:
+    """Return when products are due that are whole [s]; see ``line_summary``."""
+    scrapped = sorted(set(range(1, len(due_s) + 1)) - set(products))
+    left = iter([due_s[k - 1] for k in scrapped])
+    return [
+        due_s[k - 1] if k <= len(due_s) else next(left, due_s[-1]) for k in products
+    ]

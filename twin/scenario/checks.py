@@ -239,8 +239,12 @@ def _check_robot_names(scenario: Scenario) -> Found:
         words = f"{name} comes at another time by another entry: leave one out"
         yield ("execution", "late", i, "part"), words
     count = assembly_kind(scenario.assembly).written_out().steps()
-    seen = set[int]()
+    seen, spare = set[int](), _spare_products(scenario)
     for i, change in enumerate(scenario.execution.changes):
+        spare -= change.more
+        if spare < 0 and change.more:
+            words = f"{-spare} more than there are parts for: give assembly.products.spare as many"
+            yield ("execution", "changes", i, "more"), words
         for k, step in enumerate(change.drop):
             words = f"there is no step {step} (valid: 1 to {count})"
             if step in seen:
@@ -248,6 +252,12 @@ def _check_robot_names(scenario: Scenario) -> Found:
             if step > count or step in seen:
                 yield ("execution", "changes", i, "drop", k), words
             seen.add(step)
+
+
+def _spare_products(scenario: Scenario) -> int:
+    """Return how many products there are parts for besides those that are wanted."""
+    whole = assembly_kind(scenario.assembly).written_out()
+    return whole.products() - assembly_kind(scenario.assembly).products()
 
 
 def _again(names: Sequence[str]) -> Iterator[tuple[int, str]]:

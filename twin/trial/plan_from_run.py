@@ -19,7 +19,7 @@ from twin.operate.incident import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
 from twin.operate.rolling import OUT_FOR_GOOD
-from twin.planning.pipeline import plan_motions, planned_shortcuts
+from twin.planning.pipeline import plan_wanted, planned_shortcuts
 from twin.run.policies import IN_TURNS, SHORTENED
 from twin.trial.loaded_scenario import LoadedScenario
 from twin.trial.plan_result import PlanResult
@@ -116,7 +116,8 @@ def plan_from_run(
     counts, failures, left_s, ago = _first_rests(run, moment)
     gone = {e.robot for e in run.history if e.t_ns <= t_ns and e.detail == OUT_FOR_GOOD}
     watch = StageWatch(progress)
-    motions = plan_motions(case.sections, case.folder, watch, whole=True)
+    last = max((task.step for task in tpg.tasks), default=0)
+    motions = plan_wanted(case.sections, case.folder, watch, steps=last)
     with watch.stage("motion"):
         found = plan_remainder(
             case.sections,

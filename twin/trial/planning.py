@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.errors import PlanInvariantError, ScenarioError
+from planning.errors import PlanInvariantError, RequestError, ScenarioError
 from planning.motion.load_bound import load_bound_s
 from planning.tasks.task import (
     HANDLING,
@@ -29,6 +29,7 @@ from twin.planning.pipeline import (
     plan_first_steps,
     plan_in_slots,
     plan_motions,
+    plan_wanted,
     planned_shortcuts,
     planned_sidesteps,
     shorten,
@@ -104,9 +105,15 @@ def plan_to_operate(
     """
     watch, window = StageWatch(progress), case.sections.execution.window
     if window is None:
-        motions = plan_motions(case.sections, case.folder, watch, whole=True)
+        motions = plan_wanted(case.sections, case.folder, watch)
         plan = plan_best(case.sections, case.folder, watch, motions)
         return replace(plan, scenario=case)
+    kind = assembly_kind(case.sections.assembly).written_out()
+    if kind.wanted_steps() < kind.steps():
+        raise RequestError(
+            "execution.window and assembly.products.spare: what is planned some steps at a time has no spare"
+            " products: leave one of them out"
+        )
     first = plan_first_steps(case.sections, case.folder, watch, window.first)
     return _coordinated(case, first, watch)
 

@@ -256,10 +256,20 @@ class OrderChange(Section):
     Attributes:
         at_s: when it is known [s].
         drop: steps that are not wanted any more from then on, by their numbers in the plan.
+        more: how many products more are wanted, of those that are spare.
     """
 
     at_s: Annotated[float, Field(ge=0, le=1e6)]
-    drop: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)]
+    drop: tuple[Annotated[int, Field(ge=1)], ...] = ()
+    more: Annotated[int, Field(ge=0, le=100_000)] = 0
+
+    @model_validator(mode="after")
+    def _changes(self) -> OrderChange:
+        if not self.drop and not self.more:
+            raise ValueError(
+                "what is ordered differently? Give drop, steps that are not wanted any more, or more, products"
+            )
+        return self
 
 
 class MachineDisturbances(Section):

@@ -1,7 +1,8 @@
-"""Of parts that are alike a spare one comes to the place of one that is lost."""
+"""Spare ones come to the place of parts that are lost, and of products that are not made whole."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import lost, operated
+from tests.twin.program import invoke
 from twin.operate.operation import Operation
 from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import load
@@ -109,3 +111,109 @@ def test_it_is_audited_and_what_is_left_knows_the_spares_that_were_used(
     assert not verify_plan(left.tpg).problems
     placed = {t.object for t in run.tpg.tasks if t.kind == "place-down"}
     assert {t.object for t in left.tpg.tasks if t.kind == "pick"} <= placed
+
+
+WANTED, SPARE, STEPS = 2, 2, 5
+"""Products of a mill and a washer, those for which there are blanks besides, and steps of each."""
+
+TENDED = {
+    "assembly.products": {"count": WANTED, "spare": SPARE, "leave_s": 5},
+    "machines": {},
+}
+
+
+@pytest.fixture(scope="module")
+def line() -> PlanResult:
+    return plan_to_operate(
+        load(MAGAZINE.with_name("machine_tending.yaml")).varied(TENDED)
+    )
+
+
+def made(done: Operation) -> set[int]:
+    """Return the products that are whole, and check that of no other one more is told than was done."""
+    tasks = {t.step for t in done.tpg.tasks if t.kind in ("place-down", "washing")}
+    numbers = {(step - 1) // STEPS + 1 for step in tasks} - {*done.scrapped}
+    for number in numbers:
+        steps = range((number - 1) * STEPS + 1, number * STEPS + 1)
+        assert {step for step in steps if step in tasks} >= {
+            steps[0],
+            steps[3],
+            steps[4],
+        }
+    scrapped = {(step - 1) // STEPS + 1 for step in (*done.given_up, *done.dropped)}
+    assert {*done.scrapped} == scrapped
+    return numbers
+
+
+@settings(max_examples=3, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    rate=st.sampled_from([0.1, 0.3]),
+    more=st.integers(0, 1),
+)
+def test_a_product_is_made_in_place_of_one_that_is_not_whole(
+    line: PlanResult, seed: int, rate: float, more: int
+) -> None:
+    changes = {"changes": [{"at_s": 20.0, "more": more}]} if more else {}
+    done, _ = operated(line, seed, **lost(rate), **changes)
+    check_invariant(DerivedTpg(done.tpg))
+    assert not verify_plan(done.tpg).problems
+    whole = made(done)
+    # As many are begun as are wanted and not made, and no more than there are.
+    begun = min(WANTED + more + len(done.scrapped), WANTED + SPARE)
+    assert {*whole, *done.scrapped} == set(range(1, begun + 1))
+    assert (done.record.outcome == "completed") == (len(whole) >= WANTED + more)
+
+
+def test_products_that_nobody_needs_are_not_made(line: PlanResult) -> None:
+    done, _ = operated(line, 0)
+    assert made(done) == {1, 2}
+    assert done.record.outcome == "completed"
+    assert not done.versions
+    more, _ = operated(
+        line, 0, changes=[{"at_s": 1.0, "more": 1}, {"at_s": 9.0, "more": 1}]
+    )
+    assert made(more) == {1, 2, 3, 4}
+    assert [v.cause.partition(";")[0] for v in more.versions] == [
+        "1 more product wanted"
+    ] * 2
+    other, _ = operated(line, 0, changes=[{"at_s": 1.0, "drop": [6], "more": 1}])
+    assert made(other) == {1, 3}
+    assert other.record.outcome == "completed"
+
+
+def test_what_a_machine_spoils_is_replaced_until_nothing_is_left(
+    line: PlanResult,
+) -> None:
+    spoils = {"failures.washing": {"probability": 1.0, "retries": 0, "then": "scrap"}}
+    done, _ = operated(line, 3, **spoils)
+    assert done.scrapped == (1, 2, 3, 4)
+    assert made(done) == set()
+    assert done.record.outcome == "failed"
+
+
+@pytest.mark.nightly
+def test_the_program_tells_which_products_were_replaced(tmp_path: Path) -> None:
+    text = MAGAZINE.with_name("machine_tending.yaml").read_text("utf-8")
+    before, after = text.split("  products: {", 1)
+    after = after.partition("\n")[2]
+    text = f"{before}  products: {{count: 2, spare: 2, due: [90, 150], leave_s: 5}}\n{after}"
+    file, out = tmp_path / "line.yaml", tmp_path / "run"
+    sure = "  failures: {pick: {probability: 0.5, retries: 0, loses: 1}}\n"
+    file.write_text(text.replace("execution:\n", "execution:\n" + sure, 1))
+    options = ("--seed", "1", "--no-recording", "--out", out)
+    printed = invoke("operate", file, *options, code=0).stdout
+    assert "products scrapped" in printed
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["outcome"] == "completed"
+    assert summary["audit"]["violations"] == []
+    assert summary["line"]["products"] == 2
+    assert summary["operation"]["scrapped"]
+    invoke("verify", out, code=0)
+    log = (out / "events.jsonl").read_bytes()
+    (out / "events.jsonl").write_bytes(log[: len(log) // 2])
+    (out / "summary.json").unlink()
+    invoke("resume", out, code=0)
+    assert (out / "events.jsonl").read_bytes() == log
+    left = twin.plan(world=f"{out}@{0.9 * summary['makespan_s']}")
+    assert not verify_plan(left.tpg).problems

@@ -208,6 +208,8 @@ class _Writer:
         self.parts = {part.name: part for part in section.parts}
         products = section.products
         self.products = 1 if products is None else products.count
+        if whole and products is not None:
+            self.products += products.spare
         self.slots = {name: slots(item) for name, item in section.sources.items()}
         self.taken: dict[str, list[str]] = {name: [] for name in section.sources}
         for name in section.taken:

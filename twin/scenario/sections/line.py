@@ -199,9 +199,12 @@ class ProductsSection(Section):
         due: when they are due: the first and the time between two, or one time a product.
         start_up: products at the beginning that do not count for throughput and takt; a tenth
             when not given.
+        spare: products for which there are parts besides, and which ``twin operate`` makes in place of those
+            that are not made whole, or where more are ordered.
     """
 
     count: Annotated[int, Field(ge=1, le=100_000)]
+    spare: Annotated[int, Field(ge=0, le=100_000)] = 0
     places: GridSection | None = None
     leave_s: Seconds = 0.0
     leave: AnyDuration | None = None
