@@ -25,6 +25,7 @@ from twin.host.progress import Report, StageWatch, report_nothing
 from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
+    MOST_CANDIDATES,
     order_motions,
     plan_first_steps,
     plan_in_slots,
@@ -115,7 +116,9 @@ def plan_to_operate(
             " products: leave one of them out"
         )
     first = plan_first_steps(case.sections, case.folder, watch, window.first)
-    return _coordinated(case, first, watch)
+    # Shortened as much as the steps that come after them will be.
+    few = case.sections.execution.recovery.shortcuts
+    return _coordinated(case, first, watch, few)
 
 
 _NO_SKILLS = {TRANSIT, STRAIGHT, LEAVE_TOOL, TAKE_TOOL, *SUPPLY_KINDS}
@@ -256,11 +259,14 @@ class CoordinatedPlans:
 
 
 def _coordinated(
-    loaded: LoadedScenario, first: PlannedMotions, watch: StageWatch
+    loaded: LoadedScenario,
+    first: PlannedMotions,
+    watch: StageWatch,
+    most: int = MOST_CANDIDATES,
 ) -> PlanResult:
-    """Return planned motions with their graph, ordered and shortened as the scenario says."""
+    """Return planned motions with their graph, ordered and shortened as the scenario says, by so many candidates at most."""
     scenario, turns = loaded.sections, None
-    candidates = planned_shortcuts(scenario)
+    candidates = min(planned_shortcuts(scenario), most)
     plans = CoordinatedPlans(
         first,
         scenario,
