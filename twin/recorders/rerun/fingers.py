@@ -35,6 +35,9 @@ from twin.run.trajectory import Placement
 _FINGER = ".finger_"
 """In the names of links and joints that fingers of tools are made."""
 
+_BETWEEN = "tool"
+"""Frame between the fingers of a tool, which close along its y axis."""
+
 _FRAME_NS = NANOSECONDS // 20
 """Least time between two frames [ns]."""
 
@@ -56,7 +59,7 @@ def _own_fingers(robot: PlacedRobot) -> dict[str, float]:
     return dict(entry.frozen) if entry and robot.tool is None else {}
 
 
-def split_fingers(robot: PlacedRobot, root: Element, frame: str = "tool") -> None:
+def split_fingers(robot: PlacedRobot, root: Element) -> None:
     """Make the fingers of a tool slide in a description of a robot: each a link on a joint, open at zero.
 
     What a link shows is a finger where all that it collides with is on one side, see
@@ -66,11 +69,10 @@ def split_fingers(robot: PlacedRobot, root: Element, frame: str = "tool") -> Non
     Args:
         robot: with a tool on it.
         root: of the description; changed.
-        frame: of the tool, between the fingers, which close along its y axis.
     """
-    if _own_fingers(robot) or frame not in robot.model.frames:
+    if _own_fingers(robot) or _BETWEEN not in robot.model.frames:
         return
-    tip = frame_in_last_joint(robot.model, frame)
+    tip = frame_in_last_joint(robot.model, _BETWEEN)
     sides = finger_sides(robot.model, tip)
     if sides is None:
         return
@@ -117,21 +119,18 @@ def _sliding(parent: str, name: str, visual: Element, axis: Array) -> Iterator[E
     yield from (link, joint)
 
 
-def way_to_touch(
-    robot: PlacedRobot, item: CellObject, in_flange: Transform, frame: str = "tool"
-) -> float:
+def way_to_touch(robot: PlacedRobot, item: CellObject, in_flange: Transform) -> float:
     """Return how far each finger of a robot closes on a part; 0 where they would not touch it [m].
 
     Args:
-        robot: whose fingers close along the y axis of the frame.
+        robot: whose fingers close along the y axis of their frame.
         item: the part.
         in_flange: pose of it in the frame of the robot's flange.
-        frame: between the fingers.
     """
-    if frame not in robot.model.frames:
+    if _BETWEEN not in robot.model.frames:
         return 0.0
-    tip = frame_in_last_joint(robot.model, frame)
-    grip = inverse(in_flange) @ frame_in_flange(robot.model, frame)
+    tip = frame_in_last_joint(robot.model, _BETWEEN)
+    grip = inverse(in_flange) @ frame_in_flange(robot.model, _BETWEEN)
     pads = pads_at(robot.model, tip, item.shape, grip)
     if pads is None or pads.off is None:
         return 0.0
