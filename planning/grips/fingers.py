@@ -26,7 +26,7 @@ from planning.cell.workcell import CellObject, PlacedRobot, Workcell, WorldState
 from planning.files import KeptAnswers
 from planning.geometry.scene_checker import SceneChecker
 from planning.grips.grip import Grip
-from planning.grips.pads import Pads, finger_sides, pads_at
+from planning.grips.pads import finger_sides, pads_at
 from planning.kinematics.kinematics import frame_in_last_joint
 from planning.motion.sequential import MARGIN
 from planning.statics.contact_patch import contact_patch
@@ -70,33 +70,21 @@ class PadLoad:
         return math.hypot(pull, self.torque / max(self.most_torque, 1e-12))
 
 
-def pad_load(
+def _pad_load(
     model: RobotModel,
     tip: Transform,
     shape: Shape,
     grip: Transform,
-    pads: Pads,
-    *,
-    mass: float,
+    weight: float,
     up: Array,
-    closing_force: float,
     friction: float,
 ) -> PadLoad | None:
-    """Return what two pads that hold a part have to bear, None where they do not touch it.
+    """Return what two pads have to bear whose friction is so strong [N], None where they do not touch the part.
 
-    Args:
-        model: of the robot, with its tool.
-        tip: pose of the tool frame in the last joint's frame.
-        shape: of the part.
-        grip: pose of the tool frame in the part's.
-        pads: how they come to it.
-        mass: of the part [kg].
-        up: direction against gravity in the part's frame, shape (3,).
-        closing_force: with which either pad presses on it [N].
-        friction: coefficient of it.
+    Given are its weight [N], and the direction against gravity in its frame; for the rest see ``pads_at``.
     """
-    sides = finger_sides(model, tip)
-    if sides is None:
+    sides, pads = finger_sides(model, tip), pads_at(model, tip, shape, grip)
+    if sides is None or pads is None:
         return None
     at, axis = grip @ inverse(tip), grip[:3, 1]
     middles, radii = [], []
@@ -118,7 +106,6 @@ def pad_load(
         middle, radius = _middle_and_radius(touched @ grip[:3, [0, 2]])
         middles.append(middle)
         radii.append(radius)
-    weight = mass * STANDARD_GRAVITY
     pull = weight * (up @ grip[:3, [0, 2]])
     arm = shape.centre_of_mass @ grip[:3, [0, 2]] - 0.5 * (middles[0] + middles[1])
     torque = abs(float(arm[0] * pull[1] - arm[1] * pull[0]))
@@ -127,8 +114,8 @@ def pad_load(
         torque / force if force > 1e-9 else 0.0,
         force,
         torque,
-        2.0 * friction * closing_force,
-        friction * closing_force * (radii[0] + radii[1]),
+        2.0 * friction,
+        friction * (radii[0] + radii[1]),
     )
 
 
@@ -188,21 +175,9 @@ def load_on_pads(
     up = pose[2, :3]
 
     def find() -> PadLoad | Literal[""]:
-        pads = pads_at(model, tip, shape, grip.pose)
-        if pads is None:
-            return ""
-        load = pad_load(
-            model,
-            tip,
-            shape,
-            grip.pose,
-            pads,
-            mass=part.mass,
-            up=up,
-            closing_force=force,
-            friction=friction,
-        )
-        return load or ""
+        weight = part.mass * STANDARD_GRAVITY
+        about = model, tip, shape, grip.pose, weight, up
+        return _pad_load(*about, friction * force) or ""
 
     at = tip.tobytes(), grip.pose.tobytes(), up.tobytes()
     return _LOADS.get((model, shape, part.mass, friction, *at), find) or None
@@ -255,10 +230,7 @@ def swept_fingers(
     """Return a robot whose fingers fill the room that they sweep as they close on a part.
 
     Args:
-        model: of the robot, with its tool.
-        tip: pose of the tool frame in the last joint's frame.
-        shape: of the part.
-        grip: pose of the tool frame in the part's.
+        model, tip, shape, grip: see ``pads_at``.
         short: they stop so far from the part [m].
 
     Returns:

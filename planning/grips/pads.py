@@ -292,10 +292,7 @@ def cup_at(
     """Return how a cup is on a part, None for a robot without a tool of its own.
 
     Args:
-        model: of the robot, with its tool.
-        tip: pose of the tool frame in the last joint's frame.
-        shape: of the part.
-        grip: pose of the tool frame in the part's.
+        model, tip, shape, grip: see ``pads_at``.
     """
     bodies = own_bodies(model)
     if not bodies:
@@ -335,11 +332,8 @@ def why_not_held(
     """Return in words why a tool does not hold a part, None where it does or nothing tells.
 
     Args:
-        model: of the robot, with its tool.
-        tip: pose of the tool frame in the last joint's frame.
+        model, tip, shape, grip: see ``pads_at``.
         part: its name.
-        shape: of the part.
-        grip: pose of the tool frame in the part's.
         suction: whether it holds by suction; fingers otherwise.
     """
     tool = "the tool" if model.grip is None else model.grip.tool

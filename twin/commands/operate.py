@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from twin.commands.command import View, command
-from twin.commands.run import announce, show_run, values_of
+from twin.commands.run import announcer, show_run, values_of
 from twin.host.guard import COMPLETED, print_json
 
 if TYPE_CHECKING:
-    from twin.api.runs import Check
     from twin.trial.run_result import RunResult
 
 
@@ -55,12 +54,6 @@ def operate_scenario(
         "seed": seed,
         "planning.shortcut_candidates": shortcuts,
     }
-    values = {key: value for key, value in given.items() if value is not None}
-    values |= values_of(settings)
-
-    def begun(check: Check, folder: Path) -> None:
-        if not view.silent:
-            announce(check, folder)
 
     def opened(address: str) -> None:
         if not view.silent:
@@ -70,10 +63,10 @@ def operate_scenario(
     if ask and not page:
         # A display of progress would write over the question.
         options |= {"says": _answer, "progress": report_nothing}
-    chosen = load(scenario).varied(runs.released(values))
+    chosen = load(scenario).varied(runs.released(values_of(settings, given)))
     if ask and page and chosen.sections.execution.recovery.ask is None:
         chosen = chosen.varied({"recovery.ask": {}})
-    return operations.operate(chosen, begun=begun, opened=opened, **options)
+    return operations.operate(chosen, begun=announcer(view), opened=opened, **options)
 
 
 def _answer(question: str) -> bool:

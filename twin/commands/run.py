@@ -6,8 +6,9 @@ That is ``twin resume``, ``replay``, ``export`` and ``follow``.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -68,24 +69,21 @@ def run_scenario(
         "policy": policy,
         "stalls.count_per_robot": stalls,
     }
-    values = {key: value for key, value in given.items() if value is not None}
-    values |= values_of(settings)
-
-    def begun(check: Check, folder: Path) -> None:
-        if not view.silent:
-            announce(check, folder)
-
-    chosen = load(scenario).varied(runs.released(values))
+    chosen = load(scenario).varied(runs.released(values_of(settings, given)))
     return runs.run(
-        chosen if plan is None else read_plan(plan, chosen), begun=begun, **options
+        chosen if plan is None else read_plan(plan, chosen),
+        begun=announcer(view),
+        **options,
     )
 
 
-def values_of(settings: Sequence[str]) -> dict[str, Any]:
-    """Return the keys that are set, and their values."""
+def values_of(
+    settings: Sequence[str], given: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Return the keys that are set, and their values, behind those of options that are given."""
     from twin.scenario.variations import parse_variation
 
-    found = {}
+    found = {key: value for key, value in given.items() if value is not None}
     for text in settings:
         variation = parse_variation(text)
         if len(variation.values) > 1:
@@ -94,18 +92,24 @@ def values_of(settings: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def announce(check: Check, folder: Path) -> None:
-    """Print the warnings of a check, and what is run into which folder."""
-    from rich.console import Console
+def announcer(view: View) -> Callable[[Check, Path], None]:
+    """Return what prints the warnings of a check, and what is run into which folder."""
 
-    report, case = check.report, check.scenario
-    if report.warnings:
-        print_error(report.excerpts(report.warnings).report())
-    console = Console(stderr=True, highlight=False)
-    console.print(
-        f"{case.name}: {len(case.robots)} robots, "
-        f"{case.steps} steps, seed {case.sections.seed} -> {folder}"
-    )
+    def begun(check: Check, folder: Path) -> None:
+        from rich.console import Console
+
+        if view.silent:
+            return
+        report, case = check.report, check.scenario
+        if report.warnings:
+            print_error(report.excerpts(report.warnings).report())
+        console = Console(stderr=True, highlight=False)
+        console.print(
+            f"{case.name}: {len(case.robots)} robots, "
+            f"{case.steps} steps, seed {case.sections.seed} -> {folder}"
+        )
+
+    return begun
 
 
 def show_run(done: RunResult, view: View) -> int:

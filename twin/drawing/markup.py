@@ -62,6 +62,14 @@ def table(
     )
 
 
+def told_table(
+    caption: str, told: tuple[Sequence[str], Iterable[Iterable[str]]], kind: str = ""
+) -> str:
+    """Return a table of words, its head and its rows given; nothing where there are no rows."""
+    head, rows = told
+    return table(caption, head, [map(text, row) for row in rows], kind)
+
+
 def pairs(rows: Iterable[tuple[str, str]]) -> str:
     """Return what is said about some things, a row each."""
     body = "".join(

@@ -23,8 +23,9 @@ from planning.cell.workcell import PlacedRobot
 from planning.transforms import Array
 from twin.drivers.driver import ClearedNode, DriverState, Mode, Sample, ToolOrder
 from twin.drivers.drivers_file import FrankaArm
-from twin.drivers.franka_hand import FrankaError, FrankaHand, HandGrip, franky
+from twin.drivers.franka_hand import FrankaError, FrankaHand, HandGrip
 from twin.drivers.legs import ClearedPath
+from twin.host.extras import extra_module
 
 _LEAST_SHARE = 0.01
 """Limits of joints that hardly move, over those of the one with the longest way."""
@@ -78,7 +79,13 @@ class FrankaDriver:
         stray: float = 0.01,
         realtime: bool = True,
     ) -> None:
-        self._franky = franky()
+        self._franky = extra_module(
+            "franky",
+            package="franky-control",
+            extra="franka",
+            needs="a Franka robot",
+            error=FrankaError,
+        )
         config = self._franky.RealtimeConfig
         try:
             self._robot = self._franky.Robot(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from planning.errors import TwinError
-from twin.host.extras import extra_module
 
 
 class FrankaError(TwinError):
@@ -34,21 +33,6 @@ class HandGrip:
     force: float = 30.0
     speed: float = 0.05
     goal: float | None = None
-
-
-def franky() -> Any:
-    """Return the package of Franka robots, which is an extra.
-
-    Raises:
-        FrankaError: it is not installed.
-    """
-    return extra_module(
-        "franky",
-        package="franky-control",
-        extra="franka",
-        needs="a Franka robot",
-        error=FrankaError,
-    )
 
 
 class FrankaHand:

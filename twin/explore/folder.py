@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from planning.errors import OutputError, RequestError
 from twin.explore.journal import JOURNAL
+from twin.host.guard import versions_of
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.manifest import (
     MANIFEST,
@@ -25,6 +24,8 @@ from twin.scenario.sections.scenario import Scenario
 SUMMARY, REPORT, PARCELS = "summary.json", "report.html", "parcels"
 
 _ENTRY = "exploration"
+_CHOOSING = ("optuna", "cmaes")
+"""Packages that choose designs."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def write_request(folder: Path, request: ExploreRequest) -> None:
     entry = {
         "section": as_said(request.section),
         "single_changes": request.singles,
-        "packages": _packages(),
+        "packages": versions_of(_CHOOSING),
     }
     write_manifest(folder, request.scenario, cell, request.base, **{_ENTRY: entry})
 
@@ -71,9 +72,9 @@ def read_request(folder: Path) -> ExploreRequest:
     try:
         entry = manifest[_ENTRY]
         base = unchanged_base(folder, manifest, scenario)
-        if entry["packages"] != _packages():
+        if entry["packages"] != (now := versions_of(_CHOOSING)):
             raise RequestError(
-                f"{folder} was begun with other versions: {entry['packages']}, now {_packages()}"
+                f"{folder} was begun with other versions: {entry['packages']}, now {now}"
             )
         section = ExploreSection.model_validate_json(json.dumps(entry["section"]))
         singles = int(entry["single_changes"])
@@ -82,17 +83,6 @@ def read_request(folder: Path) -> ExploreRequest:
         raise OutputError(
             f"{path}: is no manifest of an exploration: {error!r}"
         ) from error
-
-
-def _packages() -> Mapping[str, str]:
-    """Return the versions of what chooses designs."""
-    found = {}
-    for package in ("optuna", "cmaes"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
 
 
 def require_free(folder: Path | None) -> None:

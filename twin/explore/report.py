@@ -10,7 +10,16 @@ from matplotlib.figure import Figure
 
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
-from twin.drawing.markup import heading, page, pairs, paragraph, picture, table, text
+from twin.drawing.markup import (
+    heading,
+    page,
+    pairs,
+    paragraph,
+    picture,
+    table,
+    text,
+    told_table,
+)
 from twin.explore.dimensions import Dimension, variant_of
 from twin.explore.folder import REPORT
 from twin.explore.journal import Tried
@@ -96,9 +105,8 @@ def _answers(found: ExploreSummary) -> Pieces:
         yield paragraph("No design is possible; further down is why.", "warning")
         return
     if found.singles:
-        head, rows = single_rows(found)
         caption = "single changes that gain most for their effort; intervals hold for all of them together"
-        yield table(caption, head, [map(text, row) for row in rows], "best")
+        yield told_table(caption, single_rows(found), "best")
         return
     head, rows = best_rows(found)
     kind = (
@@ -178,8 +186,7 @@ def _pictures(
 
 def _refused(found: ExploreSummary) -> Pieces:
     yield heading("How far designs got")
-    head, rows = rung_rows(found)
-    yield table("by rung", head, [map(text, row) for row in rows])
+    yield told_table("by rung", rung_rows(found))
     reasons = [
         [text(item.rung), str(item.count), text(item.reason), str(item.design)]
         for item in found.refusals

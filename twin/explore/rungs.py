@@ -201,7 +201,9 @@ class Climb:
         self._known["parcel"] = pack(load)
         self._begin(REPLICATIONS)
         if section.replicates:
-            found = replicated(load, 0, section.replications)
+            # All designs see the same draws in a replication of the same number.
+            block = Block(0, 0, section.replications)
+            found = Engines(load).compute(block).rows.makespans_s()
             self._known["makespans_s"] = tuple(found.tolist())
             if not np.isfinite(found).any():
                 raise RefusedError("no replication completes")
@@ -286,14 +288,6 @@ def _work(scenario: Scenario, folder: Path, plan: PlanResult) -> Workload:
     model = scenario_execution(scenario, folder)
     reasons = tuple(scenario.execution.needs_event_engine())
     return replace(workload(plan.tpg, model, scenario.seed), reasons=reasons)
-
-
-def replicated(load: Workload, first: int, count: int) -> np.ndarray[Any, Any]:
-    """Return makespans of some replications, NaN where one did not complete [s].
-
-    All designs see the same draws in a replication of the same number.
-    """
-    return Engines(load).compute(Block(0, first, count)).rows.makespans_s()
 
 
 def layout_results(subject: Subject, section: ExploreSection) -> dict[str, float]:

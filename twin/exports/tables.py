@@ -296,15 +296,7 @@ def _seconds(t_ns: int) -> float | None:
 def joint_csv_files(
     run: RunResult, *, rate_hz: float = CONTROLLER_RATE_HZ
 ) -> Mapping[str, bytes]:
-    """Return ``joints_<robot>.csv`` for every robot with work.
-
-    Args:
-        run: the run.
-        rate_hz: of points where speeds are known [Hz].
-
-    Raises:
-        OutputError: controllers take no such rate.
-    """
+    """Return ``joints_<robot>.csv`` for every robot with work; see ``joint_trajectory_files``."""
     require_rate(rate_hz, CONTROLLER_RATES_HZ)
     out = {}
     for robot, own in groupby(segments(run, rate_hz), lambda segment: segment.robot):

@@ -20,7 +20,6 @@ from planning.cell.robot_model import MotionLimits, limits_of
 from planning.cell.workcell import PlacedRobot, Workcell
 from planning.robots.registry import robot_model
 from planning.transforms import Array, identity
-from twin.drivers import franka
 from twin.drivers.driver import ClearedNode, DriverState, ToolOrder
 from twin.drivers.drivers_file import FrankaArm, read_drivers
 from twin.drivers.franka import FrankaDriver, franka_driver
@@ -144,7 +143,7 @@ FRANKY = SimpleNamespace(
 
 @pytest.fixture
 def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[FrankaDriver]:
-    monkeypatch.setattr(franka, "franky", lambda: FRANKY)
+    monkeypatch.setitem(sys.modules, "franky", FRANKY)
     found = FrankaDriver("robot", LIMITS, grip=HandGrip(goal=0.0))
     yield found
     found._close()
@@ -368,7 +367,7 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_drivers_file_names_a_franka_robot(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(franka, "franky", lambda: FRANKY)
+    monkeypatch.setitem(sys.modules, "franky", FRANKY)
     file = tmp_path / "drivers.yaml"
     file.write_text(
         "robots: {arm: {kind: franka, address: fr3.local, width_m: 0.05, goal_m: 0}}"

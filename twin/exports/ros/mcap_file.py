@@ -12,7 +12,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 
@@ -197,7 +196,13 @@ def bag(messages: Iterable[Message]) -> bytes:
     Raises:
         OutputError: the package that writes such files is not installed.
     """
-    writers = _writers()
+    writers = extra_module(
+        "mcap.writer",
+        package="mcap",
+        extra="mcap",
+        needs="the format mcap",
+        error=OutputError,
+    )
     buffer = BytesIO()
     writer = writers.Writer(buffer, chunk_size=_CHUNK)
     writer.start(profile="ros2", library="assembly-twin")
@@ -237,16 +242,6 @@ def _qos(topic: Topic) -> str:
         f"  durability: {durability}\n  deadline: {_FOREVER}\n  lifespan: {_FOREVER}\n"
         f"  liveliness: 1\n  liveliness_lease_duration: {_FOREVER}\n"
         "  avoid_ros_namespace_conventions: false\n"
-    )
-
-
-def _writers() -> Any:
-    return extra_module(
-        "mcap.writer",
-        package="mcap",
-        extra="mcap",
-        needs="the format mcap",
-        error=OutputError,
     )
 
 

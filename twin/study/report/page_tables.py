@@ -7,7 +7,14 @@ from math import isfinite
 
 import numpy as np
 
-from twin.drawing.markup import breakable, bullets, paragraph, table, text
+from twin.drawing.markup import (
+    breakable,
+    bullets,
+    paragraph,
+    table,
+    text,
+    told_table,
+)
 from twin.run.policies import OPEN_LOOP
 from twin.study.folder import task_columns
 from twin.study.gains.candidates import task_names
@@ -132,9 +139,8 @@ def busy_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 def busy_table(summary: StudySummary) -> str:
     """Return the table for the report, nothing where no replication was complete."""
-    head, rows = busy_rows(summary)
     words = "share of the time at work, standstills in it included"
-    return table(words, head, [map(text, row) for row in rows])
+    return told_table(words, busy_rows(summary))
 
 
 _SHARE = "{:.1f} %"
@@ -170,14 +176,13 @@ def line_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 def lines_table(summary: StudySummary) -> str:
     """Return the table for the report, nothing where nothing is made several times."""
-    head, rows = line_rows(summary)
     words = ""
     for line in (cell.line for cell in summary.cells if cell.line):
         words = f"{line.products} products"
         if line.start_up:
             words += f"; takt and work in progress without the first {line.start_up}"
         break
-    return table(words, head, [map(text, row) for row in rows])
+    return told_table(words, line_rows(summary))
 
 
 def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
@@ -198,9 +203,8 @@ def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 def windows_table(summary: StudySummary) -> str:
     """Return the table for the report, nothing where there are no windows."""
-    head, rows = window_rows(summary)
     words = "time that passes from the end of the earlier step to the begin of the later one"
-    return table(words, head, [map(text, row) for row in rows])
+    return told_table(words, window_rows(summary))
 
 
 def holding_texts(summary: StudySummary) -> list[str]:
@@ -248,18 +252,14 @@ def prevented_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
 
 def operated_tables(summary: StudySummary) -> str:
     """Return both for the report with what was given up, nothing where failures are not planned anew."""
-    head, rows = operated_rows(summary)
-    out = table(
-        "what came of failures for good, means", head, [map(text, r) for r in rows]
-    )
+    out = told_table("what came of failures for good, means", operated_rows(summary))
     texts = [
         f"{cell.label}: step {step} in {count} of {cell.replications} replications"
         for cell in summary.cells
         for step, count in (cell.operated.given_up if cell.operated else {}).items()
     ]
-    head, rows = prevented_rows(summary)
     words = "which failure is worth preventing first: the same draws without it"
-    out += table(words, head, [map(text, row) for row in rows], "named")
+    out += told_table(words, prevented_rows(summary), "named")
     return out + bullets("Steps that were given up", texts)
 
 
