@@ -31,9 +31,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks.machine import date_line, load_line, machine_line
-from planning.files import KeptAnswers
-from planning.kinematics import kinematics
+from benchmarks.machine import date_line, forget_answers, load_line, machine_line
 from planning.lego.sequencing.blocking import check_reach
 from planning.lego.sequencing.stable_steps import stable_steps
 from planning.lego.skills.candidates import find_candidates
@@ -194,8 +192,7 @@ def measure(bricks: int, *, shortcuts: bool) -> Measurement:
     """Plan a structure in this process, after a small one, and shorten it or execute and audit it."""
     before = os.getloadavg()[0]
     _go_through(4, Clock(), shortcuts=shortcuts)
-    # Answers that inverse kinematics remembers would spare what is measured.
-    kinematics._SOLVED = KeptAnswers(20_000)
+    forget_answers()
     clock = Clock()
     found = _go_through(bricks, clock, shortcuts=shortcuts)
     return replace(

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import networkx as nx
 import pytest
+
+from tests.scripts import script
 
 ROOT = Path(__file__).parents[1]
 DESIGN_ROW = re.compile(r"^\| `([\w/]+)/` \| ([\d,]+) \| .+ \|$", re.MULTILINE)
 MOST_FILES, MOST_LINES, MOST_DOCSTRING_LINES = 15, 450, 5
 
 
-def load_house() -> Any:
-    """Import docs/house.py, which is a script and in no package."""
-    spec = importlib.util.spec_from_file_location("house", ROOT / "docs" / "house.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-HOUSE = load_house()
+HOUSE = script("house")
 FLOORS: tuple[str, ...] = HOUSE.FLOORS
 FOLDERS = sorted(
     {path.parent for floor in FLOORS for path in (ROOT / floor).rglob("*.py")}

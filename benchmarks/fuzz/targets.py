@@ -95,9 +95,7 @@ def log_target(folder: Path, seed: int) -> Case:
 
     def prepare(case: int) -> list[Command]:
         rng = random.Random(f"{seed}/{case}")
-        run = folder / "run"
-        shutil.rmtree(run, ignore_errors=True)
-        shutil.copytree(source, run)
+        run = _copied(source, folder / "run")
         (run / "summary.json").unlink()
         changed = list(lines)
         for _ in range(rng.randint(1, 3)):
@@ -143,9 +141,7 @@ def block_target(folder: Path, seed: int) -> Case:
 
     def prepare(case: int) -> list[Command]:
         rng = random.Random(f"{seed}/{case}")
-        study = folder / "study"
-        shutil.rmtree(study, ignore_errors=True)
-        shutil.copytree(source, study)
+        study = _copied(source, folder / "study")
         block = rng.choice(sorted((study / "blocks").glob("*.npz")))
         if rng.random() < 0.5:
             block.write_bytes(mutate_bytes(block.read_bytes(), rng))
@@ -252,9 +248,7 @@ def task_target(folder: Path, seed: int) -> Case:
 
     def prepare(case: int) -> list[Command]:
         rng = random.Random(f"{seed}/{case}")
-        task = folder / "task"
-        shutil.rmtree(task, ignore_errors=True)
-        shutil.copytree(source, task)
+        task = _copied(source, folder / "task")
         path = task / rng.choice(names)
         if path.suffix == ".json" and rng.random() < 0.7:
             changed = mutate_document(json.loads(path.read_text()), rng)
@@ -314,6 +308,12 @@ TARGETS: dict[str, tuple[Target, int]] = {
 
 def _yaml(value: object) -> str:
     return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+
+
+def _copied(source: Path, folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(source, folder)
+    return folder
 
 
 def _emptied(folder: Path) -> Path:

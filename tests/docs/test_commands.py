@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.planned_once import PlannedOnce
-from twin.cli import app
+from tests.twin.program import invoke
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -113,8 +112,7 @@ def test_command_runs(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    done = CliRunner().invoke(app, arguments(command.line, tmp_path / "run"))
-    assert done.exit_code == 0, done.output
+    done = invoke(*arguments(command.line, tmp_path / "run"), code=0)
     assert command.mark or command.output.strip() in done.stdout
 
 
@@ -136,7 +134,7 @@ def test_story_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         for name, text in typed.items():
             if name in command.line:
                 (tmp_path / name).write_text(text)
-        done = CliRunner().invoke(app, arguments(command.line, None))
+        done = invoke(*arguments(command.line, None))
         if "--stills" in command.line and "Vulkan" in done.stderr:
             continue  # no headless viewer here; the message is what a user should get
         assert done.exit_code == 0, f"{command.line}\n{done.output}"

@@ -219,34 +219,31 @@ def test_a_dropped_edge_is_noticed() -> None:
     assert missed <= 1
 
 
+def require_refused(plan: MotionPlan, message: str) -> None:
+    with pytest.raises(PlanInvariantError, match=message):
+        build_tpg(plan)
+
+
 def test_a_robot_that_stands_in_the_way_is_named() -> None:
     # The right arm goes to the corner and stays; the left one sweeps through it meanwhile.
     plan = one_joint_plan(
         ("right", [1.5, 0.0]), ("left", [1.5, 0.0, -1.5]), ("right", [0.0, 1.5])
     )
-    with pytest.raises(
-        PlanInvariantError,
-        match=r"node 1 of robot 'left' \(task 1, move 1\) runs into robot 'right', which"
+    require_refused(
+        plan,
+        r"node 1 of robot 'left' \(task 1, move 1\) runs into robot 'right', which"
         r" stands between node 0 of robot 'right' .* and node 1 of robot 'right'",
-    ):
-        build_tpg(plan)
+    )
 
 
 def test_robots_that_stand_before_or_after_all_their_nodes_count() -> None:
     before = one_joint_plan(("left", [1.5, 0.0, 1.5]), ("right", [0.0, 1.5]))
-    with pytest.raises(
-        PlanInvariantError, match="stands before node 0 of robot 'right'"
-    ):
-        build_tpg(before)
+    require_refused(before, "stands before node 0 of robot 'right'")
     after = one_joint_plan(("right", [1.5, 0.0]), ("left", [1.5, 0.0, 1.5]))
-    with pytest.raises(
-        PlanInvariantError, match="stands after node 0 of robot 'right'"
-    ):
-        build_tpg(after)
+    require_refused(after, "stands after node 0 of robot 'right'")
     # HOME of the right arm is in the corner, and it has no node at all.
     never = one_joint_plan(("left", [1.5, 0.0, 1.5]))
-    with pytest.raises(PlanInvariantError, match="'right', which stands at HOME"):
-        build_tpg(never)
+    require_refused(never, "'right', which stands at HOME")
 
 
 def _with_box(plan: MotionPlan, x: float, y: float, **changes: object) -> MotionPlan:
@@ -273,12 +270,10 @@ def test_a_box_at_rest_that_is_in_the_way_is_named() -> None:
     tasks[1] = replace(tasks[1], kind="pick", handlings=_pick_at_the_first_waypoint())
     allowed = (AllowedContact("left/tool", "box", frozenset([1])),)
     plan = _with_box(plan, 0.25, 0.0, tasks=tuple(tasks), allowed=allowed)
-    with pytest.raises(
-        PlanInvariantError,
-        match=r"node 0 of robot 'right' .* runs into 'box' at rest before node 0 of robot"
-        r" 'left'",
-    ):
-        build_tpg(plan)
+    require_refused(
+        plan,
+        r"node 0 of robot 'right' .* runs into 'box' at rest before node 0 of robot 'left'",
+    )
 
 
 def test_what_sweeps_the_place_of_a_box_waits_until_it_is_gone() -> None:
@@ -312,11 +307,9 @@ def test_a_handover_without_a_dependency_is_refused() -> None:
         AllowedContact(f"{r}/tool", "box", every) for r in ("left", "right")
     )
     plan = _with_box(plan, 0.25, 0.0, tasks=tuple(tasks), allowed=allowed)
-    with pytest.raises(
-        PlanInvariantError,
-        match=r"node 0 of robot 'right' .* handles 'box' but does not wait for node 1 of"
-        r" robot 'left'",
-    ):
-        build_tpg(plan)
+    require_refused(
+        plan,
+        r"node 0 of robot 'right' .* handles 'box' but does not wait for node 1 of robot 'left'",
+    )
     tpg = build_tpg(replace(plan, dependencies=np.array([[1, 2]])))
     assert tpg.edges.tolist() == [[0, 1, 1, 0]]

@@ -83,8 +83,9 @@ def test_published_files_are_read_as_they_were_meant(
     names = write_published(tmp_path, name, cell, assembly, terse=terse)
     file = tmp_path / f"{name}.yaml"
     more = () if terse else ("--prescribed-stock",)
-    done = invoke("import", "apex-mr", tmp_path, "--task", name, "-o", file, *more)
-    assert done.exit_code == 0, done.stderr
+    done = invoke(
+        "import", "apex-mr", tmp_path, "--task", name, "-o", file, *more, code=0
+    )
     assert "every step can be done" in done.stdout
     assert "note: " not in done.stderr
     scenario = load_scenario(file)
@@ -125,12 +126,10 @@ def test_a_published_task_is_built_with_either_tool(tmp_path: Path, tool: str) -
     write_published(tmp_path, "cliff", *shipped("cliff"))
     file = tmp_path / "cliff.yaml"
     task = ("import", "apex-mr", tmp_path, "--task", "cliff", "--tool", tool)
-    done = invoke(*task, "-o", file)
-    assert done.exit_code == 0, done.stderr
+    invoke(*task, "-o", file, code=0)
     robots = load_scenario(file).cell.robots
     assert {robot.tool for robot in robots} == {tool}
-    done = invoke("run", file, "--out", tmp_path / "run")
-    assert done.exit_code == 0, done.stderr
+    invoke("run", file, "--out", tmp_path / "run", code=0)
     audit = json.loads((tmp_path / "run" / "summary.json").read_text())["audit"]
     assert audit["violations"] == []
     assert audit["contact_tolerance_m"] == 0.0002
@@ -145,8 +144,7 @@ def test_what_is_asked_of_the_importer_must_be_there(tmp_path: Path) -> None:
         ("--tool", "thin", "dual-arm, slim"),
         ("--press-from", "y", "side, cell"),
     ):
-        done = invoke(*task, option, value)
-        assert done.exit_code == 2
+        done = invoke(*task, option, value, code=2)
         assert valid in done.stderr
 
 

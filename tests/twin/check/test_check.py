@@ -9,12 +9,11 @@ import time
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from planning.errors import TwinError
 from tests.planted import planted
+from tests.twin.program import invoke
 from tests.twin.written import checked, written
-from twin.cli import app
 from twin.scenario.manifest import read_scenario
 from twin.trial.planning import plan_scenario
 
@@ -196,11 +195,10 @@ OVERLAP = MISTAKES["parts in each other"][:2]
 def test_the_command_prints_places_and_draws_the_cell(tmp_path: Path) -> None:
     file = written(tmp_path, CELL, OVERLAP)
     out = tmp_path / "out"
-    done = CliRunner().invoke(app, ["check", str(file), "--out", str(out)])
-    assert done.exit_code == 2
+    done = invoke("check", file, "--out", out, code=2)
     assert "own.yaml:19:14: a and b overlap by 20.0 mm" in done.output
     assert (out / "cell.png").stat().st_size > 10_000
-    done = CliRunner().invoke(app, ["check", str(file), "--json"])
+    done = invoke("check", file, "--json")
     content = json.loads(done.stdout)
     assert not content["ok"]
     assert content["findings"][0]["line"] == 19
@@ -210,8 +208,7 @@ def test_the_command_prints_places_and_draws_the_cell(tmp_path: Path) -> None:
 def test_a_run_ends_before_planning(tmp_path: Path) -> None:
     file = written(tmp_path, CELL, OVERLAP)
     out = tmp_path / "run"
-    done = CliRunner().invoke(app, ["run", str(file), "--out", str(out)])
-    assert done.exit_code == 2
+    done = invoke("run", file, "--out", out, code=2)
     assert "own.yaml:19:14: a and b overlap by 20.0 mm" in done.output
     assert not out.exists()
 
@@ -221,10 +218,7 @@ def test_a_run_keeps_warnings(tmp_path: Path) -> None:
     fast = "speed_model: l1, speed_rad_s: 5.0, shortcut_candidates: 0"
     file = written(tmp_path, CELL, ("speed_model: joint", fast))
     out = tmp_path / "run"
-    done = CliRunner().invoke(
-        app, ["run", str(file), "--out", str(out), "--no-audit", "--no-recording"]
-    )
-    assert done.exit_code == 0, done.output
+    done = invoke("run", file, "--out", out, "--no-audit", "--no-recording", code=0)
     assert "2.30 times what a joint can do" in done.output
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     (warning,) = summary["warnings"]

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
-from typer.testing import CliRunner
 
 import twin
 from planning.cell.robot_model import limits_of
@@ -31,13 +30,13 @@ from tests.planted import planted
 from tests.shipped_runs import SCENARIOS
 from tests.twin.check.test_check import CELL
 from tests.twin.check.test_tools import HANDS, hand_cell
+from tests.twin.program import invoke
 from tests.twin.written import Change, checked, refusal, written
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
 from twin.check.robots import check_payloads
 from twin.check.tools import finger_gap
 from twin.check.views import MOST, close_ups
-from twin.cli import app
 from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import resolved, restored
 from twin.scenario.shipped import scenario_path
@@ -257,8 +256,7 @@ assembly:
 
 
 def robots(*arguments: str) -> str:
-    done = CliRunner().invoke(app, ["robots", *arguments])
-    assert done.exit_code == 0, done.output
+    done = invoke("robots", *arguments, code=0)
     return done.stdout
 
 
@@ -348,16 +346,14 @@ def test_a_maker_s_limits_stay_when_a_cell_adds_a_tool_or_a_limit() -> None:
     ],
 )
 def test_mistakes_are_explained(arguments: list[str], words: str) -> None:
-    done = CliRunner().invoke(app, ["robots", *arguments])
-    assert done.exit_code == 2
+    done = invoke("robots", *arguments, code=2)
     assert words in done.output
 
 
 def test_what_is_neither_a_robot_nor_a_tool_gets_both_reasons(tmp_path: Path) -> None:
     path = tmp_path / "thing.urdf"
     path.write_text('<robot name="x"><link name="a"/></robot>')
-    done = CliRunner().invoke(app, ["robots", str(path)])
-    assert done.exit_code == 2
+    done = invoke("robots", path, code=2)
     assert "it is no robot: " in done.output
     assert "has no collision geometry" in done.output
 

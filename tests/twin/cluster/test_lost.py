@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.twin.cluster.processes import ROOT, start, up
+from tests.twin.program import invoke
 from tests.twin.study.study_toys import toy_workload
-from twin.cli import app
 from twin.cluster.certificates import Cluster
 from twin.cluster.client import ClusterError, ClusterExecutor, ClusterLostError
 from twin.study.folder import write_replications
@@ -35,17 +34,11 @@ WITHIN_S = 300.0
 SOME = Experiment(("asynchronous",), replications=120)
 
 
-def _twin(*arguments: str | Path) -> tuple[int, str]:
-    found = CliRunner().invoke(app, [str(a) for a in arguments])
-    return found.exit_code, found.output
-
-
 @pytest.mark.nightly
 def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
     size = ("-n", "40000", "--policy", "asynchronous", "--shortcuts", "0", "-q")
     whole, lost = tmp_path / "whole", tmp_path / "lost"
-    code, output = _twin("study", SCENARIO, *size, "--workers", "0", "--out", whole)
-    assert code == 0, output
+    invoke("study", SCENARIO, *size, "--workers", "0", "--out", whole, code=0)
     scheduler, cluster = up(tmp_path)
     assert cluster.certificates is not None
     study = start(
@@ -66,8 +59,7 @@ def test_a_study_whose_scheduler_is_killed_goes_on(tmp_path: Path) -> None:
     assert line.startswith(f"error: the scheduler at {cluster.address} went away")
     assert f"--resume {lost}" in line
     assert 3 <= len(list(lost.glob("blocks/[0-9]*.npz"))) < 80
-    code, output = _twin("study", "--resume", lost, "--workers", "0", "-q")
-    assert code == 0, output
+    invoke("study", "--resume", lost, "--workers", "0", "-q", code=0)
     for name in TABLES:
         assert (lost / name).read_bytes() == (whole / name).read_bytes(), name
 

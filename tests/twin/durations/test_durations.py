@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from benchmarks.packaged_timings import PACKAGED, SPREAD_S, SPREAD_SHARE, write_timings
 from planning.errors import ScenarioError
 from planning.tasks.task import SKILLS, TRANSIT
 from scheduling.build_tpg import build_nodes
 from tests.twin.drawn_runs import sample
+from tests.twin.program import invoke
 from tests.twin.twin_toys import random_tpg, with_cut_skill
-from twin.cli import app
 from twin.durations.lifetimes import Retries
 from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings
 from twin.durations.model import to_nanoseconds
@@ -241,8 +240,7 @@ def test_what_a_reference_cannot_be(tmp_path: Path, written: str, says: str) -> 
     file.write_text(
         CLIFF.read_text() + f"\nexecution:\n  skills:\n    pick: {written}\n"
     )
-    result = CliRunner().invoke(app, ["validate", str(file)])
-    assert result.exit_code == 2
+    result = invoke("validate", file, code=2)
     assert says in result.output
 
 
@@ -261,8 +259,7 @@ def test_the_comparison_takes_them_in_place_of_the_durations(tmp_path: Path) -> 
     out = tmp_path / "out"
     arguments = ["compare", str(file), "--reference-skills", "--json"]
     arguments += ["--seeds", "1", "--shortcuts", "0", "--out", str(out)]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0, result.output
+    result = invoke(*arguments, code=0)
     assert json.loads(result.stdout)["sequential"]["makespan_s"]["mean"] < 400
     about = json.loads((out / "manifest.json").read_text())
     assert about["scenario"]["execution"]["skills"]["pick"] == {"kind": "reference"}

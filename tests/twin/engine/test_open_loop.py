@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from planning.cell.workcell import Workcell
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import TRANSIT, Task
 from scheduling.build_tpg import build_tpg
 from scheduling.graph.plan_files import save_plan
+from tests.twin.program import invoke
 from tests.twin.turning_arms import SCENARIO, straight
-from twin.cli import app
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.manifest import load_scenario
 
@@ -55,13 +55,8 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(plan: Path, out: Path, policy: str) -> tuple[Result, dict]:
-    result = CliRunner().invoke(
-        app,
-        [
-            *("run", str(plan / "two.yaml"), "--plan", str(plan), "--out", str(out)),
-            *("--policy", policy, "--no-recording", "--json"),
-        ],
-    )
+    where = ("run", plan / "two.yaml", "--plan", plan, "--out", out)
+    result = invoke(*where, "--policy", policy, "--no-recording", "--json")
     return result, json.loads((out / "summary.json").read_text())
 
 

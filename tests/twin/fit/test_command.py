@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import datetime, timedelta
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,12 @@ import numpy as np
 import pytest
 import yaml
 from scipy import stats
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from planning.tasks.task import SKILLS
 from planning.transforms import Array
+from tests.twin import program
 from tests.twin.scenarios.cells import ONE_BRICK as SMALL
-from twin.cli import app
 from twin.durations.bounded import Fixed
 from twin.durations.measured import MeasuredTimes
 from twin.planning.build_workcell import build_workcell
@@ -28,10 +29,7 @@ from twin.trial.simulation import skill_durations
 LEFT = stats.gamma(30, 0, 0.2).rvs(40, random_state=1).round(3)
 RIGHT = stats.gamma(30, 0, 0.3).rvs(40, random_state=2).round(3)
 TWO_HEAPS = np.r_[np.linspace(3, 3.1, 30), np.linspace(9, 9.2, 30)].round(3)
-
-
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["fit", *(str(a) for a in arguments)])
+invoke = partial(program.invoke, "fit")
 
 
 def write(path: Path, *groups: tuple[str, Array]) -> Path:
@@ -58,8 +56,7 @@ def test_the_snippet_loads_back_as_what_was_fitted(tmp_path: Path) -> None:
         ("place-down", np.full(12, 7.5)),
     )
     out = tmp_path / "out"
-    done = invoke(csv, "--by", "skill", "--out", out, "--resamples", 99)
-    assert done.exit_code == 0, done.output
+    done = invoke(csv, "--by", "skill", "--out", out, "--resamples", 99, code=0)
     text = (out / "durations.yaml").read_text()
     assert text in done.stdout
     (out / "small.yaml").write_text(SMALL + text)
@@ -97,8 +94,7 @@ def test_groups_of_robots_become_exceptions(tmp_path: Path) -> None:
     )
     out = tmp_path / "out"
     arguments = ("--by", "robot", "--by", "object", "--skill", "pick", "--out", out)
-    done = invoke(csv, *arguments, "--resamples", 99)
-    assert done.exit_code == 0, done.output
+    invoke(csv, *arguments, "--resamples", 99, code=0)
     (out / "small.yaml").write_text(SMALL + (out / "durations.yaml").read_text())
     durations = skill_durations(load_scenario(out / "small.yaml"), out)
     for robot, values in (("left", LEFT), ("right", RIGHT)):
@@ -119,7 +115,7 @@ def test_the_name_of_the_file_may_say_the_skill(tmp_path: Path) -> None:
 def test_durations_of_no_skill_become_a_section(tmp_path: Path) -> None:
     out = tmp_path / "out"
     csv = plain(tmp_path / "stalls.csv", LEFT)
-    assert invoke(csv, "--out", out, "--resamples", 19).exit_code == 0
+    invoke(csv, "--out", out, "--resamples", 19, code=0)
     found = yaml.safe_load((out / "durations.yaml").read_text())
     assert list(found) == ["duration"]
     text = SMALL + f"execution: {{jitter: {json.dumps(found['duration'])}}}\n"
@@ -139,7 +135,7 @@ def test_results_go_below_logs_unless_said(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     plain(tmp_path / "pick.csv", LEFT)
-    assert invoke("pick.csv", "--resamples", 19).exit_code == 0
+    invoke("pick.csv", "--resamples", 19, code=0)
     (folder,) = (tmp_path / "logs").iterdir()
     assert folder.name.startswith("fit-pick-")
     assert {path.name for path in folder.iterdir()} >= {"durations.yaml", "fit.json"}
@@ -207,8 +203,7 @@ def test_bad_input_ends_with_a_message_and_leaves_nothing(
     csv = tmp_path / "times.csv"
     if text is not None:
         csv.write_text(text)
-    done = invoke(csv, "--out", tmp_path / "out", *options)
-    assert done.exit_code == 2
+    done = invoke(csv, "--out", tmp_path / "out", *options, code=2)
     assert says in done.stderr
     assert "Traceback" not in done.output
     assert not (tmp_path / "out").exists()
@@ -216,8 +211,7 @@ def test_bad_input_ends_with_a_message_and_leaves_nothing(
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     csv = plain(tmp_path / "pick.csv", LEFT)
-    done = invoke(csv, "--out", csv / "below")
-    assert done.exit_code == 2
+    done = invoke(csv, "--out", csv / "below", code=2)
     assert "cannot be written to" in done.stderr
 
 
@@ -228,8 +222,7 @@ def german(path: Path, values: Array) -> Path:
 
 
 def fitted(csv: Path, *options: object) -> Any:
-    done = invoke(csv, "--resamples", 19, "--json", "--skill", "pick", *options)
-    assert done.exit_code == 0, done.output
+    done = invoke(csv, "--resamples", 19, "--json", "--skill", "pick", *options, code=0)
     return json.loads(done.stdout)
 
 
@@ -274,8 +267,7 @@ def test_apply_writes_a_scenario_with_what_was_fitted(tmp_path: Path) -> None:
     )
     options = ("--by", "skill", "--by", "robot", "--out", tmp_path / "out")
     arguments = (csv, *options, "--resamples", 99, "--apply", source)
-    done = invoke(*arguments)
-    assert done.exit_code == 0, done.output
+    invoke(*arguments, code=0)
     target = tmp_path / "cell-fitted.yaml"
     text = target.read_text()
     for comment in ("# of the cell", "# how it is executed", "# how it is planned"):
@@ -297,8 +289,7 @@ def test_apply_writes_a_scenario_with_what_was_fitted(tmp_path: Path) -> None:
     settings = motion_settings(scenario, cell, tmp_path)
     assert settings.skill_exceptions["pick", "left", None] == left.mean
     # Applied to what it wrote it changes nothing, and the comment is there once.
-    again = invoke(*arguments[:-1], target, "-o", target)
-    assert again.exit_code == 0, again.output
+    invoke(*arguments[:-1], target, "-o", target, code=0)
     assert target.read_text() == text.replace("cell-", "cell-fitted-", 0)
 
 

@@ -50,10 +50,8 @@ def test_there_are_nine_designs() -> None:
 def test_designs_come_back_from_ldraw(design: Path, tmp_path: Path) -> None:
     """The same bricks at the same cells, up to a shift; found again by LDraw's reader alone."""
     model, scenario = tmp_path / "model.ldr", tmp_path / "back.yaml"
-    result = invoke("export", design, "--format", "ldraw", "-o", model)
-    assert result.exit_code == 0, result.output
-    result = invoke("import", "ldraw", model, "-o", scenario)
-    assert result.exit_code == 0, result.output
+    invoke("export", design, "--format", "ldraw", "-o", model, code=0)
+    invoke("import", "ldraw", model, "-o", scenario, code=0)
     back = lego(scenario)
     bricks = build_structure(back) or ()
     expected = built(design)
@@ -68,10 +66,8 @@ def test_a_run_is_exported_step_by_step(tmp_path: Path) -> None:
     """Of a run: a step an assembly step in the order of the plan, scaffolding before the first."""
     run, model = tmp_path / "run", tmp_path / "faucet.ldr"
     design = ROOT / "scenarios" / "lego" / "faucet.yaml"
-    result = invoke("run", design, "--out", run, "--no-audit", "--no-recording")
-    assert result.exit_code == 0, result.output
-    result = invoke("export", run, "--format", "ldraw", "-o", model)
-    assert result.exit_code == 0, result.output
+    invoke("run", design, "--out", run, "--no-audit", "--no-recording", code=0)
+    invoke("export", run, "--format", "ldraw", "-o", model, code=0)
     content = model.read_bytes().decode()
     assert content.count("\r\n") == content.count("\n")
     lines = content.splitlines()
@@ -143,8 +139,7 @@ def test_a_cell_is_chosen_with_room_between_stations(tmp_path: Path) -> None:
 def test_what_is_imported_is_planned_and_stands(tmp_path: Path) -> None:
     """Plates from their stands, onto a brick: a run from the file of LDraw to a clean audit."""
     _, out = imported(tmp_path, MIXED)
-    result = invoke("run", out, "--out", tmp_path / "run", "--no-recording")
-    assert result.exit_code == 0, result.output
+    invoke("run", out, "--out", tmp_path / "run", "--no-recording", code=0)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["outcome"] == "completed"
     back = tmp_path / "back.ldr"
@@ -160,8 +155,7 @@ def test_colours_stay_with_their_bricks(tmp_path: Path) -> None:
     """From LDraw to steps and back to LDraw, without a run; other objects keep their own."""
     _, out = imported(tmp_path, MIXED)
     steps, back = tmp_path / "steps.yaml", tmp_path / "back.ldr"
-    result = invoke("sequence", out, "-o", steps)
-    assert result.exit_code == 0, result.output
+    invoke("sequence", out, "-o", steps, code=0)
     given = {tuple(step.colour or ()) for step in lego(steps).steps}
     assert given == {(201, 26, 9), (37, 122, 62), (0, 85, 191)}
     invoke("export", steps, "--format", "ldraw", "-o", back)
@@ -229,8 +223,9 @@ def test_what_no_arm_reaches_is_told(tmp_path: Path) -> None:
 
 def test_only_lego_goes_to_ldraw(tmp_path: Path) -> None:
     other = next((ROOT / "scenarios").glob("**/tower.yaml"))
-    result = invoke("export", other, "--format", "ldraw", "-o", tmp_path / "a.ldr")
-    assert result.exit_code == 2
+    result = invoke(
+        "export", other, "--format", "ldraw", "-o", tmp_path / "a.ldr", code=2
+    )
     assert "only a LEGO assembly" in result.output
 
 
@@ -267,7 +262,7 @@ def test_another_cell_may_have_robots_of_its_own(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     models = {r["model"] for r in yaml.safe_load(out.read_text())["cell"]["robots"]}
     assert models == {"../there/arm.urdf"}
-    assert invoke("validate", out).exit_code == 0
+    invoke("validate", out, code=0)
 
 
 def test_a_plate_is_placed_where_the_wall_passes_a_brick(tmp_path: Path) -> None:
@@ -281,7 +276,6 @@ def test_a_plate_is_placed_where_the_wall_passes_a_brick(tmp_path: Path) -> None
     )
     _, out = imported(tmp_path, text)
     options = ("--out", tmp_path / "run", "--no-recording", "--seed", "0")
-    result = invoke("run", out, *options)
-    assert result.exit_code == 0, result.output
+    invoke("run", out, *options, code=0)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["outcome"] == "completed"

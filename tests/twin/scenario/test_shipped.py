@@ -9,12 +9,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
 import twin
 from planning.cell.differences import cell_differences
 from planning.errors import OutputError, ScenarioError
-from twin.cli import app
+from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
 from twin.scenario.document.yaml_text import read_yaml
 from twin.scenario.shipped import (
@@ -33,10 +32,6 @@ FILES: dict[str, set[str]] = {
     "machine_tending": {"tools/gripper.urdf"},
 }
 """Scenarios that name files, with some of them."""
-
-
-def invoke(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def test_all_are_found_and_no_two_have_one_name() -> None:
@@ -133,8 +128,8 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "scenario.schema.json").write_text("{}")
     begin_scenario(tmp_path)
     assert (tmp_path / "scenario.schema.json").read_text() == "{}"
-    assert invoke("init", tmp_path).exit_code == 2
-    assert invoke("init", tmp_path / "mine.yaml" / "x").exit_code == 2
+    invoke("init", tmp_path, code=2)
+    invoke("init", tmp_path / "mine.yaml" / "x", code=2)
 
 
 def test_the_template_is_planned_and_audited_without_a_word(tmp_path: Path) -> None:
@@ -156,14 +151,12 @@ def test_the_program_lists_copies_and_says_what_to_do_next(
     rows = json.loads(invoke("scenarios", "--json").stdout)
     assert {row["name"] for row in rows} == set(shipped_scenarios())
     assert "cliff" in invoke("scenarios").stdout
-    done = invoke("init", "own", "--from", "cliff")
-    assert done.exit_code == 0
+    done = invoke("init", "own", "--from", "cliff", code=0)
     for line in done.stdout.splitlines()[1:]:
         assert line.split()[:1] == ["twin"]
         assert line.split()[-1] == "own/scenario.yaml"
-    assert invoke("validate", "own", "cliff").exit_code == 0
-    refused = invoke("init", "other", "--from", "clif")
-    assert refused.exit_code == 2
+    invoke("validate", "own", "cliff", code=0)
+    refused = invoke("init", "other", "--from", "clif", code=2)
     assert "cliff" in refused.stderr
     assert not (tmp_path / "other").exists()
 

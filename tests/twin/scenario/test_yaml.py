@@ -10,11 +10,10 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from tests.planted import rows
 from tests.shipped_runs import SCENARIOS
-from twin.cli import app
+from tests.twin.program import invoke
 from twin.scenario.document.yaml_text import (
     Mark,
     YamlDocument,
@@ -211,11 +210,6 @@ assembly/shapes            | "      shape: {mesh" | "      size_m: [1, 1, 1]\n  
 """)
 
 
-def validate(path: Path) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["validate", str(path)])
-    return result.exit_code, result.output
-
-
 @pytest.mark.parametrize(
     ("name", "good", "bad", "message"), CASES, ids=lambda cell: cell[:30]
 )
@@ -233,8 +227,7 @@ def test_hostile_values_are_refused_at_their_place(
     (tmp_path / "c.stl").write_text(TRIANGLE)
     for mesh in source.parent.glob("*.stl"):
         shutil.copy(mesh, tmp_path)
-    code, said = validate(path)
-    assert code == 2
+    said = invoke("validate", path, code=2).output
     assert said.startswith(f"{path}:")
     at, *words = message.split("LINE ")
     assert at in said
@@ -247,6 +240,5 @@ def test_hostile_values_are_refused_at_their_place(
 def test_deep_files_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "deep.yaml"
     path.write_text(text)
-    code, said = validate(path)
-    assert code == 2
+    said = invoke("validate", path, code=2).output
     assert "1:1: the file is nested too deeply" in said

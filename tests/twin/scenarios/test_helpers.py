@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 import twin
+from tests.twin.program import invoke
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import checked, written
-from twin.cli import app
 
 FILE = (
     cell(
@@ -40,8 +40,7 @@ FILE = (
 """A lamp hangs from a roof over a floor: what carries it as it goes in stays between both."""
 
 
-def _sequence(*args: str | Path):
-    return CliRunner().invoke(app, ["sequence", *map(str, args)])
+_sequence = partial(invoke, "sequence")
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +48,7 @@ def steps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The steps that are found."""
     folder = tmp_path_factory.mktemp("lamp")
     out = folder / "steps.yaml"
-    result = _sequence(written(folder, FILE), "-o", out)
-    assert result.exit_code == 0, result.output
+    result = _sequence(written(folder, FILE), "-o", out, code=0)
     assert "cannot be taken out again: 'under lamp" in result.output
     assert "is shut in behind 'floor'" in result.output
     return out
@@ -67,15 +65,13 @@ def test_what_is_shut_in_is_named_in_rows(tmp_path: Path) -> None:
 def test_only_helpers_that_come_out_may_be_asked_for(tmp_path: Path, by: str) -> None:
     change = [("scaffold: true", "scaffold: removable")] * (by == "rule")
     options = ["--scaffold", "removable"] * (by == "option")
-    result = _sequence(written(tmp_path, FILE, *change), *options)
-    assert result.exit_code == 2
+    result = _sequence(written(tmp_path, FILE, *change), *options, code=2)
     assert "'lamp' (2x2 at [24, 20, 3])" in result.output
     assert "with bricks that stay shut in" in result.output
 
 
 def test_other_words_for_a_scaffold_are_refused(tmp_path: Path) -> None:
-    result = _sequence(written(tmp_path, FILE), "--scaffold", "some")
-    assert result.exit_code == 2
+    result = _sequence(written(tmp_path, FILE), "--scaffold", "some", code=2)
     assert "none, any, removable" in result.output.replace("'", "")
 
 

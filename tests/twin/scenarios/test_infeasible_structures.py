@@ -14,12 +14,11 @@ from typing import Any
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from planning.errors import InfeasibleStepError
 from planning.lego.sequencing.stable_steps import stable_steps
 from tests.planted import rows
-from twin.cli import app
+from tests.twin.program import invoke
 from twin.planning.lego import build_lego
 from twin.scenario.manifest import load_scenario, scenario_schema
 
@@ -180,7 +179,7 @@ def test_what_cannot_be_built_is_refused_in_words(
     path = write(tmp_path, *(EDITS[name] for name in edits.split(", ")))
     options = ["--out", str(tmp_path / "run")] if command == "run" else []
     started = time.monotonic()
-    result = CliRunner().invoke(app, [command, str(path), *options])
+    result = invoke(command, path, *options)
     assert time.monotonic() - started < SECONDS
     assert result.exit_code == 2, result.output
     assert "Traceback" not in result.stderr

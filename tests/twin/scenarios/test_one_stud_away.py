@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
+from tests.twin.program import invoke
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import written
-from twin.cli import app
 
 SCENARIO = cell(
     "beside",
@@ -36,8 +35,7 @@ def test_it_is_picked_and_the_audit_is_clean(
 ) -> None:
     place = ("Y, 1]", f"{y}, 1]"), ("OFFSET", str(offset))
     file, out = written(tmp_path, SCENARIO, *place), tmp_path / "run"
-    done = CliRunner().invoke(app, ["run", str(file), "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    invoke("run", file, "--out", out, code=0)
     plan = json.loads((out / "plan.json").read_text())
     touched = [
         contact.get("grazing", False)
@@ -49,5 +47,4 @@ def test_it_is_picked_and_the_audit_is_clean(
     assert audit["violations"] == []
     deepest = audit["deepest_graze_m"]
     assert 0.0 < deepest <= 0.0002 if grazing else deepest == 0.0
-    checked = CliRunner().invoke(app, ["verify", str(out)])
-    assert checked.exit_code == 0, checked.output
+    invoke("verify", out, code=0)

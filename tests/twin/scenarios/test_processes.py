@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from planning.errors import ScenarioError
 from planning.tasks.task import HOLD
 from planning.transforms import from_rpy, translation
 from scheduling.graph.dispatcher import earliest_times
 from scheduling.verification.verify import verify_plan
+from tests.twin.program import invoke
 from tests.twin.scenarios.cells import cell, panda
 from tests.twin.scenarios.executed import executed
 from tests.twin.written import loaded
@@ -23,7 +23,6 @@ from twin.audit.wanted import Wanted, WantedProcess
 from twin.check.finding import Subject
 from twin.check.lying import check_goals
 from twin.check.reach import check_reach
-from twin.cli import app
 from twin.planning.kind import assembly_kind
 from twin.scenario.sections.scenario import Scenario, resolved, restored
 from twin.scenario.variations import varied
@@ -203,6 +202,5 @@ def test_what_is_written_down_reads_as_the_same_scenario(scenario: Scenario) -> 
 
 
 def test_validate_counts_the_steps(file: Path) -> None:
-    result = CliRunner().invoke(app, ["validate", str(file)])
-    assert result.exit_code == 0, result.output
+    result = invoke("validate", file, code=0)
     assert "ok (2 robots, 5 steps, 2 parts)" in result.output

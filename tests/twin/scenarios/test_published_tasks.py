@@ -6,11 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from scheduling.verification.verify import verify_plan
+from tests.twin.program import invoke
 from tests.twin.scenarios.executed import executed
-from twin.cli import app
 from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 
@@ -32,10 +31,7 @@ pytestmark = [
 )
 def test_a_published_task_runs_clean(task: str, most: float, tmp_path: Path) -> None:
     target = tmp_path / f"{task}.yaml"
-    result = CliRunner().invoke(
-        app, ["import", "apex-mr", str(DATA), "--task", task, "-o", str(target)]
-    )
-    assert result.exit_code == 0, result.output
+    invoke("import", "apex-mr", DATA, "--task", task, "-o", target, code=0)
     scenario = load_scenario(target)
     planned = plan_scenario(scenario, tmp_path)
     assert verify_plan(planned.tpg).problems == ()

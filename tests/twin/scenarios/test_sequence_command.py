@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from planning.lego.sequencing.sequencing import sequence_structure
+from tests.twin.program import invoke
 from tests.twin.scenarios.cells import GP4S, cell
 from tests.twin.written import refusal, written
-from twin.cli import app
 from twin.planning.lego import build_lego, build_structure
 from twin.scenario.document.validation import InvalidScenarioError
 from twin.scenario.manifest import load_scenario
@@ -52,13 +52,11 @@ def write(folder: Path, structure: str, head: str = HEAD) -> Path:
     return written(folder, head + structure)
 
 
-def run(*args: str | Path):
-    return CliRunner().invoke(app, ["sequence", *map(str, args)])
+run = partial(invoke, "sequence")
 
 
 def test_the_sequence_is_printed_with_reasons(tmp_path):
-    result = run(write(tmp_path, TOWER))
-    assert result.exit_code == 0, result.output
+    result = run(write(tmp_path, TOWER), code=0)
     assert "A1" in result.output
     assert "the structure bears the" in result.output
     assert "2 steps: 2 plain" in result.output
@@ -80,7 +78,7 @@ def test_the_written_scenario_builds_the_same_with_steps(tmp_path):
     """Steps with all alternatives come back as they were found."""
     source = Path(__file__).parents[3] / "scenarios/lego/faucet.yaml"
     out = tmp_path / "steps.yaml"
-    assert run(source, "-o", out).exit_code == 0
+    run(source, "-o", out, code=0)
     lego, again = load_scenario(source).assembly, load_scenario(out).assembly
     assert isinstance(lego, LegoSection)
     assert isinstance(again, LegoSection)
@@ -120,8 +118,7 @@ def test_an_unstable_structure_ends_with_2_and_a_reason(tmp_path):
       - "........\\nBBBBBBBB\\n"
       - "........\\nCC......\\n"
 """
-    result = run(write(tmp_path, structure, head))
-    assert result.exit_code == 2
+    result = run(write(tmp_path, structure, head), code=2)
     assert "'C3' (1x2 at [20, 20, 3])" in result.output
     assert "gives way" in result.output
 

@@ -19,6 +19,7 @@ import pytest
 from typer.testing import CliRunner
 
 from scheduling.graph.plan_files import load_plan, save_plan
+from tests.twin.program import invoke
 from twin.cli import app
 
 ROOT = Path(__file__).parents[3]
@@ -33,9 +34,8 @@ TABLES = (
 )
 
 
-def _twin(*arguments: str | Path) -> tuple[int, str]:
-    found = CliRunner().invoke(app, [str(a) for a in arguments])
-    return found.exit_code, " ".join(found.output.split())
+def _twin(*arguments: str | Path, code: int) -> str:
+    return " ".join(invoke(*arguments, code=code).output.split())
 
 
 def _copy(study: Path, folder: Path, *without: str) -> Path:
@@ -62,11 +62,11 @@ def _resumed(folder: Path) -> subprocess.Popen[bytes]:
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("study") / "whole"
     vary = ("--vary", "skills.pick.scale=1,2", "--deadline", "90")
-    code, output = _twin(
+    _twin(
         *("study", SCENARIO, "-n", str(RUNS), *POLICIES, *vary),
         *("--workers", "0", "--out", folder, "-q"),
+        code=0,
     )
-    assert code == 0, output
     return folder
 
 
@@ -86,8 +86,7 @@ def test_a_killed_study_goes_on(study: Path, tmp_path: Path) -> None:
     done = {path: path.stat().st_mtime_ns for path in blocks.glob("[0-9]*.npz")}
     assert len(done) >= 2
     assert not (folder / "replications.parquet").exists()
-    code, output = _twin("study", "--resume", folder, "--workers", "0", "-q")
-    assert code == 0, output
+    _twin("study", "--resume", folder, "--workers", "0", "-q", code=0)
     _assert_same(folder, study, *TABLES)
     for path, written in done.items():
         assert path.stat().st_mtime_ns == written
@@ -237,14 +236,11 @@ def test_a_folder_of_another_scenario_is_refused(study: Path, tmp_path: Path) ->
     other = tmp_path / "other.yaml"
     other.write_text(SCENARIO.read_text().replace("name: ", "name: my-", 1))
     for arguments in (("--resume", study), ("--out", study)):
-        code, output = _twin("study", other, *arguments)
-        assert code == 2
+        output = _twin("study", other, *arguments, code=2)
         assert "holds a study of scenario" in output
-    code, output = _twin("study", SCENARIO, "--out", study)
-    assert code == 2
+    output = _twin("study", SCENARIO, "--out", study, code=2)
     assert "--resume" in output
-    code, output = _twin("study", "--resume", tmp_path)
-    assert code == 2
+    output = _twin("study", "--resume", tmp_path, code=2)
     assert "no folder of a study" in output
 
 
@@ -267,8 +263,7 @@ def test_what_cannot_be_is_said_at_once(
     arguments: tuple[str, ...], message: str, tmp_path: Path
 ) -> None:
     started = time.monotonic()
-    code, output = _twin("study", SCENARIO, *arguments, "--out", tmp_path / "study")
-    assert code == 2
+    output = _twin("study", SCENARIO, *arguments, "--out", tmp_path / "study", code=2)
     assert message in output
     assert time.monotonic() - started < 15
     assert not (tmp_path / "study").exists()
@@ -281,8 +276,7 @@ def test_a_deadline_that_nothing_can_meet_is_refused(
     about = json.loads((folder / "manifest.json").read_text())
     about["study"]["deadline_s"] = 5.0
     (folder / "manifest.json").write_text(json.dumps(about))
-    code, output = _twin("study", "--resume", folder, "--workers", "0")
-    assert code == 2
+    output = _twin("study", "--resume", folder, "--workers", "0", code=2)
     assert "a deadline of 5 s is impossible" in output
 
 
@@ -300,8 +294,7 @@ def test_damaged_and_stray_blocks_are_set_aside_and_computed_anew(
     blocks[3].write_bytes(content[3][:middle] + flipped + content[3][middle + 40 :])
     stray = folder / "blocks" / "0-3000-500.npz"
     stray.write_bytes(content[0])
-    code, output = _twin("study", "--resume", folder, "--workers", "0", "-q")
-    assert code == 0, output
+    _twin("study", "--resume", folder, "--workers", "0", "-q", code=0)
     said = caplog.text
     for path in (blocks[0], blocks[1], blocks[3]):
         assert f"{path}: is no block of a study" in said
@@ -318,8 +311,7 @@ def test_a_study_of_something_else_is_not_gone_on_with(
     path = folder / "manifest.json"
     manifest = json.loads(path.read_text())
     path.write_text(json.dumps({**manifest, "versions": {"numpy": "0.1"}}))
-    code, said = _twin("study", "--resume", folder, "-q")
-    assert code == 2
+    said = _twin("study", "--resume", folder, "-q", code=2)
     assert "numpy was 0.1 and is" in said
     path.write_text(json.dumps(manifest))
     (plan,) = (folder / "plans").iterdir()
@@ -327,12 +319,10 @@ def test_a_study_of_something_else_is_not_gone_on_with(
     tpg.chains[0].duration.setflags(write=True)
     np.multiply(tpg.chains[0].duration, 2.0, out=tpg.chains[0].duration)
     save_plan(tpg, plan)
-    code, said = _twin("study", "--resume", folder, "-q")
-    assert code == 2
+    said = _twin("study", "--resume", folder, "-q", code=2)
     assert "is not the one that the study began with" in said
     changed = json.loads(json.dumps(manifest))
     changed["scenario"]["execution"]["stalls"]["rate_per_h"] = 10.0
     path.write_text(json.dumps(changed))
-    code, said = _twin("study", "--resume", folder, "-q")
-    assert code == 2
+    said = _twin("study", "--resume", folder, "-q", code=2)
     assert "is not the one of scenario_sha256" in said

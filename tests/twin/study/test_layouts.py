@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import twin
 from planning.errors import RequestError, ScenarioError
 from planning.transforms import Array
 from scheduling.graph.plan_files import plan_sha256
 from tests.planned_once import PlannedOnce
-from twin.cli import app
+from tests.twin.program import invoke
 from twin.study.replications.statistics import Experiment, Precision, mean_interval
 from twin.study.report.report import shown_cell
 from twin.study.summary import rank_layouts
@@ -131,8 +130,7 @@ def test_an_interrupted_study_of_layouts_goes_on_and_prints_the_ranking(
     before = (study.folder / "summary.json").read_bytes()
     (study.folder / "summary.json").unlink()
     next(study.folder.glob("blocks/*.npz")).unlink()
-    done = CliRunner().invoke(app, ["study", "--resume", str(study.folder)])
-    assert done.exit_code == 0, done.output
+    done = invoke("study", "--resume", study.folder, code=0)
     assert (study.folder / "summary.json").read_bytes() == before
     assert json.loads(before)["refused"] == study.summary["refused"]
     text = " ".join(done.stdout.split())
@@ -262,14 +260,20 @@ def test_lists_words_and_nothing_are_values_too(tmp_path: Path) -> None:
         "assembly.parts.cover.start.rpy_deg": [[0.0, 0.0, 0.0]],
     }
     arguments = [f"--vary={key}={json.dumps(v)[1:-1]}" for key, v in vary.items()]
-    done = CliRunner().invoke(
-        app,
-        [
-            *("study", "tray", "-n", "5", "--policy", "asynchronous", "--workers", "0"),
-            *("--out", str(tmp_path / "study"), *arguments),
-        ],
+    done = invoke(
+        "study",
+        "tray",
+        "-n",
+        "5",
+        "--policy",
+        "asynchronous",
+        "--workers",
+        "0",
+        "--out",
+        tmp_path / "study",
+        *arguments,
+        code=0,
     )
-    assert done.exit_code == 0, done.output
     table = done.stdout.partition("worth fixing")[0]
     assert "home_deg" not in table  # one value is not worth a column
     summary = json.loads((tmp_path / "study/summary.json").read_text())

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from planning.cell.workcell import PoseError
 from planning.kinematics.kinematics import frame_pose
 from scheduling.graph.plan_files import load_plan
+from tests.twin.program import invoke
 from tests.twin.written import written
 from twin.audit.audit import audit_off_bases, audit_run
 from twin.audit.motion.deviated import deviated
 from twin.audit.motion.executed import read_recording
-from twin.cli import app
 from twin.study.folder import AUDITS
 from twin.uncertainty.base_errors import drawn_deviations
 
@@ -32,8 +31,7 @@ def studied(folder: Path, off: str) -> tuple[str, list[dict[str, float]]]:
     file = written(folder.parent, text, ("execution:\n", line))
     study = ("study", str(file), "-n", "4", "--workers", "0", "--out", str(folder))
     how = ("--policy", "asynchronous", "--audit-sample", "3")
-    found = CliRunner().invoke(app, [*study, *how])
-    assert found.exit_code == 0, found.output
+    found = invoke(*study, *how, code=0)
     files = sorted((folder / AUDITS / "0").glob("*.json"))
     said = " ".join(found.output.split())
     return said, [json.loads(file.read_text()) for file in files]
@@ -54,10 +52,7 @@ def test_replications_are_audited_where_their_bases_are(tmp_path: Path) -> None:
 
 def test_bases_where_they_are_planned_make_no_difference(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    found = CliRunner().invoke(
-        app, ["run", str(SCENARIO), "--out", str(out), "-q", "--shortcuts", "0"]
-    )
-    assert found.exit_code == 0, found.output
+    invoke("run", SCENARIO, "--out", out, "-q", "--shortcuts", "0", code=0)
     tpg = load_plan(out)
     recording = read_recording(out, tpg.cell)
     usual = audit_run(out, engine="coal")
@@ -103,10 +98,7 @@ def test_flanges_go_where_they_are_drawn_in_skills_and_nowhere_else(
     text, out = SCENARIO.read_text(encoding="utf-8"), tmp_path / "run"
     change = [("speed_model: l1\n", "speed_model: limits\n")] if limits else []
     file = written(tmp_path, text, *change)
-    found = CliRunner().invoke(
-        app, ["run", str(file), "--out", str(out), "-q", "--shortcuts", "0"]
-    )
-    assert found.exit_code == 0, found.output
+    invoke("run", file, "--out", out, "-q", "--shortcuts", "0", code=0)
     tpg = load_plan(out)
     usual = read_recording(out, tpg.cell)
     skills = {"pick": ERROR, "place-down": ERROR}

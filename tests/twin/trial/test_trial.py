@@ -132,8 +132,7 @@ def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.yaml"
     other.write_text(SCENARIO.replace("name: right", "name: east"))
     out = tmp_path / "run"
-    result = invoke("run", other, "--plan", plan, "--out", out)
-    assert result.exit_code == 2
+    result = invoke("run", other, "--plan", plan, "--out", out, code=2)
     assert "robot 'right' of the plan is not in the cell" in result.stderr
     assert not out.exists()
 
@@ -149,9 +148,8 @@ def test_violations_end_with_code_1_and_are_listed(
     monkeypatch.setattr(audit, "audit_run", lambda *_, **__: report)
     out = tmp_path / "run"
     result = invoke(
-        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording"
+        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording", code=1
     )
-    assert result.exit_code == 1
     assert "1 violations (1 contact)" in " ".join(result.stdout.split())
     assert "contact: left/arm - right/arm: 4.00 mm deep" in result.stdout
 
@@ -180,9 +178,8 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
     monkeypatch.setattr(PartKind, "wanted", further)
     out = tmp_path / "run"
     result = invoke(
-        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording"
+        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording", code=1
     )
-    assert result.exit_code == 1
     audit = json.loads((out / "summary.json").read_text())["audit"]
     assert {v["kind"] for v in audit["violations"]} == {"place"}
     assert "up to 8.00 mm off" in result.stdout
@@ -201,8 +198,7 @@ def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
     counter: list[object] = []
     monkeypatch.setattr(observers.MemoryRecorder, "record", interrupt)
     out = tmp_path / "run"
-    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out)
-    assert result.exit_code == 130, result.output
+    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out, code=130)
     assert "interrupted" in result.stderr
     rows = [json.loads(s) for s in (out / "events.jsonl").read_text().splitlines()]
     assert len(rows) >= 5
@@ -210,8 +206,7 @@ def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
 
 
 def test_verify_proves_a_saved_plan(plan: Path) -> None:
-    result = invoke("verify", plan)
-    assert result.exit_code == 0, result.output
+    result = invoke("verify", plan, code=0)
     assert "safe for any delays" in result.stdout
     report = json.loads(invoke("verify", plan, "--json").stdout)
     assert report["ok"]
@@ -222,8 +217,9 @@ def test_verify_proves_a_saved_plan(plan: Path) -> None:
 
 @pytest.mark.nightly
 def test_verify_tells_what_is_survived_of_base_errors(plan: Path) -> None:
-    large = invoke("verify", plan, "--no-adversary", "--base-error", "40cm,1deg")
-    assert large.exit_code == 1, large.output
+    large = invoke(
+        "verify", plan, "--no-adversary", "--base-error", "40cm,1deg", code=1
+    )
     assert "between robots: base errors up to" in large.stdout
     assert "safe for any delays, but not for these errors of bases" in large.stdout
     told = invoke("verify", plan, "--no-adversary", "--base-error", "40cm", "--json")
@@ -236,23 +232,20 @@ def test_verify_tells_what_is_survived_of_base_errors(plan: Path) -> None:
         )
     least = min(survived[side]["share"] for side in ("robots", "rest"))
     part = f"{380 * least}mm"
-    fine = invoke("verify", plan, "--no-adversary", "--base-error", part)
-    assert fine.exit_code == 0, fine.output
+    invoke("verify", plan, "--no-adversary", "--base-error", part, code=0)
 
 
 @pytest.mark.parametrize(
     "text", ["1", "1mm,2mm", "0mm", "-1mm", "1inch", "1mm,,1deg", "1.2.3mm"]
 )
 def test_an_error_of_bases_that_is_none_is_refused(plan: Path, text: str) -> None:
-    result = invoke("verify", plan, f"--base-error={text}")
-    assert result.exit_code == 2, result.output
+    result = invoke("verify", plan, f"--base-error={text}", code=2)
     assert "--base-error" in result.stderr
     assert "1mm,0.1deg" in result.stderr
 
 
 def test_verify_of_no_plan_says_so(tmp_path: Path) -> None:
-    result = invoke("verify", tmp_path)
-    assert result.exit_code == 2
+    result = invoke("verify", tmp_path, code=2)
     assert "cannot read the plan" in result.stderr
 
 
