@@ -14,8 +14,6 @@ counts little. What was measured is kept in benchmarks/.measured/, so that an in
 on where it was; ``--stored`` writes the files of what is there.
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import os

@@ -1,7 +1,5 @@
 """Figures of the APEX-MR paper (Huang et al., RSS 2025), to compare ours with."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 STRUCTURES = (

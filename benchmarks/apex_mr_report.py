@@ -1,7 +1,5 @@
 """apex-mr.md, .json and .png, and apex-mr-drawn: our figures beside those of the paper."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The tables of apex-mr.md, as lines of Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -9,8 +9,6 @@ and the scenario as it is are compared replication by replication. Writes benchm
 and what was measured are kept in benchmarks/.measured/explore/: what was stopped goes on.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -9,8 +9,6 @@ given by their median. The difference of the processor seconds is what compiling
 beside it changes processor seconds much; wall times need a quiet machine.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -8,8 +8,6 @@ depends on the day or the clock is left out, and decimals behind the ninth, in w
 ``--write`` is named, and the exit code is 1 where there is one.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

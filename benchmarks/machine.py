@@ -1,7 +1,5 @@
 """Description of the machine, for the heads of result files."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Sequence

@@ -18,8 +18,6 @@ what resting at corners costs, and whether anything is wrong with the run as pla
 Writes benchmarks/results/motion_limits.json after every scenario, and motion_limits.md of that.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

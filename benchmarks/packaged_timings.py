@@ -1,7 +1,5 @@
 """Write the synthetic skill timings: ``python -m benchmarks.packaged_timings [FOLDER]``."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -9,8 +9,6 @@ paper's planner is given, stands apart, and so does shortcutting, whose time is 
 benchmarks/results/planning-times.md and .json; exits with 1 when a limit is not kept.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

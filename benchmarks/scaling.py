@@ -12,8 +12,6 @@ Exponents are fitted to the sizes from 100 on: a stage with exponent p takes 2^p
 twice the bricks. Writes benchmarks/results/scaling.md and .json, in which other labels stay.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """Runs with random stalls, each audited: none may deadlock, no audit may find anything."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 import time

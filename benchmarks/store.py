@@ -1,7 +1,5 @@
 """Store of measurements, so that hours of measuring can be interrupted."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

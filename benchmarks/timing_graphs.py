@@ -7,8 +7,6 @@ Writes tests/twin/timing_graphs/<scenario>.npz: plans without shortcuts, without
 joined that nothing tells apart. Make them anew when plans change; a test tells for some of them.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Kernels in tests: those that only kernels call, and compiling each once for all processes."""
 
-from __future__ import annotations
-
 import fcntl
 from collections import Counter
 from pathlib import Path

@@ -5,8 +5,6 @@
 writes tests/longest_first.txt. A file that is not in it comes after those that are.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from pathlib import Path

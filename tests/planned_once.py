@@ -1,7 +1,5 @@
 """Motions of scenarios, planned once for all tests of a process that ask for that."""
 
-from __future__ import annotations
-
 import json
 from importlib import import_module
 from pathlib import Path

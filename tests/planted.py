@@ -1,7 +1,5 @@
 """Tables of planted mistakes, one a line: what is written in place of what, and what is said of it."""
 
-from __future__ import annotations
-
 import json
 
 

@@ -1,7 +1,5 @@
 """The scripts in docs/, which are in no package, as modules."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any

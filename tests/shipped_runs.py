@@ -1,7 +1,5 @@
 """Plans and runs of the shipped scenarios, made once for all tests that look at them."""
 
-from __future__ import annotations
-
 import copyreg
 import fcntl
 import pickle

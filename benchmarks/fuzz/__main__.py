@@ -8,8 +8,6 @@ than 10 s of processor time, has not ended after two minutes, or brings its proc
 repeated alone: ``python -m benchmarks.fuzz plans --first 812 --cases 1 --show``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """Mutated brick lists and models of LDraw, and the commands that read them."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Random damage to documents, texts, bytes and arrays."""
 
-from __future__ import annotations
-
 import copy
 import random
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What is mutated, and the commands that read it."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

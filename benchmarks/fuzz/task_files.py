@@ -1,7 +1,5 @@
 """A small task in the shape in which the authors of APEX-MR publish theirs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

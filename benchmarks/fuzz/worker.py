@@ -1,7 +1,5 @@
 """Commands in a guarded child process: how each ended, how long it took, how much memory it had."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import multiprocessing

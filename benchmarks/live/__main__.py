@@ -10,8 +10,6 @@ Needs the packages franky-control and franky-sim. Figures are kept as they come;
 driven again.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

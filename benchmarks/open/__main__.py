@@ -1,7 +1,5 @@
 """``python -m benchmarks.open``: plan the tasks, judge every plan, and write the table."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

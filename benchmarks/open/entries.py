@@ -1,7 +1,5 @@
 """Entries of the open benchmark: what plans a task, and hands its plan in as anybody would."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterator

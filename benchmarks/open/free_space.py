@@ -1,7 +1,5 @@
 """Free space of one robot while all else stands, for planners that ask configuration by configuration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 

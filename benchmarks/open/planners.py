@@ -1,7 +1,5 @@
 """Planners of others for single motions: each finds a path from one configuration to another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.util import find_spec
 from itertools import pairwise

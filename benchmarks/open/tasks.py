@@ -1,7 +1,5 @@
 """Tasks of the open benchmark: which there are, how large, and how further ones are brought in."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -11,8 +11,6 @@ Runs are kept in benchmarks/.measured as long as the program stays the same.
 Writes benchmarks/results/tracking.json after every case, tracking.md and the picture of that.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """The runs whose trajectories are followed: planned once, and kept."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import dataclass

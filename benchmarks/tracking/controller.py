@@ -1,7 +1,5 @@
 """Controllers of joints at 1 kHz, within effort limits: computed torque, and each joint on its own."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

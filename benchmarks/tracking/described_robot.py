@@ -1,7 +1,5 @@
 """What a plant is told of robots and parts: descriptions, bases, masses, and where parts are held."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections import defaultdict
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ where points have velocities and accelerations, straight where they have positio
 segments a robot holds its last position.
 """
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 Distances of robots from each other, by Bullet, from the shapes of their descriptions.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Sequence

@@ -7,8 +7,6 @@ is a mass at its place on the tool from when it is picked until it is put down.
 Worlds of PyBullet, and how robots get into them.
 """
 
-from __future__ import annotations
-
 import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence

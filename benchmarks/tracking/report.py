@@ -3,8 +3,6 @@
 Errors over time as a picture: motions within limits, and at full speed at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The benchmark of constructions: what is measured in which order, what is kept, what is said."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The fine check: good plans pass, and whatever is done to one is found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

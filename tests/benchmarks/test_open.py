@@ -1,7 +1,5 @@
 """The open benchmark: entries hand their plans in, planners of others too, and tables come out twice the same."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

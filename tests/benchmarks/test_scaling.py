@@ -1,7 +1,5 @@
 """The structures of the benchmark of growth are what it says they are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -4,8 +4,6 @@ Blocks marked as a story are run one after the other, in a folder of their own: 
 writes the next may read. Blocks marked as a file are what the reader types into it, piece after piece.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

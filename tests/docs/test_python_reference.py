@@ -1,7 +1,5 @@
 """The reference of the Python names is what their docstrings say, and every test, file and benchmark that pages name is there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -8,8 +8,6 @@ tolerance. A value that moves by a thousandth shows in the sum; the last bit of 
 whichever side of a rounding limit it may fall.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from hashlib import sha256

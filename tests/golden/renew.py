@@ -3,8 +3,6 @@
 From the top of the repository: ``python -m tests.golden.renew``, maybe with names of scenarios.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plans and runs of three small scenarios are what they were, up to the last bits of numbers."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

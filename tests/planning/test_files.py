@@ -1,7 +1,5 @@
 """Files are read whole or refused, packages are found, and answers are found once, and again where files are damaged."""
 
-from __future__ import annotations
-
 import resource
 import sys
 from collections.abc import Callable, Sequence

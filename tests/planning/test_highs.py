@@ -1,7 +1,5 @@
 """Solvers are made in silence, also by a HiGHS that greets."""
 
-from __future__ import annotations
-
 import os
 
 import highspy

@@ -1,7 +1,5 @@
 """Packed tables seen from kernels, and answers that are kept."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

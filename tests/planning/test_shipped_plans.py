@@ -1,7 +1,5 @@
 """Our GP4 replays published APEX-MR plans: nothing touches that did not touch there."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product

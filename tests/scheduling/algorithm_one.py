@@ -5,8 +5,6 @@ whose balls are apart, and networkx for the reduction. Occupancies are swept, so
 the conflicting node.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Two arms of one joint each that sweep the same corner."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from planning.cell.workcell import Clearances, PlacedRobot, Workcell

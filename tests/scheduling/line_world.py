@@ -1,7 +1,5 @@
 """A small line for tests: one planar arm puts boxes down, another works at them, they leave."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small worlds for tests: planar arms of boxes, random sequential plans with objects."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import pairwise

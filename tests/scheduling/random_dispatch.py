@@ -1,7 +1,5 @@
 """Nodes started and completed in any order the dispatcher allows, each pair looked at."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from scheduling.graph.dispatcher import Dispatcher

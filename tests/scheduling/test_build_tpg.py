@@ -3,8 +3,6 @@
 The invariant holds for what is built, and its breaches are found and named.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

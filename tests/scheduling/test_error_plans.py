@@ -1,7 +1,5 @@
 """Plans for bases and skills that are not where they are planned: planned with, proved, named."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import product

@@ -1,7 +1,5 @@
 """A graph made of shifted copies is the graph that is built of all products at once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import networkx as nx

@@ -1,7 +1,5 @@
 """Plans in slots: robots move at once where they can, and their graph keeps the guarantee."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Motion plans of two GP4 arms that take turns around one spot between them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What runs are drawn from: graphs, durations, and whatever disturbs them."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """Made-up graphs of robots that keep to limits of acceleration, and that pass corners of their paths at speed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The program as a shell runs it."""
 
-from __future__ import annotations
-
 from typer.testing import CliRunner, Result
 
 from twin.cli import app

@@ -1,7 +1,5 @@
 """What happened in a run, in short; and a recorder that is interrupted."""
 
-from __future__ import annotations
-
 from twin.run.events import Event
 
 

@@ -1,7 +1,5 @@
 """One run of a graph, with everything said in one call."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

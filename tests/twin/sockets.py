@@ -1,7 +1,5 @@
 """Who listens on this machine."""
 
-from __future__ import annotations
-
 import socket
 from pathlib import Path
 

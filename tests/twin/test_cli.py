@@ -1,7 +1,5 @@
 """The program: bad input ends with code 2 and one clear message, and leaves nothing behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 ``python -m benchmarks.fuzz`` tries many more of them.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A scenario of two arms, and a plan for it that needs no planner."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small made-up robots, cells and temporal plan graphs for the tests of the twin."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

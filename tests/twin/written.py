@@ -1,7 +1,5 @@
 """Scenario files of tests: written with something else in them, read, or refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

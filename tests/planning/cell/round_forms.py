@@ -1,7 +1,5 @@
 """How far the polyhedra that stand for round forms stand out of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from planning.cell.shape import Capsule, Cylinder, round_body

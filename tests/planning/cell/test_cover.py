@@ -1,7 +1,5 @@
 """Capsule covers contain the hull that they bound, and not much more."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

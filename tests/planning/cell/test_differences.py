@@ -1,7 +1,5 @@
 """What differs between two cells is named; equal cells do not differ."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Play of parts across their ways in, and the chance to fit, against formulas and drawn positions.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What touches what, against the distance of upright boxes worked out axis by axis."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """A small arm of boxes whose every number is at hand, and cells made of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

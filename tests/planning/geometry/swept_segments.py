@@ -1,7 +1,5 @@
 """Swept capsules of many segments, for tests of the bounds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from planning.geometry.separation import HullTable

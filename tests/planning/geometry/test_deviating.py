@@ -1,7 +1,5 @@
 """What a skill may deviate, held against inverse kinematics of displaced flanges, point by point."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

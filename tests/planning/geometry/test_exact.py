@@ -1,7 +1,5 @@
 """Distances of what moves and what stands: the bisection and segments against dense sampling, gaps of hulls that are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import coal

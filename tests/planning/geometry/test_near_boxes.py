@@ -3,8 +3,6 @@
 A thing of several pieces is in the way exactly as its pieces would be, one by one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

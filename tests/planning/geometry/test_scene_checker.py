@@ -3,8 +3,6 @@
 The exact motion check with a long rod in hand, against dense samples of hull distances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 

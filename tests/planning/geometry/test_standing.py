@@ -1,7 +1,5 @@
 """Tables of standing boxes: every row that compiled code looks up is there, and objects that are followed are where each state says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Swept capsules contain every point of the robot at every time of the motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fingers: pads bear what friction bears, by sums over the area of contact, and meet what stands beside a part as they close."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

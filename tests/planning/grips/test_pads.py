@@ -3,8 +3,6 @@
 Grips on boxes keep the rules; each tool holds what it can, and is named where it cannot.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Writes a scenario's assembly as task files of the form in which APEX-MR publishes its own."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Importing published task files: a small folder of our own, with every feature of the format."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

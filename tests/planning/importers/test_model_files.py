@@ -1,7 +1,5 @@
 """Brick lists and models of LDraw: what is read, what is refused by its line, models within models."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Task files in the published form: shipped scenarios written and read back, and random ones that are valid."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from dataclasses import replace

@@ -4,8 +4,6 @@ Forward kinematics of every waypoint of the published plans, by the product of t
 Denavit-Hartenberg tables, must meet our subgoals: written without our robot models on purpose.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

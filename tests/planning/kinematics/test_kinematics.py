@@ -1,7 +1,5 @@
 """Forward kinematics against pinocchio, inverse kinematics against forward kinematics."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

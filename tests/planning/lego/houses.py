@@ -1,7 +1,5 @@
 """Hollow houses of bricks 2x4, laid in bond."""
 
-from __future__ import annotations
-
 from planning.lego.bricks.assembly import BRICKS, Cell, PlacedBrick
 
 

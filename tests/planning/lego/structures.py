@@ -1,7 +1,5 @@
 """LEGO structures for tests: single bricks, and strategies for random ones."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """The nine bundled LEGO structures: valid, of the promised size, with the promised kinds of steps."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Stability by one linear program of the whole structure: what quick judgements must agree with."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

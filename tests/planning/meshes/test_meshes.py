@@ -1,7 +1,5 @@
 """Meshes become convex pieces that contain them; what cannot be used is named with a remedy."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The bound of load: against every way to share steps out, and no plan is below it."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pytest

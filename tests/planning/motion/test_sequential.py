@@ -1,7 +1,5 @@
 """Sequential planning with two arms that reach for boxes, other ways tried when one fails."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Transit planning on a plane world where right and wrong can be seen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

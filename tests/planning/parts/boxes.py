@@ -1,7 +1,5 @@
 """Boxes as parts and fixtures, two arms, and assemblies in which parts are placed one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

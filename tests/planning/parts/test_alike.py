@@ -1,7 +1,5 @@
 """Parts that are alike are shared out over goals: as every way to do so says, and so that all can be done."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations, product

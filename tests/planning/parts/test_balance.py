@@ -1,7 +1,5 @@
 """Balance of assemblies: what falls is refused with what helps, what props it up comes before."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

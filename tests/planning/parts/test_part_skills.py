@@ -1,7 +1,5 @@
 """Skills on parts as poses: straight ways as long as asked for, and processes along their paths."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from types import SimpleNamespace

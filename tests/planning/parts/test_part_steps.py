@@ -3,8 +3,6 @@
 Orders that are found: against brute force, against what lies on what, and past what blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import permutations

@@ -3,8 +3,6 @@
 ``python -m tests.planning.robots.drawn_meshes`` writes the committed meshes anew.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

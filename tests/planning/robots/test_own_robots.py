@@ -1,7 +1,5 @@
 """Robots of our own: the LEGO tools against measured dimensions, and what is drawn of construction robots within what decides."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 

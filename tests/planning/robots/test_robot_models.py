@@ -1,7 +1,5 @@
 """Robot descriptions: what is read from them, and what is said of unusable ones."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Bodies for tests of balance: boxes and round bars in their places."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from planning.cell.cover import ConvexBody, box_body, capsule_cover

@@ -1,7 +1,5 @@
 """Waits for balance: all states that can be reached stand, checked one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Contacts of convex solids: known areas, and distances against coal."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pytest

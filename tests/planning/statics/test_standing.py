@@ -1,7 +1,5 @@
 """What stands: hand-worked cases, and falling bodies of a physics engine."""
 
-from __future__ import annotations
-
 import math
 import pickle
 

@@ -1,7 +1,5 @@
 """Goals of robots become steps: by joints or by pose, each checked before it is planned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

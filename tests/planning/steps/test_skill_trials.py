@@ -1,7 +1,5 @@
 """A skill tried in a scene that is cleared as it goes, against one built anew every time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """What an assignment must keep to, constraint by constraint, and which task comes before which."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import networkx as nx

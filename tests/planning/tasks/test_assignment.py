@@ -1,7 +1,5 @@
 """The integer program against trying every plan there is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise, permutations, product

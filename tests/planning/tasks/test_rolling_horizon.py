@@ -1,7 +1,5 @@
 """Assignment window by window: plans that keep every rule, and cost hardly more than the whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

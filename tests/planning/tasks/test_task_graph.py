@@ -1,7 +1,5 @@
 """The task graph has every task with its target, and says what waits for what."""
 
-from __future__ import annotations
-
 import networkx as nx
 import numpy as np
 from hypothesis import given

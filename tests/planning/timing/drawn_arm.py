@@ -1,7 +1,5 @@
 """Robots drawn at random, with something in their hands, for tests of what joints exert; and pinocchio as their oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio
 import pytest

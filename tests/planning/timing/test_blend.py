@@ -3,8 +3,6 @@
 Rounded polylines: smooth, close to the polyline, and not less rounded than that allows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

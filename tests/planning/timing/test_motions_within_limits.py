@@ -3,8 +3,6 @@
 Stops in the middle of a skill, and speeds at borders: within limits, on the path, and no longer or slower than need be.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

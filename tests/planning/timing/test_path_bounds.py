@@ -1,7 +1,5 @@
 """Rounded corners within limits of effort and tool speed, against dense sampling by pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings

@@ -1,7 +1,5 @@
 """Efforts of joints: within their limits in dense sampling by pinocchio, and no slower than need be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is proved apart is apart: against coal on random hulls and random motions."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The dispatcher releases what the edges allow, and nothing else; earliest times are longest paths."""
 
-from __future__ import annotations
-
 import random
 
 import networkx as nx

@@ -1,7 +1,5 @@
 """A saved plan comes back as it was, also elsewhere; a damaged one is refused with a clear word."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Vector clocks and the one-pass reduction against networkx on random chains."""
 
-from __future__ import annotations
-
 import networkx as nx
 import numpy as np
 import numpy.typing as npt

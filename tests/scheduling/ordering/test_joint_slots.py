@@ -1,7 +1,5 @@
 """Plans in slots as in the paper: all that move for a transit in a slot are planned as one robot."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise

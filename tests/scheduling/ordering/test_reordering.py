@@ -1,7 +1,5 @@
 """A better order of tasks: against every order there is, the rebuilt graph and the slow proof."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Rounded corners keep every guarantee: against brute force, the slow verification and an obstacle."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -3,8 +3,6 @@
 Sidesteps: the plan ends sooner, nothing else changes, and the guarantee stays.
 """
 
-from __future__ import annotations
-
 import gc
 import itertools
 import time

@@ -1,7 +1,5 @@
 """What a plan survives of base errors: held against bases that are moved in another engine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import product

@@ -1,7 +1,5 @@
 """What settles pairs of motions without measuring them never settles one that comes too close."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

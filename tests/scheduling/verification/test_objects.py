@@ -1,7 +1,5 @@
 """The verification holds objects to where they are, and what is done to what tasks say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

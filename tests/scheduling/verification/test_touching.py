@@ -1,7 +1,5 @@
 """Robots that touch themselves or what they carry, or come near to what others carry, are found."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

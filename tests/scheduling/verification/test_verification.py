@@ -1,7 +1,5 @@
 """The verification passes plans that keep their guarantee and names what breaks it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

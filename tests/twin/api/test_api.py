@@ -1,7 +1,5 @@
 """A scenario by Python, from its file to its replay, against what the program writes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``import twin`` costs nothing, and its names stay functions whatever is imported after it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib import import_module

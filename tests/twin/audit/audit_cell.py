@@ -1,7 +1,5 @@
 """A cell of two GP4 arms for audit tests, and runs of it written by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Motions from rest, in pieces of constant jerk."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

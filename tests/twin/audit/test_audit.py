@@ -1,7 +1,5 @@
 """The audit sees one planted violation of each kind, and nothing in a clean run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

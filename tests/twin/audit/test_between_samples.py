@@ -1,7 +1,5 @@
 """What happens between two configurations that are looked at is not missed by the audit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

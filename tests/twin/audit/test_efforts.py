@@ -1,7 +1,5 @@
 """Efforts and tool speeds of a run, by equations of motion and by differences of where the tool is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Both engines of the audit measure the same, and the one that is asked for is used."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

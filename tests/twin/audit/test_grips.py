@@ -1,7 +1,5 @@
 """What hangs beside fingers, below them, off their middle, or under a cup is seen, by direction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Limits of motion and order of nodes: what keeps them passes, whatever is planted is found, and only that."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

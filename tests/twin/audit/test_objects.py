@@ -1,7 +1,5 @@
 """The audit sees objects that hang, grips that do not fit, wrong places and missing supports."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The audit sees processes that were done where they belong, however short they were.
 """
 
-from __future__ import annotations
-
 import shutil
 from contextlib import closing
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The check before planning: one planted mistake of each kind is found at its line."""
 
-from __future__ import annotations
-
 import json
 import operator
 import re

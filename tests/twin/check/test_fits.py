@@ -1,7 +1,5 @@
 """Parts in each other: what is told, what is refused, what may be; a hair to either side."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

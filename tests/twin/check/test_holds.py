@@ -3,8 +3,6 @@
 Each mistake has a neighbour a hair on the other side of what is allowed, of which nobody says a word.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

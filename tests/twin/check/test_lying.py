@@ -1,7 +1,5 @@
 """Processes far from their work, machines that stand nowhere, meshes with holes, what takes no time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

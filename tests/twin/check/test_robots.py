@@ -3,8 +3,6 @@
 ``twin robots MODEL``: what is in a description, in tables that are never cut, and a picture.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from itertools import combinations

@@ -4,8 +4,6 @@ Tools of cells: fingers that are where they say, parts that they can hold and ca
 millimetres where metres are asked for: the key is named, and what it is in metres.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Programs that tests of clusters start, and ports for them."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Which schedulers a study speaks to, with which certificates, and which workers it refuses."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Designs that a cluster evaluates: the same as here, and files must be where its workers are."""
 
-from __future__ import annotations
-
 import pickle
 import zlib
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A cluster started as the guide says lets nobody in: who listens where, and who is answered."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import signal

@@ -1,7 +1,5 @@
 """Clusters that go away in the middle of a study: one line, and everything can go on."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

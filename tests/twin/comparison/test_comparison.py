@@ -1,7 +1,5 @@
 """One scenario under every policy, on the command line and against single runs; bounds of a makespan."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace

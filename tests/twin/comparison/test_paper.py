@@ -1,7 +1,5 @@
 """The report that stands beside the paper: its averages, its files, and what is kept of a run."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Drivers files: what is wrong is told with its line and the valid choices."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

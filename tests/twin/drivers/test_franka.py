@@ -1,7 +1,5 @@
 """The driver of Franka robots, against a robot that goes straight at once, and against franky-sim."""
 
-from __future__ import annotations
-
 import re
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Cleared nodes as straight legs, against brute force."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Distributions by their parameters, and the same ones of scipy."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import stats
 

@@ -1,7 +1,5 @@
 """Every duration model has the quantiles and means that scipy says it has."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

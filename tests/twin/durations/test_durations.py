@@ -1,7 +1,5 @@
 """How long skills take: drawn from what was measured, or as long as their reference paths."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

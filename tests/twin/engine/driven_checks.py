@@ -1,7 +1,5 @@
 """What is asserted of runs of robots that keep to limits, and what they are drawn with."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Robots that pass corners at speed: on the curve that was checked, and stopped within it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any

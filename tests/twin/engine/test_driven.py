@@ -1,7 +1,5 @@
 """Robots that keep to limits: only ever inside cleared nodes, whatever the delays, and never too fast."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Two arms reach into the same place: the graph keeps them apart, the clock does not."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Stops by the clock: emergency stops and breakdowns; and tasks that fail for good."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,7 +1,5 @@
 """An exploration whose designs are evaluated in this process, one after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

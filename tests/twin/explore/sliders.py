@@ -1,7 +1,5 @@
 """Two sliders that face a table: each goes to a place along x, so the best place of its base is known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 URDF = """\

@@ -1,7 +1,5 @@
 """Processes that die or hang cost the design that they were at, and nothing else."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What is said of an exploration: who is best, what it is worth, what matters, and the scenario of a design."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What cannot be explored is refused with its place in the file and the valid choices."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

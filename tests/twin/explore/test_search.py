@@ -1,7 +1,5 @@
 """Designs are searched for: what is found is what is known, and the same after any interruption."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Single changes of a cell that works: what gains is known, and nothing is tried twice."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Folders of made-up runs for the tests of exports."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``twin export``: what it writes where, and what it says when it cannot."""
 
-from __future__ import annotations
-
 import json
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """GraphML and DOT are read by other programs as the graph that was executed, and as the tasks of its plan."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Segments hold every waypoint once, and keeping to their order is keeping to the graph."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator
 from io import StringIO

@@ -1,7 +1,5 @@
 """CSV, Parquet and traces say exactly what the log and the tables of the run say."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """``twin fit``: from a CSV file to lines that a scenario takes, with clear errors."""
 
-from __future__ import annotations
-
 import json
 from datetime import datetime, timedelta
 from decimal import Decimal

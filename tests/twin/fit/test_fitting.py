@@ -1,7 +1,5 @@
 """Families have the densities of scipy and are fitted at least as likely; the test of fit rejects what is wrong."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

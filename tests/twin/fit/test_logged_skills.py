@@ -1,7 +1,5 @@
 """Skills in the log of a run take what was drawn for them, whatever else happened."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

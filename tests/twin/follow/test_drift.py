@@ -1,7 +1,5 @@
 """Drift: found where something has changed, dated, and not found where nothing has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

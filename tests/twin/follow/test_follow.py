@@ -1,7 +1,5 @@
 """Follow a run in progress: a file that grows, a pipe, torn lines, what is seen of it."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Forecasts: exact where everything is known, honest where it is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The state of a followed run, and what is flagged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

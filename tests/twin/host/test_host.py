@@ -1,7 +1,5 @@
 """What commands print beside their results: errors that nobody foresaw, progress, and names in pictures."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

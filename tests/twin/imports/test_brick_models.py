@@ -1,7 +1,5 @@
 """``twin import bricks`` and ``ldraw``, ``twin export --format ldraw``: there and back, and cells."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """A bar that one robot hands to another in the air, as no table is in reach of both."""
 
-from __future__ import annotations
-
 BAR = """
 version: 1
 name: bar

@@ -1,7 +1,5 @@
 """Plans that drivers execute: simulated arms, and wires between them and the dispatcher that fail."""
 
-from __future__ import annotations
-
 import errno
 import threading
 import time

@@ -1,7 +1,5 @@
 """Handovers in the air between robots that drivers move: whose hand closes when, by drivers that note it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is measured: samples that were lost, against an arm that was watched all the time, and rows of one that stands."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

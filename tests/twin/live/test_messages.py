@@ -1,7 +1,5 @@
 """Dispatcher and driver, while messages between them are late, doubled, lost and overtaken, and both start anew."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import dataclass, field, replace
 

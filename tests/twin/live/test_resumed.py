@@ -1,7 +1,5 @@
 """A dispatcher that is killed while drivers of their own processes move the robots, and goes on."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Drivers in processes of their own: whom the service lets in, and what it believes of them."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import socket

@@ -1,7 +1,5 @@
 """Orders and answers of somebody beside a live cell, without a page."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page in a browser, on a phone's width and a desk's: somebody holds a robot, lets it go and answers."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What the page's server answers, and whom it does not answer."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import importlib

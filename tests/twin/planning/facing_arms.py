@@ -1,7 +1,5 @@
 """A cell of two GP4 that face each other across a plate, as the head of a LEGO scenario."""
 
-from __future__ import annotations
-
 from tests.twin.scenarios.cells import GP4S, cell
 
 FACING_ARMS = cell(

@@ -1,7 +1,5 @@
 """Parts that are alike in scenario files: written out, refused with numbers, planned, and judged by the audit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

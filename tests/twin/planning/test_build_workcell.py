@@ -1,7 +1,5 @@
 """From sections to cell and assembly: nothing is lost, units are turned."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

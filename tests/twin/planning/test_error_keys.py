@@ -1,7 +1,5 @@
 """``cell.robots.base_error`` and ``planning.deviation``: read, refused where nothing plans with them, and kept."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -3,8 +3,6 @@
 More than two robots: whoever only stands in the way of the others gets nothing to do.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

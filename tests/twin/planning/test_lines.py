@@ -1,7 +1,5 @@
 """Sources and products of a scenario: written out, planned, executed, and proved as a whole."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

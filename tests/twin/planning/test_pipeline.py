@@ -1,7 +1,5 @@
 """A scenario is planned from end to end, and the bricks end up where the file says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Space-time plans all the way: motion plan, graph, proof, execution under delays, audit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """What the audit is told of a scenario: places, what holds objects, and fingers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small runs of real robot models in made-up motion, for recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Fingers of tools slide in what is drawn until they touch the part, as another library reads it."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import coal

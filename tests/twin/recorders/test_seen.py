@@ -1,7 +1,5 @@
 """What is seen in a recording: frames that lead to the world, names, words, colours, warnings, camera."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path

@@ -5,8 +5,6 @@ the time that is looked at, also where nothing is drawn of that entity yet, and 
 two entities place, both for good or both in time.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 

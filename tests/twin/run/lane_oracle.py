@@ -1,7 +1,5 @@
 """What each robot was doing when, worked out from the times of a run, not from its events."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What robots did, told from the event log, against what follows from the times of the run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import groupby, pairwise
 

@@ -1,7 +1,5 @@
 """Limits in executed runs, of joints' efforts and tools' speeds: pinocchio with the tables that a run leaves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """Policies have one name each, however they are written."""
 
-from __future__ import annotations
-
 import pytest
 
 from planning.errors import RequestError

@@ -1,7 +1,5 @@
 """Figures of runs, and of lines, against what is reckoned by hand."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

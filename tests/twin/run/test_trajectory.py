@@ -1,7 +1,5 @@
 """Where robots and objects were by the node times of a run, and how far from their paths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

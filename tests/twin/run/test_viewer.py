@@ -1,7 +1,5 @@
 """The viewer: stills that it renders, who listens in a browser, and that a run that is followed gets there."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import urllib.request

@@ -1,7 +1,5 @@
 """Every key of the schema says what it means, in the words of its docstring."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Disturbances in a scenario file: what they become, and what is wrong with them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Durations in a scenario file: what each section means, and where a wrong one is reported."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import get_args

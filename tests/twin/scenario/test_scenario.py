@@ -1,7 +1,5 @@
 """A scenario file is refused for what is wrong with it, all at once, each at its place."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

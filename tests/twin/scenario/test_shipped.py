@@ -1,7 +1,5 @@
 """Scenarios that come with the program: found by name, copied, never overwritten."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Inputs that are varied: how they are written, and what they do to a scenario."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """YAML is read as people mean it, and every value knows its place."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Cells of these tests, as scenario files: arms around a table, and the assembly that each test adds."""
 
-from __future__ import annotations
-
 TABLE = "{name: table, size_m: [1.6, 1.4, 0.02], pose: {xyz_m: [0, 0, -0.01]}}"
 GP4S = (
     "{name: left, model: gp4, base: {xyz_m: [0, 0, 0.9246]}}",

@@ -1,7 +1,5 @@
 """From the ``SCENARIO`` of a module to its file, a plan of it and a clean run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

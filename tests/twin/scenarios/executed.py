@@ -1,7 +1,5 @@
 """Plans that are executed, and whose audit finds nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph

@@ -1,7 +1,5 @@
 """What robots carry keeps the robots' clearance in runs, measured by coal at dense samples."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Constructions in scenario files: what the shipped ones describe, and what cannot be."""
 
-from __future__ import annotations
-
 import time
 from itertools import pairwise, permutations
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Gripping takes its time: a tool closes and opens while its robot stands, and what that does to plans and runs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

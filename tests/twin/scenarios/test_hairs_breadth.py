@@ -6,8 +6,6 @@ nobody carries, work that happens nowhere, and plans in which parts jump.
 Plans of shipped scenarios that were changed by hand are not called safe.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Temporary bricks of scenarios: told when they are shut in, refused where asked, and remembered in steps."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -3,8 +3,6 @@
 The scenarios are the cliff with something in it that cannot be.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """Machines work at parts without a robot: nothing is taken before they are done, in both engines."""
 
-from __future__ import annotations
-
 import copy
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A brick picked one stud beside another: planned, executed, audited and verified."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 `docs/reference/own-cells.md` lists what can be said, with the tests that hold it, and what cannot.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

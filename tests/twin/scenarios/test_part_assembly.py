@@ -1,7 +1,5 @@
 """An assembly of parts from its file to a clean run, and what is said of a bad one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow.parquet as pq
 

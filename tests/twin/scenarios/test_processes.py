@@ -1,7 +1,5 @@
 """Two arms place a cover, screw it on while it is held, and seal an edge: from the file to a run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

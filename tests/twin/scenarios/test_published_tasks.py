@@ -1,7 +1,5 @@
 """The published APEX-MR tasks: imported, planned, executed, audited and proved safe."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

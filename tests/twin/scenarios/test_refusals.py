@@ -1,7 +1,5 @@
 """What cannot be is said as the file is read: a table of mistakes, one a line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

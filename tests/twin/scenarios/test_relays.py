@@ -1,7 +1,5 @@
 """What no robot can do alone: a part is laid down in between, and taken up by another, or another way."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """``twin sequence``, and scenarios that give a structure in place of steps."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

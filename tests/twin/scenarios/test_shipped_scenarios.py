@@ -1,7 +1,5 @@
 """The bundled cliff, boat of rods, task board, gearbox and shapes, from their files to clean runs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Feeding stations from the scenario to the audit: there is always another brick, one at a time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

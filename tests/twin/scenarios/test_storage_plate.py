@@ -1,7 +1,5 @@
 """Stock on a plate of its own: lower, turned, next to the plate of the structure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

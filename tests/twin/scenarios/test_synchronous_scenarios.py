@@ -1,7 +1,5 @@
 """Scenarios planned in slots, from their files to clean runs under either policy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

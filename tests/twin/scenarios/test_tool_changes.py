@@ -1,7 +1,5 @@
 """One robot changes its tools at a rack, in random lists of steps and in the shipped gearbox."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Arms and grippers of vendors, from their files as they are published to an audited run."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

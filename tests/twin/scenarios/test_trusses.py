@@ -3,8 +3,6 @@
 A beam that would fall off a post: refused, propped in a found order, or joined, up to the audit.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

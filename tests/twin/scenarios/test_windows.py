@@ -1,7 +1,5 @@
 """Windows of time between steps: planned, kept, told of, audited, and refused where they cannot be."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What tests of studies may ask for."""
 
-from __future__ import annotations
-
 import pytest
 
 

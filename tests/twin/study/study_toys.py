@@ -1,7 +1,5 @@
 """Small workloads and summaries for the tests of studies."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``twin study`` as people use it: run, kill, go on, and what it says to what cannot be."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

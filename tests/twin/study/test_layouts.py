@@ -1,7 +1,5 @@
 """Layouts: each planned on its own, ranked with the same draws, and told of where none is found."""
 
-from __future__ import annotations
-
 import json
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Studies whose bases or skills are off: drawn by replication, inside what was said, and audited where they are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

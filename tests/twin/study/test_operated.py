@@ -1,7 +1,5 @@
 """A study in which what fails is planned anew is so many operations of the cell, one by one."""
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What inputs do to the makespan: bars of a tornado, and Sobol indices of a plan that adds up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

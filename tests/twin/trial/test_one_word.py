@@ -1,7 +1,5 @@
 """Run, its plan executed again, and studies of it agree on names, plans and baselines."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plans begin in a world: what is left of a run at a time is planned from what was executed up to there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

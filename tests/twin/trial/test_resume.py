@@ -1,7 +1,5 @@
 """A run that was killed, or found no room, is resumed: its files are those of a run that never was."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

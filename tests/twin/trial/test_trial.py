@@ -1,7 +1,5 @@
 """A plan goes through twin, recorders and audit, and every promised file is there."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bases are drawn by name, within their errors, and over all of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Durations of many replications at once are those of one at a time, bit by bit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

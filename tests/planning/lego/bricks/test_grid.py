@@ -1,7 +1,5 @@
 """Cells, poses and contact on the stud grid, grips of bricks; bricks and plate as things of the cell."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

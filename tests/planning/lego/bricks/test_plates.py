@@ -1,7 +1,5 @@
 """Plates among bricks: where they touch, against boxes, and where the tool's wall has room beside them."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from itertools import permutations, product

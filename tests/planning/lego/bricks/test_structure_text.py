@@ -1,7 +1,5 @@
 """Structures as drawings: what is read, what is refused, and the way back."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

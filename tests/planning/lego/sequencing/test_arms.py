@@ -1,7 +1,5 @@
 """Sequences that the arms of a cell can do: grips they reach, bricks that keep them out, houses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -3,8 +3,6 @@
 Sequences and blocking sets against all permutations, and remedies of blocked structures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain, combinations, permutations, product

@@ -3,8 +3,6 @@
 What a structure bears at a step, against the plain program at forces on either side of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

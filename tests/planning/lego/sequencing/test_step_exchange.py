@@ -1,7 +1,5 @@
 """Exchanged steps: every order that stands, no other one, and the candidates of a fresh search."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import permutations

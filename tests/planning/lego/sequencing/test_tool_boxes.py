@@ -1,7 +1,5 @@
 """Boxes around the tool and the bricks that they meet, found by kernels, are those of plain arrays."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

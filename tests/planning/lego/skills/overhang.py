@@ -4,8 +4,6 @@ Layers 1 to 8 are fixed. Three bricks go on: two held from below, by the left an
 right robot, and one pushed up from below under the edge of the second.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

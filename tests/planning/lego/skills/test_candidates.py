@@ -1,7 +1,5 @@
 """Which robot can do what, with which brick, and why not."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import pairwise, product

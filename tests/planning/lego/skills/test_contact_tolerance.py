@@ -1,7 +1,5 @@
 """How deep a tool may go into bricks beside the one that it handles, against a fine sampling."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import coal

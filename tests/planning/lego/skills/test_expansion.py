@@ -1,7 +1,5 @@
 """From choices to tasks: what is reached, what is held, who waits, who may touch."""
 
-from __future__ import annotations
-
 import networkx as nx
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The six skills as subgoals: what stays together, what moves, and which way."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

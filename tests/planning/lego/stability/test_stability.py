@@ -1,7 +1,5 @@
 """Stability against hand calculations, published collapses, symmetries and a quicker judge."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

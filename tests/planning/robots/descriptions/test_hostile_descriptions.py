@@ -1,7 +1,5 @@
 """Damaged descriptions of tools: each is read, or refused with the name of its file."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """MJCF, against PyBullet, which reads it with a parser of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 

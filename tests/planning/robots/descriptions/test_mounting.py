@@ -1,7 +1,5 @@
 """Tools on flanges, against pinocchio, which reads both descriptions and poses their joints."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any

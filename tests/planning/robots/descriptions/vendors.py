@@ -1,7 +1,5 @@
 """Descriptions of arms and grippers that vendors publish, and small ones of our own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

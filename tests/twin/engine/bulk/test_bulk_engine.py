@@ -1,7 +1,5 @@
 """The two engines are one truth: equal to the nanosecond in every replication."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What opens windows is held back alike in both engines, with whatever draws, messages and limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Both engines agree where machines bring parts and take products away, to the nanosecond."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Replications side by side against longest paths, against events, and against trying it out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

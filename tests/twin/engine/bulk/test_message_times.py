@@ -1,7 +1,5 @@
 """Longest paths with messages and short queues, against the event engine."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

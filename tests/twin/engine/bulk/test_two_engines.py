@@ -1,7 +1,5 @@
 """Both engines on the plans of all bundled scenarios: one truth, to the nanosecond."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

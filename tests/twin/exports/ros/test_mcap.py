@@ -1,7 +1,5 @@
 """The MCAP file, read back by the package of others, tells of the run what its tables tell."""
 
-from __future__ import annotations
-
 import sys
 from collections import defaultdict
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What is worth fixing: ranks, intervals and files."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Shortened replications against the event engine, and against longest paths by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The same results whoever computes them, and however often they are interrupted."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Intervals against scipy, against simulated resampling, and by how often they cover the truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

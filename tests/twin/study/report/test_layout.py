@@ -1,7 +1,5 @@
 """Pictures of a study: everything lies within the picture, and nothing on anything else; its tables."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
