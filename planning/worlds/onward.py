@@ -107,7 +107,8 @@ def plan_onward(
     world, kept = now.world, now.kept
     left = leftovers(world, now.reopened)
     there = supplied(world)
-    problem = narrowed(work.problem, kept, world.out, _busy_until(cell, left))
+    busy = _busy_until(cell, left, now.reopened)
+    problem = narrowed(work.problem, kept, world.out, busy)
     plan = assign_steps(problem)
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
@@ -271,6 +272,39 @@ def narrowed(
     return replace(left, primaries=primaries)
 
 
+@dataclass(frozen=True)
+class Hindered:
+    """A step that nobody can do as things are.
+
+    Attributes:
+        step: its number.
+        robot: who could if it had not something in its hand for a later one; None for nobody.
+        later: that one, 0 where there is no such robot.
+    """
+
+    step: int
+    robot: str | None = None
+    later: int = 0
+
+
+def hindered(
+    cell: Workcell, problem: AssignmentProblem, now: Situation
+) -> Hindered | None:
+    """Return the first step that nobody can do in a situation, None where there is none."""
+    busy = _busy_until(cell, leftovers(now.world, now.reopened), now.reopened)
+    held = {at.holder for _, at in now.world.held()}
+    about = problem, now.kept, now.world.out
+    for step in narrowed(*about, busy).impossible:
+        if step in now.kept:
+            continue
+        for robot in sorted(held & busy.keys(), key=str):
+            others = {k: until for k, until in busy.items() if k != robot}
+            if robot and step not in narrowed(*about, others).impossible:
+                return Hindered(step, robot, busy[robot])
+        return Hindered(step)
+    return None
+
+
 def _carriers(left: list[Leftover]) -> Iterator[Task]:
     """Yield the tasks in which robots are to put down, or hand over, what they have in their hands."""
     for item in left:
@@ -278,12 +312,17 @@ def _carriers(left: list[Leftover]) -> Iterator[Task]:
             yield from (task for task in item.tasks if task.kind != TRANSIT)
 
 
-def _busy_until(cell: Workcell, left: list[Leftover]) -> dict[str, int]:
+def _busy_until(
+    cell: Workcell, left: list[Leftover], reopened: Collection[int]
+) -> dict[str, int]:
+    """Return the last step that robots cannot begin for what they bring to an end before, by robot."""
     until: dict[str, int] = {}
     for task in _carriers(left):
         if cell.is_machine(task.robot):
             continue
-        until[task.robot] = max(task.step, until.get(task.robot, 0))
+        # A step that is done anew comes after what is left of it.
+        last = task.step - (task.step in reopened)
+        until[task.robot] = max(last, until.get(task.robot, 0))
     return until
 
 

@@ -31,7 +31,7 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork, Poses, chosen_there
-from planning.worlds.onward import Situation, narrowed
+from planning.worlds.onward import Hindered, Situation, hindered, narrowed
 from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World, leftovers, standing
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -292,6 +292,7 @@ class Recovery:
     ) -> tuple[TemporalPlanGraph, TemporalPlanGraph]:
         """Return the longer graph and the new one, giving up what cannot be done."""
         watch, goes_aside = StageWatch(), frozenset[str]()
+        emptied: dict[int, frozenset[str]] = {}
         machines = {item.name for item in self._cell.machines}
         if aside:
             goes_aside = standing(leftovers(self._world(at), {})) - at.out - machines
@@ -301,6 +302,7 @@ class Recovery:
             reopened = {
                 **at.judged.reopened,
                 **interrupted(self._ledger, at.out, world),
+                **emptied,
             }
             for step in at.unwanted - (world.begun().keys() - reopened.keys()):
                 self._ledger.drop(step)
@@ -343,10 +345,12 @@ class Recovery:
                     others = standing(left, but=error.step) - world.out - machines
                 if others - goes_aside:
                     goes_aside |= others
-                elif not self._ledger.takes_what_is_there() and not self._retreat(
-                    now, error
-                ):
-                    raise
+                elif not self._ledger.takes_what_is_there():
+                    why_not = hindered(self._cell, self.work.problem, now)
+                    if why_not and why_not.robot and why_not.later not in emptied:
+                        emptied[why_not.later] = self._emptied(world, why_not.robot)
+                    elif not self._retreat(now, error, why_not):
+                        raise
                 continue
             onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
@@ -405,14 +409,23 @@ class Recovery:
                 for step in [k for k in ledger.given_up if k > count]:
                     del ledger.given_up[step]
 
-    def _retreat(self, now: Situation, error: TwinError) -> bool:
+    def _emptied(self, world: World, robot: str) -> frozenset[str]:
+        """Let what a robot holds be taken from its hand, so that it can do something else; return who that is."""
+        self._ledger.gone |= {name for name, at in world.held() if at.holder == robot}
+        return frozenset({robot})
+
+    def _retreat(
+        self, now: Situation, error: TwinError, why_not: Hindered | None
+    ) -> bool:
         """Give up a step, or ask for what it lacks, and tell whether there was one.
 
-        It is that of the error, else what fewest rest on.
+        It is that of the error, or one that nobody can do, else what fewest rest on.
         """
         undone = self._ledger.undone
         left = [c.step for c in self._task_plan.choices if c.step not in undone]
-        named = error.step if isinstance(error, TransitError) else None
+        named = why_not and why_not.step
+        if isinstance(error, TransitError):
+            named = error.step
         if named not in left:
             steps = [step for step in left if step not in now.kept]
             if not steps:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +20,12 @@ from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK, lost, operated, stack
 from tests.twin.program import invoke
+from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.operate.operation import Operation, operate
 from twin.recorders.observers import MemoryRecorder
+from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
+from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import execute, scenario_execution
 
 
@@ -249,3 +253,31 @@ def test_what_fails_for_a_reason_that_no_section_names_is_planned_anew(
     assert done.versions
     tried = next(t for t in done.tpg.tasks if t.kind == FAILED)
     assert tried.object == missed.object
+
+
+def test_a_robot_lets_go_of_what_comes_later_where_nobody_else_can_go_on(
+    tmp_path: Path,
+) -> None:
+    """The left arm loses its only brick of step 2, while the right one has that of step 3 in its hand."""
+    few = re.sub(r"    - \{name: left_[b-e].*\n", "", STACK)
+    file = tmp_path / "few.yaml"
+    file.write_text(few)
+    sure = {"probability": 0.35, "retries": 0, "loses": 1.0}
+    done, _ = operated(plan_to_operate(load(file)), 3, **{"failures.place-down": sure})
+    check_invariant(DerivedTpg(done.tpg))
+    assert not verify_plan(done.tpg).problems
+    assert [t.object for t in done.tpg.tasks if t.kind == FAILED] == ["left_a"]
+    assert [t.object for t in done.tpg.tasks if t.kind == TAKEN_OUT] == ["right_b"]
+    assert done.record.outcome == "completed"
+
+
+def test_a_robot_that_keeps_hold_can_support_what_is_begun_anew(tmp_path: Path) -> None:
+    file = tmp_path / "cover.yaml"
+    file.write_text(COVER)
+    fails = {
+        f"failures.{skill}": {"probability": 0.4, "retries": 0, "loses": 0.0}
+        for skill in ("pick", "place-down")
+    }
+    done, _ = operated(plan_to_operate(load(file)), 4, **fails)
+    assert any(t.object == "pin" and t.kind == FAILED for t in done.tpg.tasks)
+    assert done.record.outcome == "completed"
