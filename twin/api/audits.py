@@ -13,7 +13,7 @@ from twin.audit.worlds.engines import engine_named
 from twin.host.progress import Report, report_nothing
 from twin.recorders.observers import write_motion
 from twin.trial.loaded_scenario import PathOrName
-from twin.trial.run_result import RunResult, any_run
+from twin.trial.run_result import RunResult, read_run
 from twin.trial.trial import audit_execution
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def audit(
         OutputError: the folder is that of no run, or a file in it is damaged.
     """
     chosen = engine_named(engine)
-    judged = any_run(run)
+    judged = run if isinstance(run, RunResult) else read_run(run)
 
     def audited(folder: Path) -> Audit:
         return Audit(

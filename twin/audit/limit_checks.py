@@ -113,10 +113,6 @@ class _Told:
             yield Violation(*times, self.robot, name, 0.0, detail, kind)
 
 
-def _steps_of(robot: str, names: Sequence[str], rows: RobotRows) -> _Told:
-    return _Told(robot, names, rows.t[:-1], rows.t[1:], rows.node[1:])
-
-
 def _against(value: float, limit: float, unit: str) -> str:
     """Return what there was and the limit of it in words, in as many digits as tell them apart."""
     digits = next((d for d in range(6, 17) if f"{value:.{d}g}" != f"{limit:.{d}g}"), 17)
@@ -179,7 +175,8 @@ def limit_violations(replay: ReplayedRun) -> Iterator[Violation]:
             words = " for all joint speeds added up"
             yield from _seen(told, "joint-speed", "rad/s", (speed, limit), words)
         slides = robot.model.chain.prismatic
-        steps = _steps_of(robot.name, robot.model.joint_names, rows)
+        times = rows.t[:-1], rows.t[1:], rows.node[1:]
+        steps = _Told(robot.name, robot.model.joint_names, *times)
         found = _shares(rows, rows.v, rows.a, robot.limits)
         for kind, unit, share, values, limits in found:
             units = [("m" if slide else "rad") + unit for slide in slides]

@@ -18,7 +18,7 @@ from twin.scenario.manifest import (
     unchanged_base,
     write_manifest,
 )
-from twin.scenario.sections.exploration import ExploreSection, as_said
+from twin.scenario.sections.exploration import ExploreSection
 from twin.scenario.sections.scenario import Scenario
 
 SUMMARY, REPORT, PARCELS = "summary.json", "report.html", "parcels"
@@ -49,7 +49,7 @@ def write_request(folder: Path, request: ExploreRequest) -> None:
     """Write ``manifest.json``: what is needed to understand, go on with and repeat the exploration."""
     cell = build_workcell(request.scenario, request.base)
     entry = {
-        "section": as_said(request.section),
+        "section": request.section.model_dump(mode="json"),
         "single_changes": request.singles,
         "packages": versions_of(_CHOOSING),
     }

@@ -344,11 +344,6 @@ def read_run(folder: PathOrName) -> RunResult:
     )
 
 
-def any_run(run: RunResult | PathOrName) -> RunResult:
-    """Return a run as it is, or the one in a folder."""
-    return run if isinstance(run, RunResult) else read_run(run)
-
-
 def _runs_in(folder: Path) -> list[Path]:
     runs = [path.parent for path in folder.glob(f"*/{MANIFEST}")]
     runs.sort(key=lambda run: (run / MANIFEST).stat().st_mtime, reverse=True)

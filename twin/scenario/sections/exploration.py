@@ -209,8 +209,3 @@ class ExploreSection(Section):
     def replicates(self) -> bool:
         """True if a goal or a constraint takes replications."""
         return any(one.used & REPLICATED for one in self.expressions)
-
-
-def as_said(section: ExploreSection) -> Mapping[str, Any]:
-    """Return a section as JSON has it, with all defaults."""
-    return section.model_dump(mode="json")
