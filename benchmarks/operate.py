@@ -1,6 +1,6 @@
 """What it costs that skills fail: planned anew while the others go on, or after everybody has stopped.
 
-    python -m benchmarks.operate [--seeds N] [--rates 0 0.05 out] [--only NAME] [--verified N]
+    python -m benchmarks.operate [--seeds N] [--rates 0 0.05 out] [--only NAME] [--verified N] [--table]
 
 Every attempt at any skill fails with a probability, and a fifth of those lose the object; attempts are made
 three times. Compared are, for the same draws: *ours*; *stop*: everybody ends the task at hand, waits for the
@@ -11,7 +11,7 @@ twelve more bricks, ``magazine with spares`` the shipped one with six more pins;
 that stops does not bring its steps to an end first. With the rate ``out`` attempts fail as at 1 %, and one robot,
 drawn as the time is, stops for good; a plan that knew of that is not looked for. Every run is audited, and the first
 of each row are verified, and once more with five stalls of each robot. The table goes to benchmarks/results/operate.md;
-rows that are measured are kept.
+rows that are measured are kept. With ``--table`` it is that of all rows there are, whatever version measured them.
 """
 
 from __future__ import annotations
@@ -187,6 +187,8 @@ def table(rows: dict[tuple[str, float | str], list[Row]], seeds: int) -> list[st
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for (name, rate), own in rows.items():
+        if not own:
+            continue
         whole = [
             row
             for row in own
@@ -231,8 +233,10 @@ def main() -> int:
     parser.add_argument("--rates", type=_rate, nargs="+", default=RATES)
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES)
     parser.add_argument("--verified", type=int, default=2, metavar="N")
+    parser.add_argument("--table", action="store_true")
     options = parser.parse_args()
-    store = RowStore(ROOT / "benchmarks" / ".measured" / "operate", ROOT)
+    kept = ROOT / "benchmarks" / ".measured" / "operate"
+    store = RowStore(kept, ROOT, any_version=options.table)
     measured: dict[tuple[str, float | str], list[Row]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in options.only:
@@ -244,6 +248,8 @@ def main() -> int:
                 for seed in range(options.seeds):
                     key = f"{name.translate(_IN_FILES)}-{sha256(text).hexdigest()[:8]}-{rate}-{seed}"
                     row = store.load(key)
+                    if row is None and options.table:
+                        continue
                     if row is None:
                         plan = plan or plan_to_operate(case)
                         sure = seed < options.verified

@@ -138,10 +138,22 @@ def extended(
     ]
     # What a robot has had in its hand all along is not taken up anew.
     hands = {h.object: h.holder for h in committed.handlings}
-    handlings += [
-        _moved(h, place[new.chains[h.robot].robot], count)
+    taken = [
+        h
         for h in new.handlings
         if not (new.holds_before(h) and hands.get(h.object) == h.holder)
+    ]
+    handlings += [_moved(h, place[new.chains[h.robot].robot], count) for h in taken]
+    # Who has got it from another robot goes on with it once that has let go.
+    given = {
+        h.object: committed.task_of(h)
+        for h in committed.handlings
+        if h.holder not in (None, committed.chains[h.robot].robot)
+    }
+    passed = [
+        (given[h.object].index, new.task_of(h).index)
+        for h in new.handlings
+        if h not in taken and h.object in given
     ]
     done = {int(task) for chain in chains for task in chain.task}
     timed = committed.windows if windows is None else windows
@@ -156,7 +168,7 @@ def extended(
         np.empty(0, dtype=np.uint8),
         tuple(handlings),
         merged((*committed.allowed, *new.allowed)),
-        _pairs((*committed.dependencies.tolist(), *dependencies.tolist())),
+        _pairs((*committed.dependencies.tolist(), *dependencies.tolist(), *passed)),
         windows=tuple(window for window in timed if window.own <= done),
     )
     known = [

@@ -18,7 +18,7 @@ from planning.tasks.task import FAILED, GONE, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK, lost, operated, stack
+from tests.twin.operate.operated import CLIFF, STACK, lost, operated, stack
 from tests.twin.program import invoke
 from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.operate.operation import Operation, operate
@@ -281,3 +281,22 @@ def test_a_robot_that_keeps_hold_can_support_what_is_begun_anew(tmp_path: Path) 
     done, _ = operated(plan_to_operate(load(file)), 4, **fails)
     assert any(t.object == "pin" and t.kind == FAILED for t in done.tpg.tasks)
     assert done.record.outcome == "completed"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("robot", ["left", "right"])
+def test_a_robot_may_be_out_in_the_middle_of_a_handover(robot: str) -> None:
+    """Who has got the brick goes on with it once it has been let go of."""
+    plan = plan_to_operate(load(CLIFF.with_name("faucet.yaml")))
+    _, events = operated(plan, 0)
+    ends = {e.task: e.t_ns for e in events if e.kind == "completed"}
+    moments = [
+        ends[t.index] / 1e9 + off
+        for t in plan.tpg.tasks
+        if t.kind == "handover"
+        for off in (-6.0, -4.4, -2.0, -0.1, 0.2)
+    ]
+    for at_s in moments:
+        done, _ = operated(plan, 0, outages=[{"robot": robot, "at_s": round(at_s, 3)}])
+        check_invariant(DerivedTpg(done.tpg))
+        assert not any("does not wait" in why for why in done.given_up.values())
