@@ -9,6 +9,7 @@ from benchmarks.open.__main__ import Row
 from benchmarks.open.entries import ENTRIES, by_the_clock, one_at_a_time, own_plan
 from benchmarks.open.planners import klampt_path, ompl_path
 from benchmarks.open.tasks import TASKS, chosen
+from tests.twin.written import written
 from twin.judge.judge import Judgement, judge
 from twin.run.policies import ASYNCHRONOUS, SEQUENTIAL, SYNCHRONOUS
 from twin.trial.loaded_scenario import LoadedScenario, load
@@ -44,9 +45,7 @@ execution:
 
 @pytest.fixture(scope="module")
 def task(tmp_path_factory: pytest.TempPathFactory) -> LoadedScenario:
-    file = tmp_path_factory.mktemp("task") / "post.yaml"
-    file.write_text(SCENARIO, encoding="utf-8")
-    return load(file)
+    return load(written(tmp_path_factory.mktemp("task"), SCENARIO))
 
 
 def told(

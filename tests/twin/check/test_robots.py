@@ -299,8 +299,7 @@ def test_a_tool_has_a_sheet_too(hand: Path, tmp_path: Path) -> None:
 def test_the_robots_of_a_scenario_are_shown_with_their_tools(
     hand: Path, tmp_path: Path
 ) -> None:
-    path = tmp_path / "pair.yaml"
-    path.write_text(SCENARIO)
+    path = written(tmp_path, SCENARIO)
     pair, bare = json.loads(robots(str(path), "--json"))
     assert pair["title"] == "ur5e+hand (left, right)"
     assert bare["title"] == "ur5e-fitted (bare)"

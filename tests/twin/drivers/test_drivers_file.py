@@ -1,9 +1,11 @@
 """Drivers files: what is wrong is told with its line and the valid choices."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from tests.twin import written as files
 from twin.drivers.drivers_file import (
     FrankaArm,
     ServiceDriver,
@@ -15,10 +17,7 @@ from twin.scenario.document.validation import InvalidScenarioError
 ROBOTS = ("left", "right")
 
 
-def written(folder: Path, text: str) -> Path:
-    file = folder / "drivers.yaml"
-    file.write_text(text)
-    return file
+written = partial(files.written, name="drivers.yaml")
 
 
 def test_robots_that_are_not_named_are_simulated(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from scheduling.build_tpg import build_nodes
 from tests.twin.drawn_runs import sample
 from tests.twin.program import invoke
 from tests.twin.twin_toys import random_tpg, with_cut_skill
+from tests.twin.written import loaded
 from twin.durations.lifetimes import Retries
 from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings
 from twin.durations.model import to_nanoseconds
@@ -193,9 +194,7 @@ def test_exceptions_go_with_the_durations(tmp_path: Path) -> None:
         "\nexecution:\n  skill_overrides:\n"
         "    - {skill: pick, robot: left, duration: {kind: fixed, value_s: 90}}\n"
     )
-    file = tmp_path / "cliff.yaml"
-    file.write_text(text)
-    scenario = load_scenario(file)
+    scenario = loaded(tmp_path, text)
     assert skill_durations(scenario).model_of("pick", "left", None) is not None
     assert skill_durations(follow_references(scenario)).overrides == ()
 
@@ -206,9 +205,7 @@ def test_the_planner_takes_the_means_of_exceptions(tmp_path: Path) -> None:
         "    - {skill: pick, robot: left, duration: {kind: uniform, low_s: 80, high_s: 100}}\n"
         "    - {skill: pick, object: 2x4, duration: {kind: fixed, value_s: 50}}\n"
     )
-    file = tmp_path / "cliff.yaml"
-    file.write_text(text)
-    scenario = load_scenario(file)
+    scenario = loaded(tmp_path, text)
     plan = plan_in_turns(scenario, tmp_path, StageWatch()).motion_plan
     kinds = {item.name: item.kind for item in plan.cell.objects}
     packaged = packaged_timings()["pick"].mean

@@ -23,6 +23,7 @@ from tests.twin.recorders.transform_chains import broken_chains
 from tests.twin.simulated import simulate
 from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
+from tests.twin.written import written
 from twin.engine.execution_model import ExecutionModel
 from twin.follow.display import TerminalDisplay, as_json, as_sentence
 from twin.follow.follow import Silence, follow, growing_file, piped
@@ -281,8 +282,7 @@ def test_the_command_ends_with_what_there_is(run_folder: Path, tmp_path: Path) -
 def test_a_scenario_for_other_robots_is_refused(
     run_folder: Path, tmp_path: Path
 ) -> None:
-    other = tmp_path / "other.yaml"
-    other.write_text(SCENARIO.replace("name: right", "name: east"))
+    other = written(tmp_path, SCENARIO, ("name: right", "name: east"))
     log = run_folder / "events.jsonl"
     result = invoke("follow", run_folder, log, "--scenario", other, code=2)
     assert "is for robots left, right" in result.stderr

@@ -17,6 +17,7 @@ from planning.errors import InfeasibleStepError
 from planning.lego.sequencing.stable_steps import stable_steps
 from tests.planted import rows
 from tests.twin.program import invoke
+from tests.twin.written import written
 from twin.planning.lego import build_lego
 from twin.scenario.manifest import load_scenario, scenario_schema
 
@@ -37,9 +38,7 @@ def write(folder: Path, *edits: Edit) -> Path:
     content = deepcopy(CLIFF)
     for edit in edits:
         edit(content)
-    path = folder / "scenario.yaml"
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    return path
+    return written(folder, yaml.safe_dump(content, sort_keys=False))
 
 
 def bricks_as_structure(content: dict[str, Any]) -> None:

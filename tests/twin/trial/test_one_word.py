@@ -12,6 +12,7 @@ import twin
 from planning.errors import ScenarioError
 from tests.twin.planning.test_pipeline import SCENARIO
 from tests.twin.program import invoke
+from tests.twin.written import written
 
 SHORTCUTS = "asynchronous + shortcuts"
 QUICK = ("--no-audit", "--no-recording", "-q")
@@ -36,9 +37,7 @@ def makespans(folder: Path) -> dict[str, list[float]]:
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("words") / "three.yaml"
-    path.write_text(SCENARIO)
-    return path
+    return written(tmp_path_factory.mktemp("words"), SCENARIO, name="three.yaml")
 
 
 @pytest.fixture(scope="module")

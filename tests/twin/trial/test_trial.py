@@ -9,6 +9,7 @@ import pytest
 
 from tests.twin.program import invoke
 from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
+from tests.twin.written import written
 from twin.run.summary import summary_rows
 
 FILES = {
@@ -127,8 +128,7 @@ def test_the_same_seed_gives_the_same_tables(
 
 
 def test_a_plan_for_another_cell_is_refused(plan: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.yaml"
-    other.write_text(SCENARIO.replace("name: right", "name: east"))
+    other = written(tmp_path, SCENARIO, ("name: right", "name: east"))
     out = tmp_path / "run"
     result = invoke("run", other, "--plan", plan, "--out", out, code=2)
     assert "robot 'right' of the plan is not in the cell" in result.stderr

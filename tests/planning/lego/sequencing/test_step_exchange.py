@@ -18,9 +18,9 @@ from planning.tasks.highs_solver import assign_steps
 from planning.tasks.work import AssemblyWork
 from scheduling.ordering.improvement import exchange_steps, move_step
 from tests.twin.planning.facing_arms import FACING_ARMS
+from tests.twin.written import loaded
 from twin.planning.build_workcell import build_workcell
 from twin.planning.lego import build_lego
-from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.lego import LegoSection
 
 STEPS = """\
@@ -46,9 +46,7 @@ RULES = SequencingRules()
 
 @pytest.fixture(scope="module")
 def candidates(tmp_path_factory: pytest.TempPathFactory) -> LegoCandidates:
-    file = tmp_path_factory.mktemp("five") / "five.yaml"
-    file.write_text(FACING_ARMS + STEPS)
-    scenario = load_scenario(file)
+    scenario = loaded(tmp_path_factory.mktemp("five"), FACING_ARMS + STEPS)
     cell = build_workcell(scenario, Path())
     assert isinstance(scenario.assembly, LegoSection)
     assembly = stable_steps(build_lego(scenario.assembly), RULES)
