@@ -122,11 +122,13 @@ class WorkAhead:
         steps: how many there are.
         first: returns the work of the first so many of them.
         product: how many of them make a product; 0 where it is not products that are ordered.
+        wanted: how many are wanted at first, where it is.
     """
 
     steps: int
     first: Callable[[int], AssemblyWork]
     product: int = 0
+    wanted: int = 0
 
 
 class TaskHistory:

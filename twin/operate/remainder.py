@@ -57,6 +57,7 @@ def plan_remainder(
     left_s: Mapping[str, float],
     ago: Mapping[int, float],
     when: str,
+    given_up: Collection[int] = (),
 ) -> TemporalPlanGraph:
     """Return the plan of what is left at a cut, which begins in the world there.
 
@@ -70,6 +71,7 @@ def plan_remainder(
         left_s: machines that are at work when all robots are at rest there, with how long still [s].
         ago: how long before all robots are at rest there tasks ended that opened windows of time, by index [s].
         when: the time, for people.
+        given_up: steps that are known to be left undone.
 
     Raises:
         RequestError: something cannot go on, or nothing is left.
@@ -107,7 +109,7 @@ def plan_remainder(
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
     union, new, at = planner.plan_alone(tpg, incident)
     first = len(at.committed.tasks)
-    _require_whole(planner, new, at)
+    _require_whole(planner, new, at, given_up)
     if not len(new.tasks) > first:
         raise RequestError(f"nothing is left to do at {when}")
     kinds = Counter(tpg.tasks[k].kind for k in done)
@@ -148,7 +150,10 @@ def _require_tried_once(tpg: TemporalPlanGraph, world: World) -> None:
 
 
 def _require_whole(
-    planner: Recovery | ConstructionRecovery, new: TemporalPlanGraph, at: Committed
+    planner: Recovery | ConstructionRecovery,
+    new: TemporalPlanGraph,
+    at: Committed,
+    known: Collection[int],
 ) -> None:
     """Refuse what cannot go on.
 
@@ -160,8 +165,8 @@ def _require_whole(
             raise RequestError(
                 f"{place.holder!r} is out and has {name!r} in its hand: only a person can take it from there"
             )
-    if planner.given_up:
-        steps = (f"step {k}: {why}" for k, why in sorted(planner.given_up.items()))
+    given_up = sorted(planner.given_up.items())
+    if steps := [f"step {k}: {why}" for k, why in given_up if k not in known]:
         raise RequestError("not all can go on from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
         if task.kind == TAKEN_OUT:

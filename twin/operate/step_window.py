@@ -28,7 +28,6 @@ class StepWindow:
         self, section: StepWindowSection | None, motions: PlannedMotions
     ) -> None:
         self._section, self._ahead = section, motions.ahead
-        self._wanted = len(motions.task_plan.choices)
         self._begins: tuple[TemporalPlanGraph, list[dict[int, int]]] | None = None
 
     def due(
@@ -80,7 +79,7 @@ class StepWindow:
         if self._ahead is None or not self.in_products:
             return 0
         lost = len(self.products_of(given_up))
-        wanted = self._wanted + (lost + more) * self._ahead.product
+        wanted = self._ahead.wanted + (lost + more) * self._ahead.product
         return min(wanted, self._ahead.steps)
 
     def products_of(self, steps: Collection[int]) -> set[int]:
@@ -93,7 +92,7 @@ class StepWindow:
         if self._ahead is None or not self.in_products:
             return bool(given_up)
         made = planned // self._ahead.product - len(self.products_of(given_up))
-        return made < self._wanted // self._ahead.product + more
+        return made < self._ahead.wanted // self._ahead.product + more
 
     def all_steps(self, plan: TaskPlan) -> range:
         """Return the numbers of all steps, those after the planned ones included."""

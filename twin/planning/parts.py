@@ -157,7 +157,7 @@ class PartKind(AssemblyKind):
             return super().ahead(cell, watch)
         _, work = self._work(cell, watch)
         period = len(listed_steps(self.section))
-        return WorkAhead(self.steps(), work.of_first, period)
+        return WorkAhead(self.steps(), work.of_first, period, self.wanted_steps())
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
         """Return what is built, and its work."""

@@ -129,6 +129,7 @@ def plan_from_run(
             left_s,
             ago,
             str(moment),
+            {int(k) for k in run.summary.get("operation", {}).get("given_up", ())},
         )
     name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
     return PlanResult(case, found, name, planning_s=watch.seconds)

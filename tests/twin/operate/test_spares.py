@@ -214,4 +214,8 @@ def test_the_program_tells_which_products_were_replaced(tmp_path: Path) -> None:
     (out / "events.jsonl").write_bytes(log[: len(log) // 2])
     (out / "summary.json").unlink()
     invoke("resume", out, code=0)
+    left = twin.plan(world=f"{out}@{0.9 * summary['makespan_s']}")
+    assert not verify_plan(left.tpg).problems
+    first = max(summary["operation"]["scrapped"]) * STEPS + 1
+    assert all(t.step >= first for t in left.tpg.tasks if t.kind == "place-down")
     assert (out / "events.jsonl").read_bytes() == log
