@@ -69,9 +69,11 @@ def place_capsules(
                     moved[c, j] = strayed
                     continue
                 axis = joint_axis(robot, poses, j)
-                reach = max(
-                    _off_axis(start, c, poses, j + 1, axis),
-                    _off_axis(end, c, poses, j + 1, axis),
+                reach = np.sqrt(
+                    max(
+                        _off_axis(start, c, poses, j + 1, axis),
+                        _off_axis(end, c, poses, j + 1, axis),
+                    )
                 )
                 strayed += half_travel * (reach + hulls.radius[c] + strayed)
                 moved[c, j] = strayed
@@ -81,12 +83,13 @@ def place_capsules(
 def _off_axis(
     points: Array, c: int, poses: Array, p: int, axis: tuple[float, float, float]
 ) -> float:
+    """Return the squared distance of a point from the axis of a joint [m^2]."""
     ax, ay, az = axis
     x = points[c, 0] - poses[p, 0, 3]
     y = points[c, 1] - poses[p, 1, 3]
     z = points[c, 2] - poses[p, 2, 3]
     cx, cy, cz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-    return float(np.sqrt(cx * cx + cy * cy + cz * cz))
+    return float(cx * cx + cy * cy + cz * cz)
 
 
 @kernel

@@ -14,8 +14,8 @@ from planning.construction.checks.moving_checks import (
 )
 from planning.construction.checks.scene import Limits, StillBoxes, lay_out
 from planning.construction.world.fixed_world import FixedWorld
-from planning.construction.world.timeline import HandChange, hand_changes
-from planning.construction.world.tracks import build_tracks, make_carrier
+from planning.construction.world.timeline import HandChange
+from planning.construction.world.tracks import make_carrier
 from planning.geometry.robot_bodies import (
     RobotBodies,
     cell_entities,
@@ -71,25 +71,20 @@ class SpaceTimeChecker:
             held = _held_by(world, robot, start)
         hand = held_by(robot, ((cell.object(name), at) for name, at in held.items()))
         mover = make_carrier(placed, hand)
-        swept = [
-            world.swept.since(
-                start,
-                other,
-                world.robots[other.name],
-                _changes_but(world, other.name, held),
-                cell.object,
-            )
+        others = [
+            (other, world.robots[other.name], _changes_but(world, other.name, held))
             for other in cell.robots
             if other.name not in (robot, *without)
         ]
+        carriers, tracks = world.swept.joined(start, others, cell.object)
         # The scene does not keep them alive.
-        self._carriers = [mover, *(c for track in swept for c in track.carriers)]
+        self._carriers = [mover, *carriers]
         numbers = cell_entities(cell)
         boxes, times = _still_boxes(world, held, start)
         self.scene = lay_out(
             self._carriers,
             numbers,
-            build_tracks(swept, 1),
+            tracks,
             StillBoxes(boxes.pose, boxes.half, boxes.bounds, *times, boxes.hulls),
             Limits(
                 _box_limits(cell, placed, mover.bodies, boxes, allowed),
@@ -150,7 +145,7 @@ def _changes_but(
     """Return what a robot holds from when on, but for some objects."""
     return [
         (t, tuple((name, pose) for name, pose in hand if name not in held))
-        for t, hand in hand_changes(world.objects, robot)
+        for t, hand in world.hands[robot]
     ]
 
 

@@ -246,8 +246,9 @@ def clear_throughout(
 @kernel
 def configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
     """Tell whether the robot may be at ``q``, shape (n,), at one instant."""
-    # It has been swept, if such it may be called, and not cut up.
-    return still_clear(scene, q, t, q, t, 0.0) and clear_of_tracks(scene, t, t)
+    # Robots are what is mostly in the way of what is asked for at one instant.
+    sweep_stretch(scene, q, t, q, t, t, t)
+    return clear_of_tracks(scene, t, t) and still_clear(scene, q, t, q, t, 0.0)
 
 
 @kernel
@@ -260,7 +261,7 @@ def motion_clear(scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float) 
         own_at(q0, t0, q1, t1, middle, q)
         if not configuration_clear(scene, q, middle):
             return False
-    return (
-        still_clear(scene, q0, t0, q1, t1, 0.0)
-        and first_meeting(scene, q0, t0, q1, t1) == np.inf
+    # It takes many more stretches to tell that it is clear of what lies still.
+    return first_meeting(scene, q0, t0, q1, t1) == np.inf and still_clear(
+        scene, q0, t0, q1, t1, 0.0
     )

@@ -64,6 +64,7 @@ class MoverScene(NamedTuple):
 
     Attributes:
         own: its bodies, with what it holds, on the stretch on which they were swept last.
+        ends: room for the ends of a stretch, shape (2, n).
         above: own bodies on the stretch as it is seen from a joint.
         fleet: the robot, then all other carriers.
         entity: number by which limits speak of a body, shape (bodies,).
@@ -82,6 +83,7 @@ class MoverScene(NamedTuple):
     """
 
     own: SweptBodies
+    ends: Array
     above: HullTable
     fleet: Fleet
     entity: Indices
@@ -121,10 +123,13 @@ def lay_out(
     bodies = max(len(h.joint) for h in hulls)
     capsules = max(len(h.radius) for h in hulls)
     corners = max(h.most_corners for h in [*hulls, boxes.hulls])
+    own = make_swept(hulls[0])
+    own.hulls.q_a[:] = np.nan  # swept nowhere yet
     pairs = len(hulls[0].joint) * max(bodies, len(boxes.pose))
     return packed(
         MoverScene(
-            make_swept(hulls[0]),
+            own,
+            np.empty((2, hulls[0].q_a.shape[1])),
             hulls[0],
             make_fleet(carriers),
             np.concatenate([carrier.bodies.numbered(numbers) for carrier in carriers]),
@@ -160,7 +165,13 @@ def sweep_stretch(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, lo: float, hi: float
 ) -> None:
     """Sweep the robot on the part from ``lo`` to ``hi`` of a motion; see ``own_at``."""
-    hulls = scene.own.hulls
-    own_at(q0, t0, q1, t1, lo, hulls.q_a[0])
-    own_at(q0, t0, q1, t1, hi, hulls.q_b[0])
-    sweep_bodies(scene.own)
+    q_a, q_b, ends = scene.own.hulls.q_a[0], scene.own.hulls.q_b[0], scene.ends
+    own_at(q0, t0, q1, t1, lo, ends[0])
+    own_at(q0, t0, q1, t1, hi, ends[1])
+    # What is checked against what lies still is often checked against robots next.
+    known = True
+    for j in range(len(q_a)):
+        known = known and q_a[j] == ends[0, j] and q_b[j] == ends[1, j]
+        q_a[j], q_b[j] = ends[0, j], ends[1, j]
+    if not known:
+        sweep_bodies(scene.own)

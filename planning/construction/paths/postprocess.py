@@ -7,7 +7,6 @@ step makes the arrival later.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -209,33 +208,66 @@ def shorten(
         tries: number of random stretches.
         seed: of the random numbers.
     """
-    rng = np.random.default_rng([seed, 17])
-    time, path = _without_corners(checker, found.time, found.path, query)
+    rng, scene = np.random.default_rng([seed, 17]), checker.scene
+    time, path = _without_corners(scene, query, found.time, found.path)
+    begin, end = float(time[0]), float(time[-1])
     for attempt in range(tries):
         if len(time) < 3:
             break
-        lo, hi = np.sort(rng.uniform(time[0], time[-1], 2)).tolist()
-        i, j = np.searchsorted(time, [lo, hi]).tolist()
-        if i == j or hi - lo < 1e-3:
+        lo, hi = sorted(rng.uniform(begin, end, 2).tolist())
+        if hi - lo < 1e-3 or not np.any((time >= lo) & (time < hi)):
             continue
-        a, b = _point(time, path, lo), _point(time, path, hi)
-        old = np.vstack([a[None], path[i:j], b[None]])
-        when = np.concatenate([[lo], time[i:j], [hi]])
-        if attempt % 3 < 2:
-            bridge, when = np.array([a, b]), np.array([lo, hi])
-        else:
-            joint = int(rng.integers(path.shape[1]))
-            bridge = old.copy()
-            share = (when - lo) / (hi - lo)
-            bridge[:, joint] = a[joint] + share * (b[joint] - a[joint])
-        if _length(bridge, query) > _length(old, query) - _GAIN:
-            continue
-        if _possible(query, when, bridge) and _all_free(checker, when, bridge):
-            time = np.concatenate([time[:i], when, time[j:]])
-            path = np.vstack([path[:i], bridge, path[j:]])
-            time, path = _merged(time, path)
-    time, path = _without_corners(checker, time, path, query)
+        joint = int(rng.integers(path.shape[1])) if attempt % 3 == 2 else -1
+        time, path = _shortcut(scene, query, time, path, lo, hi, joint)
+    time, path = _without_corners(scene, query, time, path)
     return replace(found, time=time, path=path)
+
+
+@kernel
+def _shortcut(
+    scene: MoverScene,
+    query: Query,
+    time: Array,
+    path: Array,
+    lo: float,
+    hi: float,
+    joint: int,
+) -> tuple[Array, Array]:
+    """Return a path that is straight between two times, or as it was where that is longer or not free.
+
+    Args:
+        scene: what must be kept clear of.
+        query: speeds.
+        time, path: of the waypoints, shapes (w,) and (w, n).
+        lo, hi: the times; a waypoint lies between [s].
+        joint: the only one that goes straight, -1 for all.
+    """
+    i, j = np.searchsorted(time, lo), np.searchsorted(time, hi)
+    n, inner = path.shape[1], j - i
+    old, when = np.empty((inner + 2, n)), np.empty(inner + 2)
+    when[0], when[1:-1], when[-1] = lo, time[i:j], hi
+    old[0], old[1:-1], old[-1] = _point(time, path, lo), path[i:j], _point(time, path, hi)
+    bridge = old.copy()
+    if joint < 0:
+        bridge, when = np.empty((2, n)), np.array([lo, hi])
+        bridge[0], bridge[1] = old[0], old[-1]
+    else:
+        a, b = old[0, joint], old[-1, joint]
+        for k in range(len(when)):
+            share = (when[k] - lo) / (hi - lo)
+            bridge[k, joint] = a + share * (b - a)
+    if _length(bridge, query) > _length(old, query) - _GAIN:
+        return time, path
+    for k in range(len(when) - 1):
+        if not _possible(query, bridge[k], when[k], bridge[k + 1], when[k + 1]):
+            return time, path
+    for k in range(len(when) - 1):
+        if not motion_clear(scene, bridge[k], when[k], bridge[k + 1], when[k + 1]):
+            return time, path
+    return _merged(
+        np.concatenate((time[:i], when, time[j:])),
+        np.concatenate((path[:i], bridge, path[j:])),
+    )
 
 
 def retimed(
@@ -299,59 +331,70 @@ def _places(path: Array, query: Query) -> Array:
     return np.concatenate(places)
 
 
+@inner_kernel
 def _point(time: Array, path: Array, t: float) -> Array:
     """Return where the path is at a time."""
-    k = min(max(int(np.searchsorted(time, t, side="right")) - 1, 0), len(time) - 2)
+    k = min(max(np.searchsorted(time, t, side="right") - 1, 0), len(time) - 2)
     span = max(time[k + 1] - time[k], 1e-300)
-    share = np.clip((t - time[k]) / span, 0.0, 1.0)
-    return np.asarray(path[k] + share * (path[k + 1] - path[k]))
+    share = min(max((t - time[k]) / span, 0.0), 1.0)
+    return path[k] + share * (path[k + 1] - path[k])
 
 
+@inner_kernel
 def _length(path: Array, query: Query) -> float:
     """Return the travel time of a polyline, with a little of every joint's travel [s]."""
-    travel = np.abs(np.diff(path, axis=0)) / query.velocity
-    return float(travel.max(axis=1).sum() + 0.1 * travel.sum())
+    slowest, total = 0.0, 0.0
+    for k in range(len(path) - 1):
+        most = 0.0
+        for j in range(path.shape[1]):
+            travel = abs(path[k + 1, j] - path[k, j]) / query.velocity[j]
+            most, total = max(most, travel), total + travel
+        slowest += most
+    return slowest + 0.1 * total
 
 
-def _possible(query: Query, time: Array, path: Array) -> bool:
-    """Tell whether no joint must go faster than it can."""
-    room = np.diff(time)[:, None]
-    travel = np.abs(np.diff(path, axis=0)) / query.velocity
-    return bool(np.all((travel <= room + 1e-9) | (travel < 1e-12)))
+@inner_kernel
+def _possible(query: Query, a: Array, s: float, b: Array, t: float) -> bool:
+    """Tell whether no joint must go faster than it can from one place and time to another."""
+    for j in range(len(a)):
+        travel = abs(b[j] - a[j]) / query.velocity[j]
+        if travel > t - s + 1e-9 and travel >= 1e-12:
+            return False
+    return True
 
 
-def _all_free(checker: SpaceTimeChecker, time: Array, path: Array) -> bool:
-    stretches = zip(pairwise(path), pairwise(time), strict=True)
-    return all(checker.motion_free(a, s, b, t) for (a, b), (s, t) in stretches)
-
-
+@kernel
 def _without_corners(
-    checker: SpaceTimeChecker, time: Array, path: Array, query: Query
+    scene: MoverScene, query: Query, time: Array, path: Array
 ) -> tuple[Array, Array]:
     """Leave out waypoints, longest stretches first, where that is free and possible."""
-    kept = [0]
+    keep = np.zeros(len(time), dtype=np.bool_)
+    keep[0] = True
+    ends = np.empty((2, path.shape[1]))
     i = 0
     while i < len(time) - 1:
         j = len(time) - 1
         while j > i + 1:
-            ends = [i, j]
+            ends[0], ends[1] = path[i], path[j]
             if (
-                _length(path[ends], query) <= _length(path[i : j + 1], query) + _GAIN
-                and _possible(query, time[ends], path[ends])
-                and checker.motion_free(path[i], time[i], path[j], time[j])
+                _length(ends, query) <= _length(path[i : j + 1], query) + _GAIN
+                and _possible(query, path[i], time[i], path[j], time[j])
+                and motion_clear(scene, path[i], time[i], path[j], time[j])
             ):
                 break
             j -= 1
-        kept.append(j)
+        keep[j] = True
         i = j
-    return time[kept], path[kept]
+    return time[keep], path[keep]
 
 
+@inner_kernel
 def _merged(time: Array, path: Array) -> tuple[Array, Array]:
-    keep = np.concatenate([[True], np.diff(time) > 1e-9])
-    keep[-1] = True
-    if len(time) > 1 and time[-1] - time[-2] <= 1e-9:
-        keep[-2] = len(time) == 2
+    """Leave out waypoints at the same time as the one before, but not the last one."""
+    keep = np.ones(len(time), dtype=np.bool_)
+    keep[1:] = np.diff(time) > 1e-9
+    if len(time) > 1 and not keep[-1]:
+        keep[-1], keep[-2] = True, len(time) == 2
     return time[keep], path[keep]
 
 

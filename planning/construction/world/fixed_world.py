@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -19,8 +21,15 @@ from planning.construction.world.timeline import (
     RobotTimeline,
     SkillMotion,
     cut_timeline,
+    hands,
 )
-from planning.construction.world.tracks import SweptTrack, sweep_track
+from planning.construction.world.tracks import (
+    Carrier,
+    SweptTrack,
+    Tracks,
+    build_tracks,
+    sweep_track,
+)
 from planning.steps.skill import NOTHING, Pairs
 from planning.tasks.task import Handling
 from planning.transforms import Array, Transform, readonly
@@ -28,17 +37,57 @@ from planning.transforms import Array, Transform, readonly
 _KEPT = 64
 """Number of cached timelines: a few of each robot of the largest teams."""
 
+_Skills = tuple[tuple[float, float], ...]
+
+_JOINED = 4
+"""Number of cached sets of tracks of many robots: the checkers of one skill share one of them."""
+
 _Key = tuple[RobotTimeline, tuple[HandChange, ...]]
+
+Follower = tuple[PlacedRobot, RobotTimeline, Sequence[HandChange]]
+"""A robot, its timeline, and what it holds from when on."""
 
 
 class SweptTracks:
-    """Keeps the swept tracks of the timelines that were used last.
+    """Keeps the swept tracks of the timelines that were used last, and where objects rest.
 
     While one robot is planned nobody else's timeline changes, and half a dozen checkers are made.
+
+    Attributes:
+        rests: of each object, and the timelines of which that was worked out.
     """
 
     def __init__(self) -> None:
         self._kept: OrderedDict[_Key, tuple[float, SweptTrack]] = OrderedDict()
+        self.rests: dict[str, tuple[ObjectTimeline, list[_Skills], list[TimedRest]]]
+        self.rests = {}
+        self._joined: OrderedDict[
+            tuple[float, tuple[_Key, ...]], tuple[list[Carrier], Tracks]
+        ] = OrderedDict()
+
+    def joined(
+        self,
+        start: float,
+        robots: Sequence[Follower],
+        item: Callable[[str], CellObject],
+    ) -> tuple[list[Carrier], Tracks]:
+        """Return the tracks of some robots from a time on, after one other carrier, and their carriers.
+
+        Args:
+            start: see ``since`` [s].
+            robots: who moves, how, and with what in the hand.
+            item: returns an object by its name.
+        """
+        key = start, tuple((line, tuple(changes)) for _, line, changes in robots)
+        known = self._joined.get(key)
+        if known is None:
+            swept = [self.since(start, *robot, item) for robot in robots]
+            carriers = [carrier for track in swept for carrier in track.carriers]
+            known = self._joined[key] = carriers, build_tracks(swept, 1)
+            if len(self._joined) > _JOINED:
+                self._joined.popitem(last=False)
+        self._joined.move_to_end(key)
+        return known
 
     def since(
         self,
@@ -120,6 +169,12 @@ class FixedWorld:
         """Return how it is made anew in another process."""
         return type(self), (self.cell, dict(self.robots), dict(self.objects))
 
+    @cached_property
+    def hands(self) -> Mapping[str, list[HandChange]]:
+        """What each robot holds from when on."""
+        held = hands(self.objects)
+        return {name: held.get(name, [(-np.inf, ())]) for name in self.robots}
+
     @property
     def end(self) -> float:
         """End of the last motion [s]."""
@@ -134,6 +189,17 @@ class FixedWorld:
 
     def rests(self, name: str) -> list[TimedRest]:
         """Return the rests of an object, in order."""
+        line = self.objects[name]
+        # What took place when is in its own timeline and in the skills of who held it.
+        by = [self.robots[c.holder].skills for c in line.changes if c.holder]
+        known = self.swept.rests.get(name)
+        if known is None or not (
+            known[0] is line and all(map(operator.is_, known[1], by))
+        ):
+            known = self.swept.rests[name] = line, by, self._rests(name)
+        return known[2]
+
+    def _rests(self, name: str) -> list[TimedRest]:
         item = self.cell.object(name)
         changes = self.objects[name].changes
         out: list[TimedRest] = []

@@ -185,15 +185,26 @@ HandChange = tuple[float, Hand]
 """From when on a robot holds what [s]."""
 
 
-def hand_changes(objects: Mapping[str, ObjectTimeline], robot: str) -> list[HandChange]:
-    """Return the objects that a robot holds from each time on, the first from minus infinity."""
-    spans: list[tuple[float, float, str, bytes]] = []
+def hands(objects: Mapping[str, ObjectTimeline]) -> dict[str, list[HandChange]]:
+    """Return what each robot that ever holds anything holds, see ``hand_changes``."""
+    spans: dict[str, list[tuple[float, float, str, bytes]]] = {}
     for name, line in objects.items():
         for k, change in enumerate(line.changes):
-            if change.holder == robot:
+            if change.holder is not None:
                 last = k + 1 == len(line.changes)
                 end = np.inf if last else line.changes[k + 1].time
-                spans.append((change.time, end, name, change.pose.tobytes()))
+                own = (change.time, end, name, change.pose.tobytes())
+                spans.setdefault(change.holder, []).append(own)
+    return {robot: _changes(own) for robot, own in spans.items()}
+
+
+def hand_changes(objects: Mapping[str, ObjectTimeline], robot: str) -> list[HandChange]:
+    """Return the objects that a robot holds from each time on, the first from minus infinity."""
+    return hands(objects).get(robot) or _changes([])
+
+
+def _changes(spans: Sequence[tuple[float, float, str, bytes]]) -> list[HandChange]:
+    """Return what a robot holds from when on; it holds each object, in a pose, for a span of time."""
     times = sorted({t for a, b, _, _ in spans for t in (a, b) if np.isfinite(t)})
     out: list[HandChange] = []
     for t in [-np.inf, *times]:

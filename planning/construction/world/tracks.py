@@ -209,6 +209,8 @@ def build_tracks(swept: Sequence[SweptTrack], carriers: int) -> Tracks:
 
 def _padded(pieces: MotionPieces, joints: int) -> MotionPieces:
     """Return pieces with configurations of so many joints, zero beyond those that there are."""
+    if pieces.q_a.shape[1] == joints:
+        return pieces
     wider = ((0, 0), (0, joints - pieces.q_a.shape[1]))
     return pieces._replace(q_a=np.pad(pieces.q_a, wider), q_b=np.pad(pieces.q_b, wider))
 
