@@ -246,7 +246,11 @@ def _shortcut(
     n, inner = path.shape[1], j - i
     old, when = np.empty((inner + 2, n)), np.empty(inner + 2)
     when[0], when[1:-1], when[-1] = lo, time[i:j], hi
-    old[0], old[1:-1], old[-1] = _point(time, path, lo), path[i:j], _point(time, path, hi)
+    old[0], old[1:-1], old[-1] = (
+        _point(time, path, lo),
+        path[i:j],
+        _point(time, path, hi),
+    )
     bridge = old.copy()
     if joint < 0:
         bridge, when = np.empty((2, n)), np.array([lo, hi])

@@ -261,6 +261,33 @@ def test_what_is_remembered_equals_what_is_worked_out_anew(seed: int) -> None:
                 np.testing.assert_allclose(one, other, atol=1e-9)
 
 
+def test_tracks_of_several_robots_are_joined_once() -> None:
+    rng, memory = np.random.default_rng(3), SweptTracks()
+    lines = [random_line(rng) for _ in range(3)]
+    robots = [(ROVER, line, random_changes(rng, line)) for line in lines]
+    carriers, tracks = memory.joined(0.0, robots[:2], item)
+    assert memory.joined(0.0, robots[:2], item)[1] is tracks
+    swept = [memory.since(0.0, *robot, item) for robot in robots[:2]]
+    assert len(carriers) == sum(len(s.carriers) for s in swept)
+    assert np.diff(tracks.first).tolist() == [len(s.hand) for s in swept]
+    for others in (robots[1:], robots[:1], robots[1::-1]):
+        assert memory.joined(0.0, others, item)[1] is not tracks
+
+
+def test_rests_follow_the_skills_of_who_held_the_object() -> None:
+    # Worlds made from one another remember what was worked out before.
+    parts = (box("a", (0.1, 0.1, 0.1), (0.0, 0.0, 0.0)),)
+    fixed = FixedWorld(team([ROVER], objects=parts))
+    held = ObjectTimeline("a").then(2.0, ROVER.name, np.eye(4))
+    for end in (3.0, 4.0, 3.0):
+        stand = np.tile(ROVER.home, (3, 1))
+        line = RobotTimeline(
+            ROVER.name, np.array([0.0, 1.0, end]), stand, ((1.0, end),)
+        )
+        (rest,) = fixed.with_robot(line).with_object(held).rests("a")
+        assert rest.end == end
+
+
 def test_another_hand_is_another_sweep() -> None:
     line = random_line(np.random.default_rng(1))
     changes = random_changes(np.random.default_rng(2), line)
