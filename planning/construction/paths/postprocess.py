@@ -338,10 +338,11 @@ def _places(path: Array, query: Query) -> Array:
 @inner_kernel
 def _point(time: Array, path: Array, t: float) -> Array:
     """Return where the path is at a time."""
-    k = min(max(np.searchsorted(time, t, side="right") - 1, 0), len(time) - 2)
+    after = int(np.searchsorted(time, t, side="right"))
+    k = min(max(after - 1, 0), len(time) - 2)
     span = max(time[k + 1] - time[k], 1e-300)
     share = min(max((t - time[k]) / span, 0.0), 1.0)
-    return path[k] + share * (path[k + 1] - path[k])
+    return np.asarray(path[k] + share * (path[k + 1] - path[k]))
 
 
 @inner_kernel
