@@ -60,13 +60,6 @@ class Keyframe:
         """Earliest time at which the skill can begin [s]."""
         return float(self.windows[0, 0])
 
-    def opens_after(self, t: float) -> float:
-        """Return the earliest time from ``t`` on at which the skill can begin, infinity for none [s]."""
-        for opens, ends in self.windows.tolist():
-            if ends >= t - 1e-9:
-                return float(max(opens, t))
-        return float("inf")
-
 
 @dataclass(frozen=True)
 class Meeting:

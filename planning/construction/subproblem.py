@@ -301,8 +301,6 @@ class SubproblemSolver:
         problem, part, team = self.problem, attempt.part, attempt.robots
         robot, late, lost = team[0], 0.0, 0.0
         latest = attempt.latest - problem.seconds_of("place-down", team[-1], part)
-        if self._is_of_no_use(building, attempt, keyframes, latest):
-            return None
         if attempt.hold is None:
             picked = self._pick(building, attempt, keyframes, legs, hints, latest)
             if picked is None:
@@ -338,33 +336,6 @@ class SubproblemSolver:
             return Solution(replace(building, kept=kept), late, lost + more)
         done = legs.retreat(building, robot)
         return None if done is None else Solution(done, late, lost + more)
-
-    def _is_of_no_use(
-        self,
-        building: Building,
-        attempt: Attempt,
-        keyframes: Keyframes,
-        latest: float,
-    ) -> bool:
-        """Tell whether speeds and windows alone make one robot lose too much, or be too late."""
-        if len(attempt.robots) > 1 or not keyframes.picks:
-            return False
-        line = building.world.robots[attempt.robots[0]]
-        velocity = self.problem.cell.robot(line.robot).model.velocity
-
-        def travel(a: Array, b: Array) -> float:
-            return float(np.max(np.abs(b - a) / velocity))
-
-        for pick in keyframes.picks:
-            way = travel(line.path[-1], pick.start)
-            have = pick.opens_after(line.end + way) + pick.motion.seconds
-            for place in keyframes.places:
-                bring = travel(pick.motion.path[-1], place.start)
-                put = place.opens_after(have + bring)
-                lost = put - line.end - way - pick.motion.seconds - bring
-                if put <= latest and lost < attempt.lost:
-                    return False
-        return True
 
     def _pick(
         self,
