@@ -151,6 +151,12 @@ def named_places(replay: ReplayedRun, wanted: Wanted) -> Wanted:
     filled = taken(replay.cell, replay.at(), wanted.places)
     pairs = list(zip(wanted.places, filled, strict=True))
     names = {p.object: name for p, name in pairs if p.object and name}
+    # A place that nobody has come to is that of an object which has come to none, so that no object has two.
+    idle = [p.object for p, _ in pairs if p.object and p.object not in names.values()]
+    empty = [p.object for p, _ in pairs if p.object and p.object not in names]
+    names |= {name: name for name in empty if name in idle}
+    unnamed = (name for name in idle if name not in empty)
+    names |= dict(zip((k for k in empty if k not in names), unnamed, strict=False))
     places = (replace(p, object=name) if p.any_of else p for p, name in pairs)
     return replace(wanted, places=tuple(places)).renamed(names)
 
@@ -172,6 +178,15 @@ def taken(
             )
             found = (b.name for b in alike if _rests_at(b, there[b.name], place.pose))
             out[k] = next(found, out[k])
+    own_place = [
+        p.object is not None and p.object == name
+        for p, name in zip(places, out, strict=True)
+    ]
+    elsewhere = {name for name, own in zip(out, own_place, strict=True) if not own}
+    out = [
+        None if own and name in elsewhere else name
+        for name, own in zip(out, own_place, strict=True)
+    ]
     groups = dict.fromkeys((p.kind, p.any_of) for p in places if p.object is None)
     for kind, names in groups:
         which = [
