@@ -17,7 +17,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import lost, operated
+from tests.twin.operate.operated import audited, lost, operated
 from tests.twin.operate.test_late import came_at
 from twin.operate.operation import Operation
 from twin.operate.person import PERSON
@@ -363,3 +363,15 @@ def test_who_keeps_hold_is_audited_and_goes_on_in_what_is_left(
     done = twin.operate(case, out=tmp_path / "done", recording=False)
     assert done.outcome == "completed"
     assert done.summary["audit"]["violations"] == []
+
+
+def test_what_stands_on_a_beam_in_place_of_a_lost_one_does_not_fall(
+    plan: PlanResult, tmp_path: Path
+) -> None:
+    done, _ = operated(plan, 0, **lost(0.15))
+    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
+    put = {t.step: t.object for t in done.tpg.tasks if t.kind == "place-down"}
+    other = [step for step, name in put.items() if name != f"beam{step}"]
+    assert gone
+    assert min(other) < max(put), "another one came to a place below"
+    assert audited(plan, done, tmp_path) == []
