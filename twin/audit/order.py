@@ -112,8 +112,12 @@ def _standing(rows: RobotRows, way: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(found & (way <= rows.still))
 
 
+_TOLD = ("started", "completed", "recovered")
+"""Kinds of events with which nodes begin or are over."""
+
+
 def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
-    """Return when nodes were started and completed, from the event log.
+    """Return when nodes were started and completed, from the event log; what has failed is over once it is recovered from.
 
     Raises:
         OutputError: a line is no event of this plan.
@@ -124,11 +128,11 @@ def logged_spans(tpg: TemporalPlanGraph, path: Path) -> dict[str, NodeSpans]:
     }
     with path.open(encoding="utf-8") as lines:
         for number, line in enumerate(lines, 1):
-            if '"started"' not in line and '"completed"' not in line:
+            if not any(f'"{kind}"' in line for kind in _TOLD):
                 continue
             try:
                 event = json.loads(line)
-                if event["kind"] in ("started", "completed") and event["robot"]:
+                if event["kind"] in _TOLD and event["robot"]:
                     own = out[event["robot"]]
                     times = own.begin if event["kind"] == "started" else own.end
                     times[int(event["node"])] = float(event["t_s"])

@@ -49,7 +49,7 @@ class Operation:
         dropped: steps that were not wanted any more, and not done, likewise.
         out: robots that were out.
         asks: what a person was asked, and the answers.
-        scrapped: products that were not made whole, of several.
+        scrapped: products that were not made whole though they were wanted, of several.
         partial: whether there are steps of the scenario that were not done.
     """
 
@@ -188,7 +188,7 @@ def operate(
     executed, times = without_chains(cell.tpg, unused), cell.node_times()
     undone = planner.given_up.keys() | planner.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
-    executed, scrapped = _with_products(executed, kind, undone)
+    executed, scrapped = _with_products(executed, kind, planner.given_up, undone)
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -227,15 +227,20 @@ def operate(
 
 
 def _with_products(
-    executed: TemporalPlanGraph, kind: AssemblyKind, undone: Collection[int]
+    executed: TemporalPlanGraph,
+    kind: AssemblyKind,
+    given_up: Collection[int],
+    undone: Collection[int],
 ) -> tuple[TemporalPlanGraph, tuple[int, ...]]:
     """Return what was executed with the product that each task is for, and products that are not whole."""
     if (count := kind.products()) == 1:
         return executed, ()
     steps = kind.steps() // count
-    scrapped = {(step - 1) // steps + 1 for step in undone}
+    scrapped, parts = (
+        {(step - 1) // steps + 1 for step in some} for some in (given_up, undone)
+    )
     numbers = [(task.step - 1) // steps + 1 for task in executed.tasks]
-    whole = np.array([0 if n in scrapped else n for n in numbers], dtype=np.int64)
+    whole = np.array([0 if n in parts else n for n in numbers], dtype=np.int64)
     return replace(executed, products=whole), tuple(sorted(scrapped))
 
 

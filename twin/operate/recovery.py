@@ -84,6 +84,7 @@ class Recovery:
         draw: times of new nodes.
         gone: objects that are lost already.
         measured: where parts lie that were found beside their places.
+        undone: steps that are given up already, by number, with the reason.
         person: who is asked before something is given up.
         cuts: from which it is planned, those that come later only where something has to be given up else; of all
             that from which least is, and of these that from which all is done soonest.
@@ -96,6 +97,7 @@ class Recovery:
     person: Person
     gone: InitVar[Collection[str]] = ()
     measured: InitVar[Poses] = MappingProxyType({})
+    undone: InitVar[Mapping[int, str]] = MappingProxyType({})
     cuts: tuple[tuple[Recut, ...], ...] = (
         (Recut(), Recut(going=True), Recut(aside=True)),
         (Recut(steps=True),),
@@ -106,7 +108,11 @@ class Recovery:
     _reach: int = 0
 
     def __post_init__(
-        self, tpg: TemporalPlanGraph, gone: Collection[str], measured: Poses
+        self,
+        tpg: TemporalPlanGraph,
+        gone: Collection[str],
+        measured: Poses,
+        undone: Mapping[int, str],
     ) -> None:
         settings = self.motions.settings
         seconds = {TAKEN_OUT: self.scenario.execution.recovery.remove_s}
@@ -124,6 +130,7 @@ class Recovery:
             Luck.of(tpg),
             Ledger(
                 resting_steps(tpg.tasks, tpg.allowed, chosen, work.needs),
+                given_up=dict(undone),
                 gone=set(gone),
                 measured=dict(measured),
             ),

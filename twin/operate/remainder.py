@@ -27,6 +27,7 @@ from planning.tasks.task import (
 )
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
+from planning.worlds.supplied import REMOVAL
 from planning.worlds.world import World
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
@@ -57,7 +58,7 @@ def plan_remainder(
     left_s: Mapping[str, float],
     ago: Mapping[int, float],
     when: str,
-    given_up: Collection[int] = (),
+    undone: Mapping[int, str],
 ) -> TemporalPlanGraph:
     """Return the plan of what is left at a cut, which begins in the world there.
 
@@ -71,7 +72,7 @@ def plan_remainder(
         left_s: machines that are at work when all robots are at rest there, with how long still [s].
         ago: how long before all robots are at rest there tasks ended that opened windows of time, by index [s].
         when: the time, for people.
-        given_up: steps that are known to be left undone.
+        undone: steps that were given up or dropped, by number, with the reason.
 
     Raises:
         RequestError: something cannot go on, or nothing is left.
@@ -95,7 +96,8 @@ def plan_remainder(
         _require_tried_once(tpg, world)
         work = MeasuredWork().find(motions.work, measured) or motions.work
         work = _with_what_was_used(work, world.begun())
-        chosen = _choices_of(work, motions.task_plan, world.begun())
+        known = {k: own for k, own in world.begun().items() if k not in undone}
+        chosen = _choices_of(work, motions.task_plan, known)
         planner = Recovery(
             _with_shortcuts(scenario),
             replace(motions, task_plan=chosen, work=work),
@@ -104,12 +106,13 @@ def plan_remainder(
             Person(None, scenario.seed),
             gone,
             measured,
+            undone,
             cuts=((Recut(),), (Recut(aside=True),)),
         )
     incident = Incident(tuple(failures), frozenset(out), frozenset(), counts, ago)
     union, new, at = planner.plan_alone(tpg, incident)
     first = len(at.committed.tasks)
-    _require_whole(planner, new, at, given_up)
+    _require_whole(planner, new, at, undone)
     if not len(new.tasks) > first:
         raise RequestError(f"nothing is left to do at {when}")
     kinds = Counter(tpg.tasks[k].kind for k in done)
@@ -169,7 +172,7 @@ def _require_whole(
     if steps := [f"step {k}: {why}" for k, why in given_up if k not in known]:
         raise RequestError("not all can go on from there: " + "; ".join(steps))
     for task in new.tasks[len(at.committed.tasks) :]:
-        if task.kind == TAKEN_OUT:
+        if task.kind == TAKEN_OUT and task.robot != REMOVAL:
             raise RequestError(
                 f"{task.robot!r} has {task.object!r} in its hand, which has nowhere to go"
             )

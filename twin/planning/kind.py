@@ -57,6 +57,9 @@ class PlannedMotions:
     ahead: WorkAhead | None = field(default=None, kw_only=True)
 
 
+NO_WINDOW = "execution.window: only steps of a LEGO assembly can be planned some at a time: leave it out"
+
+
 class AssemblyKind(Protocol):
     """The section of an assembly in a scenario, and how it is planned.
 
@@ -174,9 +177,7 @@ class AssemblyKind(Protocol):
             RequestError: steps of this kind are looked at together.
             TwinError: the assembly cannot be built as it is.
         """
-        raise RequestError(
-            "execution.window: only steps of a LEGO assembly can be planned some at a time: leave it out"
-        )
+        raise RequestError(NO_WINDOW)
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions that were planned otherwise, as ``plan`` would have left them."""

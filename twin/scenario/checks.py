@@ -243,7 +243,8 @@ def _check_robot_names(scenario: Scenario) -> Found:
     for i, change in enumerate(scenario.execution.changes):
         spare -= change.more
         if spare < 0 and change.more:
-            words = f"{-spare} more than there are parts for: give assembly.products.spare as many"
+            needed = sum(item.more for item in scenario.execution.changes)
+            words = f"{-spare} more than there are parts for: assembly.products.spare must be at least {needed}"
             yield ("execution", "changes", i, "more"), words
         for k, step in enumerate(change.drop):
             words = f"there is no step {step} (valid: 1 to {count})"

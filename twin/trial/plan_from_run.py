@@ -129,10 +129,20 @@ def plan_from_run(
             left_s,
             ago,
             str(moment),
-            {int(k) for k in run.summary.get("operation", {}).get("given_up", ())},
+            _undone(run),
         )
     name = SHORTENED if planned_shortcuts(case.sections) else IN_TURNS
     return PlanResult(case, found, name, planning_s=watch.seconds)
+
+
+def _undone(run: RunResult) -> dict[int, str]:
+    """Return the steps that were given up or dropped in a run, by number, with the reason."""
+    told = run.summary.get("operation") or {}
+    return {
+        int(step): str(why)
+        for key in ("given_up", "dropped")
+        for step, why in told.get(key, {}).items()
+    }
 
 
 def _first_rests(

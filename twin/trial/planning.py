@@ -22,7 +22,7 @@ from planning.tasks.task import (
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.kind import PlannedMotions, assembly_kind, timed
+from twin.planning.kind import NO_WINDOW, PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     MOST_CANDIDATES,
@@ -111,10 +111,7 @@ def plan_to_operate(
         return replace(plan, scenario=case)
     kind = assembly_kind(case.sections.assembly).written_out()
     if kind.wanted_steps() < kind.steps():
-        raise RequestError(
-            "execution.window and assembly.products.spare: what is planned some steps at a time has no spare"
-            " products: leave one of them out"
-        )
+        raise RequestError(NO_WINDOW)
     first = plan_first_steps(case.sections, case.folder, watch, window.first)
     # Shortened as much as the steps that come after them will be.
     few = case.sections.execution.recovery.shortcuts

@@ -30,7 +30,7 @@ stack | changes: [{at_s: 4, drop: [2, 5]}]                             | 5      
 stack | changes: [{at_s: 4, drop: [2]}, {at_s: 5, drop: [2]}]          | 2]}]     | step 2 is dropped already: leave it out
 stack | changes: [{at_s: 4, drop: []}]                                 | {at_s    | what is ordered differently? Give drop
 stack | changes: [{at_s: 4, drop: [3], add: [2]}]                      | add      | unknown key 'add' (valid: more)
-stack | changes: [{at_s: 4, more: 2}]                                  | 2        | 2 more than there are parts for: give assembly.products.spare as many
+stack | changes: [{at_s: 4, more: 2}]                                  | 2        | 2 more than there are parts for: assembly.products.spare must be at least 2
 stack | failures: {pik: {probability: 0.1}}                            | pik      | unknown skill 'pik'; did you mean 'pick'? (valid: pick, place-down
 stack | failures: {transit: {probability: 0.1}}                        | transit  | unknown skill 'transit' (valid: pick, place-down
 stack | failures: {pick: 0.1}                                          | 0.1      | a mapping (key: value) expected, not 0.1

@@ -132,7 +132,11 @@ def line() -> PlanResult:
 def made(done: Operation) -> set[int]:
     """Return the products that are whole, and check that of no other one more is told than was done."""
     tasks = {t.step for t in done.tpg.tasks if t.kind in ("place-down", "washing")}
-    numbers = {(step - 1) // STEPS + 1 for step in tasks} - {*done.scrapped}
+    scrapped, dropped = (
+        {(step - 1) // STEPS + 1 for step in some}
+        for some in (done.given_up, done.dropped)
+    )
+    numbers = {(step - 1) // STEPS + 1 for step in tasks} - scrapped - dropped
     for number in numbers:
         steps = range((number - 1) * STEPS + 1, number * STEPS + 1)
         assert {step for step in steps if step in tasks} >= {
@@ -140,7 +144,6 @@ def made(done: Operation) -> set[int]:
             steps[3],
             steps[4],
         }
-    scrapped = {(step - 1) // STEPS + 1 for step in (*done.given_up, *done.dropped)}
     assert {*done.scrapped} == scrapped
     return numbers
 
