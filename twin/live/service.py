@@ -6,7 +6,7 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -258,6 +258,7 @@ def drive_remotely(
     *,
     every_s: float = 0.02,
     patience_s: float = 60.0,
+    over: Callable[[], bool] = lambda: False,
 ) -> None:
     """Serve a cell until it says that nothing more will come.
 
@@ -267,6 +268,7 @@ def drive_remotely(
         certificates: of both sides; None for a cell on this machine.
         every_s: time between reports [s].
         patience_s: how long it asks for a cell that is not there [s].
+        over: tells whether to end before.
 
     Raises:
         RequestError: the cell refuses it, or is not there.
@@ -279,14 +281,14 @@ def drive_remotely(
     )
 
     def reports() -> Iterator[bytes]:
-        while not end.left:
+        while not end.left and not over():
             yield report_bytes(end.report())
             time.sleep(every_s)
 
     with channel_to(address, certificates) as channel:
         ask = channel.stream_stream(METHOD)
         heard = time.monotonic()
-        while not end.left:
+        while not end.left and not over():
             try:
                 for content in ask(reports()):
                     heard = time.monotonic()
