@@ -119,13 +119,13 @@ def measure(plan: PlanResult, rate: float | str, seed: int, *, verified: bool) -
     # Nodes of which all wait for what they must, whichever version they are of.
     check_invariant(DerivedTpg(ours.tpg))
     row["in_order"] = _in_order(ours)
-    row["audit"] = _audited(ours, case)
+    row["audit"] = audited(ours, case)
     if verified:
         stalls = {"count_per_robot": 5, "duration_s": [1.0, 20.0]}
         slow = case.varied({"stalls": stalls})
         late = scenario_execution(slow.sections, slow.folder)
         stalled = operate(slow.sections, plan.motions, plan.tpg, late, seed=seed)
-        row["audit"] += _audited(stalled, slow)
+        row["audit"] += audited(stalled, slow)
         row["problems"] = sum(
             len(verify_plan(done.tpg).problems) for done in (ours, stalled)
         )
@@ -139,14 +139,13 @@ def measure(plan: PlanResult, rate: float | str, seed: int, *, verified: bool) -
     return row
 
 
-def _audited(done: Operation, case: LoadedScenario) -> list[str]:
+def audited(done: Operation, case: LoadedScenario) -> list[str]:
     """Return what the audit finds in what was executed, in words."""
     with tempfile.TemporaryDirectory() as scratch:
         save_plan(done.tpg, Path(scratch))
         write_motion(Path(scratch), done.tpg, done.record)
-        whole = done.record.outcome == "completed" and not done.partial
         about = case.sections, Path(scratch)
-        found = audit_execution(*about, ordered=True, finished=whole)
+        found = audit_execution(*about, ordered=True, finished=done.finished)
     return [str(violation) for violation in found.violations]
 
 

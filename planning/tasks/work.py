@@ -74,26 +74,14 @@ class AssemblyWork:
     moved: Callable[[Mapping[str, Transform]], AssemblyWork] | None = None
 
     def of_first(self, count: int) -> AssemblyWork:
-        """Return the work of the first so many steps, as if no others came after them."""
-
-        def some_of(more: AssemblyWork | None) -> AssemblyWork | None:
-            return None if more is None else more.of_first(count)
-
-        def spare(step: int, there: Collection[str]) -> AssemblyWork | None:
-            return some_of(self.spare(step, there))
-
-        def moved(starts: Mapping[str, Transform]) -> AssemblyWork:
-            assert self.moved is not None
-            return self.moved(starts).of_first(count)
-
+        """Return the work of the first so many steps, as if no others came after them, in this order."""
         return replace(
-            self,
+            self.in_this_order(),
             problem=self.problem.of_first(count),
-            exchanged=lambda k: some_of(self.exchanged(k)) if k < count else None,
             needs=frozenset(pair for pair in self.needs if max(pair) <= count),
             passing={k: own for k, own in self.passing.items() if max(own) <= count},
-            spare=spare,
-            moved=None if self.moved is None else moved,
+            spare=partial(_spare_of_first, self, count),
+            moved=self.moved and partial(_moved_of_first, self, count),
         )
 
     def in_this_order(self) -> AssemblyWork:
@@ -112,6 +100,20 @@ class AssemblyWork:
             (a.index, b.index) for a, b in self.waits(steps) if a.robot != b.robot
         }
         return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+
+def _spare_of_first(
+    work: AssemblyWork, count: int, step: int, there: Collection[str]
+) -> AssemblyWork | None:
+    found = work.spare(step, there)
+    return None if found is None else found.of_first(count)
+
+
+def _moved_of_first(
+    work: AssemblyWork, count: int, starts: Mapping[str, Transform]
+) -> AssemblyWork:
+    assert work.moved is not None
+    return work.moved(starts).of_first(count)
 
 
 @dataclass(frozen=True)

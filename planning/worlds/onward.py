@@ -297,9 +297,9 @@ def hindered(
     for step in narrowed(*about, busy).impossible:
         if step in now.kept:
             continue
-        for robot in sorted(held & busy.keys(), key=str):
+        for robot in sorted(busy.keys() & held):
             others = {k: until for k, until in busy.items() if k != robot}
-            if robot and step not in narrowed(*about, others).impossible:
+            if step not in narrowed(*about, others).impossible:
                 return Hindered(step, robot, busy[robot])
         return Hindered(step)
     return None

@@ -138,12 +138,15 @@ def extended(
     ]
     # What a robot has had in its hand all along is not taken up anew.
     hands = {h.object: h.holder for h in committed.handlings}
-    taken = [
-        h
+
+    def in_hand(h: NodeHandling) -> bool:
+        return new.holds_before(h) and hands.get(h.object) == h.holder
+
+    handlings += [
+        _moved(h, place[new.chains[h.robot].robot], count)
         for h in new.handlings
-        if not (new.holds_before(h) and hands.get(h.object) == h.holder)
+        if not in_hand(h)
     ]
-    handlings += [_moved(h, place[new.chains[h.robot].robot], count) for h in taken]
     # Who has got it from another robot goes on with it once that has let go.
     given = {
         h.object: committed.task_of(h)
@@ -153,7 +156,7 @@ def extended(
     passed = [
         (given[h.object].index, new.task_of(h).index)
         for h in new.handlings
-        if h not in taken and h.object in given
+        if in_hand(h) and h.object in given
     ]
     done = {int(task) for chain in chains for task in chain.task}
     timed = committed.windows if windows is None else windows

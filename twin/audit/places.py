@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -151,12 +152,10 @@ def named_places(replay: ReplayedRun, wanted: Wanted) -> Wanted:
     filled = taken(replay.cell, replay.at(), wanted.places)
     pairs = list(zip(wanted.places, filled, strict=True))
     names = {p.object: name for p, name in pairs if p.object and name}
-    # A place that nobody has come to is that of an object which has come to none, so that no object has two.
-    idle = [p.object for p, _ in pairs if p.object and p.object not in names.values()]
-    empty = [p.object for p, _ in pairs if p.object and p.object not in names]
-    names |= {name: name for name in empty if name in idle}
-    unnamed = (name for name in idle if name not in empty)
-    names |= dict(zip((k for k in empty if k not in names), unnamed, strict=False))
+    # The place of what has come to another one is that of what has come to none, so that nothing has two.
+    moved = [own for own in names.values() if own not in names]
+    replaced = [name for name in names if name not in names.values()]
+    names |= dict(zip(moved, replaced, strict=True))
     places = (replace(p, object=name) if p.any_of else p for p, name in pairs)
     return replace(wanted, places=tuple(places)).renamed(names)
 
@@ -169,23 +168,19 @@ def taken(
     Objects are shared out so that the sum of distances is least. Where one of a name has left the cell, another
     of its kind may have come to its place, and that one's place may be another's in turn.
     """
-    out: list[str | None] = [p.object if p.object in there else None for p in places]
     left = {p.kind for p in places if p.object is not None and p.object not in there}
+    came: dict[int, str] = {}
     for k, place in enumerate(places):
         if place.object is not None and place.kind in left:
             alike = (
                 b for b in cell.objects if b.kind == place.kind and b.name in there
             )
             found = (b.name for b in alike if _rests_at(b, there[b.name], place.pose))
-            out[k] = next(found, out[k])
-    own_place = [
-        p.object is not None and p.object == name
-        for p, name in zip(places, out, strict=True)
-    ]
-    elsewhere = {name for name, own in zip(out, own_place, strict=True) if not own}
+            came.update((k, name) for name in islice(found, 1))
+    others = there.keys() - set(came.values())
     out = [
-        None if own and name in elsewhere else name
-        for name, own in zip(out, own_place, strict=True)
+        came.get(k, p.object if p.object in others else None)
+        for k, p in enumerate(places)
     ]
     groups = dict.fromkeys((p.kind, p.any_of) for p in places if p.object is None)
     for kind, names in groups:

@@ -219,9 +219,7 @@ def serve(
         workers: processes on this machine. Default: one a core.
     """
     held = certificates_in(certificates)
-    from twin.cluster.client import distributed
-
-    distributed()
+    _require_distributed()
     from twin.cluster.serving import serve_cluster
 
     count = usable_cores() if workers is None else workers
@@ -246,13 +244,17 @@ def help_out(
     if not encrypted(address):
         raise RequestError(f"{address}: give the address as tls://host:port")
     held = certificates_in(certificates)
-    from twin.cluster.client import distributed
-
-    distributed()
+    _require_distributed()
     from twin.cluster.serving import serve_workers
 
     count = usable_cores() if workers is None else max(1, workers)
     serve_workers(held, address, host, count, typer.echo)
+
+
+def _require_distributed() -> None:
+    from twin.cluster.client import distributed
+
+    distributed()
 
 
 for _name, _command in {

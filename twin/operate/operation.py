@@ -64,6 +64,11 @@ class Operation:
     partial: bool = False
 
     @property
+    def finished(self) -> bool:
+        """Whether all that the scenario says was done."""
+        return self.record.outcome == "completed" and not self.partial
+
+    @property
     def planning_s(self) -> tuple[float, ...]:
         """Processor seconds that each of these graphs took."""
         return tuple(version.cpu_s for version in self.versions)
@@ -170,10 +175,7 @@ def operate(
     for outage in scenario.execution.outages:
         cell.outage(outage.robot, round(outage.at_s * NANOSECONDS))
     for change in scenario.execution.changes:
-        at_ns = round(change.at_s * NANOSECONDS)
-        cell.drop(change.drop, at_ns)
-        if change.more:
-            cell.order(change.more, at_ns)
+        cell.order(change.drop, change.more, round(change.at_s * NANOSECONDS))
     for k, item in enumerate(late):
         cell.late(first + k, round(item.at_s * NANOSECONDS))
     outcome = cell.execute()
@@ -188,7 +190,8 @@ def operate(
     executed, times = without_chains(cell.tpg, unused), cell.node_times()
     undone = planner.given_up.keys() | planner.dropped.keys()
     kind = assembly_kind(scenario.assembly).written_out()
-    executed, scrapped = _with_products(executed, kind, planner.given_up, undone)
+    scrapped = _products_of(planner.given_up, kind)
+    executed = _with_products(executed, kind, undone)
     ends = [max(own, default=0) for own in cell.end]
     makespan = cell.now_ns if outcome == "aborted" else max([0, *ends])
     record = ExecutionRecord(
@@ -221,27 +224,28 @@ def operate(
         planner.dropped,
         cell.out,
         planner.asks,
-        scrapped,
+        tuple(sorted(scrapped)),
         bool(undone) or kind.wanted_steps() < kind.steps(),
     )
 
 
-def _with_products(
-    executed: TemporalPlanGraph,
-    kind: AssemblyKind,
-    given_up: Collection[int],
-    undone: Collection[int],
-) -> tuple[TemporalPlanGraph, tuple[int, ...]]:
-    """Return what was executed with the product that each task is for, and products that are not whole."""
+def _products_of(steps: Iterable[int], kind: AssemblyKind) -> set[int]:
+    """Return the products, from 1, that some steps are for; none where there is only one."""
     if (count := kind.products()) == 1:
-        return executed, ()
-    steps = kind.steps() // count
-    scrapped, parts = (
-        {(step - 1) // steps + 1 for step in some} for some in (given_up, undone)
-    )
-    numbers = [(task.step - 1) // steps + 1 for task in executed.tasks]
-    whole = np.array([0 if n in parts else n for n in numbers], dtype=np.int64)
-    return replace(executed, products=whole), tuple(sorted(scrapped))
+        return set()
+    return {(step - 1) // (kind.steps() // count) + 1 for step in steps}
+
+
+def _with_products(
+    executed: TemporalPlanGraph, kind: AssemblyKind, undone: Collection[int]
+) -> TemporalPlanGraph:
+    """Return what was executed with the product that each task is for, 0 for those that are not whole."""
+    if kind.products() == 1:
+        return executed
+    left = _products_of(undone, kind)
+    numbers = [_products_of([task.step], kind).pop() for task in executed.tasks]
+    whole = np.array([0 if n in left else n for n in numbers], dtype=np.int64)
+    return replace(executed, products=whole)
 
 
 def require_picked(motions: PlannedMotions, late: Sequence[str]) -> None:

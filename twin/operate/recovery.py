@@ -41,9 +41,7 @@ from scheduling.rolling.cut import (
     planned_steps,
 )
 from scheduling.rolling.extension import committed_part, extended
-from scheduling.rolling.supply import (
-    coming,
-)
+from scheduling.rolling.supply import coming
 from twin.host.progress import StageWatch
 from twin.operate.committed import (
     Committed,

@@ -109,26 +109,17 @@ class RollingExecution(SuppliedExecution):
 
         self.env.process(stop())
 
-    def drop(self, steps: Collection[int], at_ns: int) -> None:
-        """Let steps be not wanted any more from a time on [ns]."""
+    def order(self, drop: Collection[int], more: int, at_ns: int) -> None:
+        """Let steps be not wanted any more, and more products be wanted, from a time on [ns]."""
 
         def change() -> Steps:
             yield self.env.timeout(at_ns)
-            self._unwanted.update(steps)
+            self._unwanted.update(drop)
+            self._more += more
             failed = {f.chain: f.node for f in self._failures}
             counts = [failed.get(k, n) for k, n in enumerate(self.released)]
-            if self._unwanted - self._planner.begun(self.tpg, counts):
+            if more or self._unwanted - self._planner.begun(self.tpg, counts):
                 self._replan()
-
-        self.env.process(change())
-
-    def order(self, products: int, at_ns: int) -> None:
-        """Let more products be wanted from a time on [ns]."""
-
-        def change() -> Steps:
-            yield self.env.timeout(at_ns)
-            self._more += products
-            self._replan()
 
         self.env.process(change())
 

@@ -28,6 +28,7 @@ class StepWindow:
         self, section: StepWindowSection | None, motions: PlannedMotions
     ) -> None:
         self._section, self._ahead = section, motions.ahead
+        self._product = 0 if motions.ahead is None else motions.ahead.product
         self._begins: tuple[TemporalPlanGraph, list[dict[int, int]]] | None = None
 
     def due(
@@ -62,12 +63,11 @@ class StepWindow:
     @property
     def in_products(self) -> bool:
         """Whether what comes after the first steps is further products."""
-        return self._ahead is not None and self._ahead.product > 0
+        return self._product > 0
 
     def whole_products(self, steps: int) -> int:
         """Return how many of some first steps make whole products; all where it is not products that are ordered."""
-        period = (self._ahead.product if self._ahead else 0) or 1
-        return steps // period * period
+        return steps - steps % self._product if self.in_products else steps
 
     def ordered(self, given_up: Collection[int], more: int) -> int:
         """Return how many first steps there are to be, those of spare products among them.
@@ -78,27 +78,25 @@ class StepWindow:
         """
         if self._ahead is None or not self.in_products:
             return 0
-        lost = len(self.products_of(given_up))
-        wanted = self._ahead.wanted + (lost + more) * self._ahead.product
+        wanted = self._ahead.wanted + (self._lost(given_up) + more) * self._product
         return min(wanted, self._ahead.steps)
-
-    def products_of(self, steps: Collection[int]) -> set[int]:
-        """Return the products that some steps make, from 0; the steps where it is not products that are ordered."""
-        period = (self._ahead.product if self._ahead else 0) or 1
-        return {(step - 1) // period for step in steps}
 
     def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
         """Tell whether less is made than is wanted, of so many first steps that are planned; see ``ordered``."""
         if self._ahead is None or not self.in_products:
             return bool(given_up)
-        made = planned // self._ahead.product - len(self.products_of(given_up))
-        return made < self._ahead.wanted // self._ahead.product + more
+        made = planned // self._product - self._lost(given_up)
+        return made < self._ahead.wanted // self._product + more
+
+    def _lost(self, given_up: Collection[int]) -> int:
+        """Return how many products are not made whole."""
+        return len({(step - 1) // self._product for step in given_up})
 
     def all_steps(self, plan: TaskPlan) -> range:
         """Return the numbers of all steps, those after the planned ones included."""
-        ahead = self._ahead if self._section is not None else None
-        steps = len(plan.choices) if ahead is None else ahead.steps
-        return range(1, steps + 1)
+        if self._ahead is None or self.in_products:
+            return range(1, len(plan.choices) + 1)
+        return range(1, self._ahead.steps + 1)
 
     def of_first(self, motions: PlannedMotions, count: int) -> PlannedMotions:
         """Return motions with the work of the first so many steps."""

@@ -239,14 +239,17 @@ def _conclude(
         progress(RECORDS, total, total)
 
     audit = None
-    # What is not wanted, or not any more, need not be in place.
-    partial = done.operation is not None and done.operation.partial
     if about.audit and record.outcome != "aborted":
         report = audit_execution(
             scenario,
             folder,
             ordered=record.policy != "open-loop",
-            finished=record.outcome == "completed" and not partial,
+            # What is not wanted, or not any more, need not be in place.
+            finished=(
+                record.outcome == "completed"
+                if done.operation is None
+                else done.operation.finished
+            ),
             engine=None if about.audit is True else engine_named(str(about.audit)),
             progress=progress,
         )

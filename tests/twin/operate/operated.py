@@ -6,17 +6,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from scheduling.graph.plan_files import save_plan
 from tests.twin.planning.facing_arms import FACING_ARMS
-from twin.audit.violation import Violation
 from twin.operate.operation import Operation, operate
-from twin.recorders.observers import MemoryRecorder, write_motion
+from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 from twin.trial.simulation import scenario_execution
-from twin.trial.trial import audit_execution
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
@@ -74,13 +71,3 @@ def lost(chance: float, retries: int = 0) -> dict[str, Any]:
     """Return the values by which attempts to pick and to place fail with a chance, half of them losing the brick."""
     item = {"probability": chance, "retries": retries, "loses": 0.5}
     return {f"failures.{skill}": item for skill in ("pick", "place-down")}
-
-
-def audited(plan: PlanResult, done: Operation, folder: Path) -> list[Violation]:
-    """Return what the audit finds in what was executed."""
-    save_plan(done.tpg, folder)
-    write_motion(folder, done.tpg, done.record)
-    finished = done.record.outcome == "completed" and not done.partial
-    about = plan.scenario.sections, folder
-    found = audit_execution(*about, ordered=True, finished=finished)
-    return list(found.violations)

@@ -11,13 +11,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import twin
+from benchmarks.operate import audited
 from planning.errors import RequestError
 from planning.tasks.task import BROUGHT, FAILED, GONE, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import audited, lost, operated
+from tests.twin.operate.operated import lost, operated
 from tests.twin.operate.test_late import came_at
 from twin.operate.operation import Operation
 from twin.operate.person import PERSON
@@ -366,7 +367,7 @@ def test_who_keeps_hold_is_audited_and_goes_on_in_what_is_left(
 
 
 def test_what_stands_on_a_beam_in_place_of_a_lost_one_does_not_fall(
-    plan: PlanResult, tmp_path: Path
+    plan: PlanResult,
 ) -> None:
     done, _ = operated(plan, 0, **lost(0.15))
     gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
@@ -374,4 +375,4 @@ def test_what_stands_on_a_beam_in_place_of_a_lost_one_does_not_fall(
     other = [step for step, name in put.items() if name != f"beam{step}"]
     assert gone
     assert min(other) < max(put), "another one came to a place below"
-    assert audited(plan, done, tmp_path) == []
+    assert audited(done, plan.scenario) == []

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +20,7 @@ from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import lost, operated
 from tests.twin.program import invoke
-from twin.operate.operation import Operation
+from twin.operate.operation import Operation, operate
 from twin.study.replications.hindsight import Hindsight
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
@@ -166,6 +168,28 @@ def test_a_product_is_made_in_place_of_one_that_is_not_whole(
     begun = min(WANTED + more + len(done.scrapped), WANTED + SPARE)
     assert {*whole, *done.scrapped} == set(range(1, begun + 1))
     assert (done.record.outcome == "completed") == (len(whole) >= WANTED + more)
+
+
+def test_what_is_planned_from_can_be_sent_to_another_process(line: PlanResult) -> None:
+    sent = pickle.loads(pickle.dumps(line.motions))
+    assert sent.ahead is not None
+    for work in (sent.work, sent.ahead.first(STEPS)):
+        assert work is not None
+        assert pickle.loads(pickle.dumps(work)).problem == work.problem
+
+
+@pytest.mark.nightly
+def test_a_study_in_processes_of_its_own_makes_as_many(
+    line: PlanResult, tmp_path: Path
+) -> None:
+    case = line.scenario.varied(lost(0.3))
+    twin.study(case, replications=3, operate=True, out=tmp_path / "study")
+    table = pq.read_table(tmp_path / "study" / "replications.parquet")
+    model = scenario_execution(case.sections, case.folder)
+    for k, makespan_s in enumerate(table["makespan_s"].to_pylist()):
+        about = case.sections, line.motions, line.tpg, model
+        done = operate(*about, seed=case.sections.seed, replication=k)
+        assert makespan_s == pytest.approx(done.record.makespan_s)
 
 
 def test_products_that_nobody_needs_are_not_made(line: PlanResult) -> None:
