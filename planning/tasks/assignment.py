@@ -368,9 +368,17 @@ class StepChoice:
 
 @dataclass(frozen=True)
 class TaskPlan:
-    """Choices for all steps, in order."""
+    """Choices for all steps, in order.
+
+    Attributes:
+        choices: one a step.
+        taken: what steps have taken by now, by number.
+        there: names of the objects that have come up by now.
+    """
 
     choices: tuple[StepChoice, ...]
+    taken: Mapping[int, str] = field(default_factory=dict, hash=False)
+    there: frozenset[str] = frozenset()
 
     def __getitem__(self, step: int) -> StepChoice:
         """Return the choice of a step, counted from 1."""

@@ -172,9 +172,11 @@ class StepTasks:
 
 
 def cell_with_steps(cell: Workcell, steps: Iterable[StepTasks]) -> Workcell:
-    """Return the cell with the objects that come up in some steps."""
-    coming = tuple(item for step in steps for item in step.objects)
-    return replace(cell, objects=(*cell.objects, *coming)) if coming else cell
+    """Return the cell with the objects that come up in some steps, unless they are there."""
+    coming = {item.name: item for step in steps for item in step.objects}
+    known = {item.name for item in cell.objects} if coming else set()
+    new = [item for name, item in coming.items() if name not in known]
+    return replace(cell, objects=(*cell.objects, *new)) if new else cell
 
 
 STILL = readonly(np.zeros((1, 1)))

@@ -7,7 +7,7 @@ other are what they are in a plan that is made at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -37,7 +37,7 @@ from planning.tasks.task import (
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, readonly
 from planning.worlds.supplied import Scrap, brings, supplied, without_brought
-from planning.worlds.world import Leftover, World, continued, leftovers
+from planning.worlds.world import Leftover, World, continued, leftovers, taken_by
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,18 @@ class Situation:
             c.step: c for c in self.task_plan.choices if c.step in begun | self.given_up
         }
 
+    @property
+    def taken(self) -> dict[int, str]:
+        """What steps have taken that are not begun anew, by number; a name of their own for those that are not done."""
+        nothing = {step: f"nothing, for step {step}" for step in self.given_up}
+        own = taken_by(self.world.begun(), self.world.complete)
+        return {**nothing, **{k: t for k, t in own.items() if k not in self.reopened}}
+
+    @property
+    def there(self) -> frozenset[str]:
+        """Objects that have come up."""
+        return frozenset(self.world.state.attachments)
+
 
 def plan_onward(
     cell: Workcell,
@@ -109,7 +121,7 @@ def plan_onward(
     there = supplied(world)
     busy = _busy_until(cell, left, now.reopened)
     problem = narrowed(work.problem, kept, world.out, busy)
-    plan = assign_steps(problem)
+    plan = replace(assign_steps(problem), taken=now.taken, there=now.there)
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     away = (*_away(cell, world, left), *sorted(now.aside))
@@ -125,7 +137,7 @@ def plan_onward(
         if step in goes_on:
             item = goes_on[step]
             back = sorted(aside & {task.robot for task in item.tasks})
-            items += [_Item(_to(world, name, stands[name])) for name in back]
+            items += [_Item(_to(world, name, stands[name]), back=True) for name in back]
             aside -= set(back)
             if step in now.reopened:
                 items.append(_of_leftover(item, now))
@@ -164,6 +176,7 @@ def plan_onward(
         pairs = zip(items, planned, strict=True)
         machines = [tasks for item, tasks in pairs if item.machines is not None]
         inside = [pair for tasks in machines for pair in tasks.dependencies]
+        inside += _back_before(zip(items, planned, strict=True))
         more = np.array([*inside, *scrap.waits(every)], dtype=np.int64).reshape(-1, 2)
         return np.unique(np.concatenate([waits, more]), axis=0)
 
@@ -189,14 +202,31 @@ class _Item:
     Attributes:
         ways: yields its tasks in ever less preferred ways, given the index of the first.
         step: number of the step that it is, None for what only clears the way.
-        machines: number of the step that is not done, and for which machines go on.
         whole: returns the tasks of the step, those done before included.
+        machines: number of the step that is not done, and for which machines go on.
+        back: whether a robot comes back with it to where the next one goes on.
     """
 
     ways: Callable[[int], Iterator[StepTasks]]
     step: int | None = None
     whole: Callable[[StepTasks], StepTasks] = lambda planned: planned
     machines: int | None = None
+    back: bool = False
+
+
+def _back_before(
+    planned: Iterable[tuple[_Item, StepTasks]],
+) -> Iterator[tuple[int, int]]:
+    """Yield who is back from aside before others do a skill for which that one stands where it was."""
+    back: list[Task] = []
+    for item, own in planned:
+        if item.back:
+            back += own.tasks
+            continue
+        for task in own.tasks:
+            skill = task.kind != TRANSIT
+            yield from ((b.index, task.index) for b in back if skill)
+        back = []
 
 
 def _there(
@@ -351,7 +381,9 @@ def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
 def _burdens(world: World, left: list[Leftover]) -> dict[str, str]:
     """Return what robots hold that they are to put nowhere any more, by robot."""
     going = {task.robot for item in left if not item.ends for task in item.tasks}
-    picked = {t.object for s in world.steps for t in s.tasks if t.kind == "pick"}
+    # Also in a step that was then begun anew, if another plan came before the hand was emptied.
+    steps = (*world.past, *world.steps)
+    picked = {t.object for s in steps for t in s.tasks if t.kind == "pick"}
     return {
         at.holder: name
         for name, at in world.held()
@@ -396,7 +428,14 @@ def _to(world: World, robot: str, q: Array) -> Callable[[int], Iterator[StepTask
     def numbered(first: int) -> StepTasks:
         task = Task(first, robot, TRANSIT, number, "aside", readonly(q[None]))
         # What it may touch where it stands, it may touch on its way from and to there.
-        allowed = [] if last is None else continued(steps[0].allowed, {last: first})
+        allowed: Sequence[AllowedContact] = ()
+        if last is not None:
+            whole = steps[0]
+            own = {t.index: t.index for t in whole.tasks if t.index in world.complete}
+            there = [c for c in whole.allowed if last in c.tasks]
+            allowed = [
+                replace(c, tasks=c.tasks | {first}) for c in continued(there, own)
+            ]
         return StepTasks(number, (task,), (), tuple(allowed))
 
     return _once(numbered)

@@ -6,7 +6,7 @@ never from what was planned; what cannot be used any more is named as being out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from planning.cell.workcell import Attachment, Workcell, WorldState
@@ -83,6 +83,18 @@ class World:
         }
 
 
+def taken_by(
+    begun: Mapping[int, StepTasks], complete: Collection[int]
+) -> dict[int, str]:
+    """Return what has been picked in steps that have begun, by number, given the tasks that are complete."""
+    return {
+        number: task.object
+        for number, step in begun.items()
+        for task in step.tasks
+        if task.kind == "pick" and task.object and task.index in complete
+    }
+
+
 def windows_from(world: World, windows: Iterable[TimeWindow]) -> Iterator[TimeWindow]:
     """Yield the windows of time in which something is due that is new in a world; some are open by then."""
     for window in windows:
@@ -109,15 +121,23 @@ class Leftover:
     Attributes:
         step: its tasks, those that are complete included.
         tasks: those that are left, in order.
+        complete: indices of those that are complete. All others, of what was planned and is not done, may be
+            those of other tasks by now.
     """
 
     step: StepTasks
     tasks: tuple[Task, ...]
+    complete: frozenset[int]
 
     @property
     def ends(self) -> bool:
         """Whether nothing is left but ways to go."""
         return all(task.kind == TRANSIT for task in self.tasks)
+
+    @property
+    def _itself(self) -> dict[int, int]:
+        """What is complete, by its own index."""
+        return {index: index for index in self.complete}
 
     def with_done(self, numbered: StepTasks) -> StepTasks:
         """Return the step with the new indices of what is left."""
@@ -125,7 +145,10 @@ class Leftover:
         return replace(
             numbered,
             tasks=tuple(new.get(task.index, task) for task in self.step.tasks),
-            allowed=(*self.step.allowed, *numbered.allowed),
+            allowed=(
+                *continued(self.step.allowed, self._itself),
+                *numbered.allowed,
+            ),
         )
 
     def numbered(self, first: int, fresh: StepTasks | None = None) -> StepTasks:
@@ -133,23 +156,39 @@ class Leftover:
 
         Args:
             first: that index.
-            fresh: the step as it would be done now from its begin on: what touches in it may have other
-                names than when it was planned.
+            fresh: the step as it would be done now from its begin on: what is picked in it, and what
+                touches, may have other names than when it was planned.
         """
         new = {task.index: first + k for k, task in enumerate(self.tasks)}
+        known = {**self._itself, **new}
         tasks = tuple(replace(task, index=new[task.index]) for task in self.tasks)
+        objects = self.step.objects
         waits = tuple(
-            (new.get(a, a), new[b]) for a, b in self.step.dependencies if b in new
+            (known[a], new[b])
+            for a, b in self.step.dependencies
+            if a in known and b in new
         )
-        allowed = continued(self.step.allowed, new)
+        allowed = continued(self.step.allowed, known, new)
         if fresh is not None and _alike(fresh, self.step):
             pairs = zip(fresh.tasks, self.step.tasks, strict=True)
-            now = {f.index: new.get(t.index, t.index) for f, t in pairs}
+            now = {f.index: known[t.index] for f, t in pairs if t.index in known}
             allowed += tuple(
                 replace(c, tasks=frozenset(now[t] for t in c.tasks if t in now))
                 for c in fresh.allowed
             )
-        return StepTasks(self.step.step, tasks, waits, allowed)
+            named = {now[f.index]: f for f in fresh.tasks if f.index in now}
+            tasks = tuple(_renamed(task, named[task.index]) for task in tasks)
+            objects = fresh.objects
+        return StepTasks(self.step.step, tasks, waits, allowed, objects)
+
+
+def _renamed(task: Task, fresh: Task) -> Task:
+    """Return a task about the objects of another one that does the same."""
+    if task.object == fresh.object:
+        return task
+    moved = zip(task.handlings, fresh.handlings, strict=True)
+    handlings = tuple(replace(h, object=own.object) for h, own in moved)
+    return replace(task, object=fresh.object, label=fresh.label, handlings=handlings)
 
 
 def _alike(fresh: StepTasks, step: StepTasks) -> bool:
@@ -160,15 +199,24 @@ def _alike(fresh: StepTasks, step: StepTasks) -> bool:
 
 
 def continued(
-    allowed: Sequence[AllowedContact], new: Mapping[int, int]
+    allowed: Sequence[AllowedContact],
+    known: Mapping[int, int],
+    among: Collection[int] | None = None,
 ) -> tuple[AllowedContact, ...]:
-    """Return allowed contacts in which tasks have new indices beside their old ones."""
+    """Return allowed contacts in which tasks have other indices, and those that have none are left out.
+
+    Args:
+        allowed: the contacts.
+        known: the other index by the one before.
+        among: the contacts of these tasks only; None for all.
+    """
+    own = known.keys() if among is None else among
     return tuple(
         replace(
-            contact, tasks=contact.tasks | {new[t] for t in contact.tasks & new.keys()}
+            contact, tasks=frozenset(known[t] for t in contact.tasks & known.keys())
         )
         for contact in allowed
-        if contact.tasks & new.keys()
+        if not contact.tasks.isdisjoint(own)
     )
 
 
@@ -197,7 +245,8 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
             left = [task for task in left if task.robot in stays]
         left = [task for task in left if task.robot not in world.out]
         if left:
-            found.append(Leftover(step, tuple(left)))
+            own = frozenset(t.index for t in step.tasks if t.index in world.complete)
+            found.append(Leftover(step, tuple(left), own))
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
 
 

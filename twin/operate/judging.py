@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -188,12 +188,21 @@ class Judging:
                 return (found,), _beside_words(at.pose, found.pose)
             fate = f"{BESIDE}, where nobody can pick it"
         self.ledger.gone.add(self.ledger.lost(name))
-        if fate != LOST:
+        # A station presents the next one, whatever has become of this one.
+        coming = () if at.holder else _brought(task)
+        if fate != LOST and not coming:
             return (), fate  # it is still where it was
         if at.holder is None:
-            return (Handling(name, 1, GONE, at.pose),), fate
+            return (Handling(name, 1, GONE, at.pose), *coming), fate
         pose = pose_of(tpg.cell, state, name)
         return (Handling(name, 1, None, pose), Handling(name, 1, GONE, pose)), fate
+
+
+def _brought(task: Task) -> tuple[Handling, ...]:
+    """Return what comes up once something has been picked."""
+    return tuple(
+        replace(h, waypoint=1) for h in task.handlings if h.object != task.object
+    )
 
 
 def _beside_words(said: Transform, found: Transform) -> str:

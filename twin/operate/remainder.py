@@ -28,7 +28,7 @@ from planning.tasks.task import (
 from planning.tasks.work import AssemblyWork
 from planning.worlds.measured import MeasuredWork
 from planning.worlds.supplied import REMOVAL
-from planning.worlds.world import World
+from planning.worlds.world import World, taken_by
 from scheduling.graph.plan_files import plan_sha256
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.alone import alone, going_on
@@ -84,7 +84,10 @@ def plan_remainder(
     measured = {
         h.object: h.pose
         for h in before
-        if tpg.task_of(h).kind == FAILED and h.holder is None and h.object not in gone
+        if tpg.task_of(h).kind == FAILED
+        and tpg.task_of(h).object == h.object
+        and h.holder is None
+        and h.object not in gone
     }
     planner: Recovery | ConstructionRecovery
     if motions.work is None:
@@ -211,6 +214,8 @@ def _choices_of(
     Raises:
         RequestError: one was done in another way than any that is known.
     """
+    every = {task.index for step in begun.values() for task in step.tasks}
+    plan = replace(plan, taken=taken_by(begun, every))
     for number, step in sorted(begun.items()):
         skills = [task for task in step.tasks if task.kind != TRANSIT or task.goal]
         for choice in _choices(work.problem, plan, number, skills):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 
 from planning.cell.workcell import CellObject
@@ -14,7 +13,6 @@ from planning.lego.bricks.brick_world import (
     BrickWorld,
     copy_name,
     next_copy,
-    object_names,
     press_of,
     source_of,
 )
@@ -80,9 +78,15 @@ def _waits(
     """Yield what waits for what between steps.
 
     A place waits for the place before it, and so does a support; a brick of the stock is picked
-    after those that stood on it, a station's after the one before it.
+    after those that stood on it, a station's once it has come up.
     """
     world, history = candidates.world, TaskHistory()
+    brought = {
+        handling.object: task
+        for task in (task for step in steps for task in step.tasks)
+        for handling in task.handlings
+        if handling.object != task.object
+    }
     for task in (task for step in steps for task in step.tasks):
         if task.kind in (*PLACES, *SUPPORTS):
             yield from history.before(task, "placed", "the brick before")
@@ -90,8 +94,42 @@ def _waits(
             history.put("placed", "the brick before", task)
         if task.kind == "pick" and task.object is not None:
             source = source_of(task.object, world.stations)
-            yield from history.before(task, "picked", source, *world.above[source])
+            yield from history.before(task, "picked", *world.above[source])
             history.put("picked", source, task)
+            if task.object in brought:
+                yield brought[task.object], task
+
+
+def _bricks_taken(
+    plan: TaskPlan, step: int, stations: Collection[str]
+) -> tuple[list[str], Mapping[str, int]]:
+    """Return what the steps of a plan up to one take, and which brick stands at each station after them.
+
+    Of steps that have taken their bricks it is these; the others take those that come up from then on.
+
+    Args:
+        plan: the choices, and what has been taken.
+        step: the last one, from 1.
+        stations: names of the feeding stations.
+
+    Returns:
+        An object for each step, and the number of a brick by station.
+    """
+    number = dict.fromkeys(stations, 1)
+    for name in plan.there:
+        if (source := source_of(name, stations)) != name:
+            number[source] = max(number[source], int(name.rpartition(".")[2]))
+    names: list[str] = []
+    for choice in plan.choices[:step]:
+        source = choice.object
+        if choice.step in plan.taken:
+            names.append(plan.taken[choice.step])
+        elif source in stations:
+            names.append(copy_name(source, number[source]))
+            number[source] += 1
+        else:
+            names.append(source)
+    return names, number
 
 
 class _ChosenBrickStep:
@@ -103,13 +141,12 @@ class _ChosenBrickStep:
         self.choice = plan[step]
         self.work = self.world.step(step)
         source, stations = self.choice.object, self.world.stations
-        sources = [c.object for c in plan.choices if c.step <= step]
-        *self._used, self.brick = object_names(sources, stations)
-        self._picked = Counter(sources)
+        self._taken, self._next = _bricks_taken(plan, step, stations)
+        self.brick = self._taken[-1]
         self.refill: CellObject | None = None
         if source in stations:
             item = self.world.stock_at_rest[source][0]
-            self.refill = next_copy(item, source, self._picked[source] + 1)
+            self.refill = next_copy(item, source, self._next[source])
 
     def placement(self) -> PlannedPlacement:
         """Return pick, handover if any, support if any, and place."""
@@ -209,10 +246,10 @@ class _ChosenBrickStep:
         out: dict[str, OnGrid] = {}
         for name, brick in near.items():
             if name in stations:
-                out[copy_name(name, self._picked[name] + 1)] = brick
+                out[copy_name(name, self._next[name])] = brick
             elif name in numbers:
-                out[self._used[numbers[name] - 1]] = brick
-            elif name not in self._picked:
+                out[self._taken[numbers[name] - 1]] = brick
+            elif name not in self._taken:
                 out[name] = brick
         return out
 

@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.planning.facing_arms import FACING_ARMS
 from twin.operate.operation import Operation, operate
 from twin.recorders.observers import MemoryRecorder
@@ -71,3 +72,18 @@ def lost(chance: float, retries: int = 0) -> dict[str, Any]:
     """Return the values by which attempts to pick and to place fail with a chance, half of them losing the brick."""
     item = {"probability": chance, "retries": retries, "loses": 0.5}
     return {f"failures.{skill}": item for skill in ("pick", "place-down")}
+
+
+def require_own_contacts(tpg: TemporalPlanGraph) -> None:
+    """Check that a tool may only touch an object in tasks of its robot, or in steps about the object."""
+    tools = {f"{robot.name}/tool": robot.name for robot in tpg.cell.robots}
+    for contact in tpg.allowed:
+        pair = {contact.first, contact.second}
+        if len(pair & tools.keys()) != 1:
+            continue
+        (tool,) = pair & tools.keys()
+        (name,) = pair - {tool}
+        steps = {task.step for task in tpg.tasks if task.object == name}
+        for task in (tpg.tasks[k] for k in contact.tasks):
+            about = task.object == name or (task.object is None and task.step in steps)
+            assert about or task.robot == tools[tool], task

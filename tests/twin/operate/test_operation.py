@@ -18,7 +18,14 @@ from planning.tasks.task import FAILED, GONE, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import CLIFF, STACK, lost, operated, stack
+from tests.twin.operate.operated import (
+    CLIFF,
+    STACK,
+    lost,
+    operated,
+    require_own_contacts,
+    stack,
+)
 from tests.twin.program import invoke
 from tests.twin.scenarios.test_processes import SCENARIO as COVER
 from twin.operate.operation import Operation, operate
@@ -55,6 +62,7 @@ def test_whatever_fails_the_union_keeps_the_invariant(
     assert (done.record.outcome == "failed") == bool(done.given_up)
     # Searched anew, not taken from the edges that the extension was made of.
     check_invariant(DerivedTpg(done.tpg))
+    require_own_contacts(done.tpg)
     # Every node that there is was executed, in an order that its edges allow.
     start, end = done.record.start_ns, done.record.end_ns
     assert all((own >= 0).all() for own in (*start, *end))

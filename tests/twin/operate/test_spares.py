@@ -1,10 +1,12 @@
-"""Spare ones come to the place of parts that are lost, and of products that are not made whole."""
+"""Spare ones come to the place of parts and bricks that are lost, and of products that are not made whole."""
 
 from __future__ import annotations
 
 import json
 import pickle
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,12 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import twin
-from planning.tasks.task import FAILED
+from benchmarks.operate import audited
+from planning.lego.bricks.brick_world import source_of
+from planning.tasks.task import FAILED, GONE
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import lost, operated
+from tests.twin.operate.operated import CLIFF, lost, operated, require_own_contacts
 from tests.twin.program import invoke
 from twin.operate.operation import Operation, operate
 from twin.study.replications.hindsight import Hindsight
@@ -113,6 +117,117 @@ def test_it_is_audited_and_what_is_left_knows_the_spares_that_were_used(
     assert not verify_plan(left.tpg).problems
     placed = {t.object for t in run.tpg.tasks if t.kind == "place-down"}
     assert {t.object for t in left.tpg.tasks if t.kind == "pick"} <= placed
+
+
+@pytest.fixture(scope="module")
+def fed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The cliff of bricks from feeding stations, one of each kind for each arm."""
+    text = re.sub(r"    - \{name: \w+_2x4_[b-f].*\n", "", CLIFF.read_text("utf-8"))
+    stock = r"(name: (?:left|right)_2x\w+, brick: \w+, at: \[.*?\])"
+    text, stations = re.subn(stock, r"\1, station: true", text)
+    assert stations == 6
+    out = tmp_path_factory.mktemp("fed") / "cliff.yaml"
+    out.write_text(text, "utf-8")
+    return out
+
+
+@pytest.fixture(scope="module")
+def presented(fed: Path) -> PlanResult:
+    return plan_to_operate(load(fed))
+
+
+def spoiled(chance: float, loses: float, wrong: float, slips: float) -> dict[str, Any]:
+    """Return the values by which bricks are lost, wrong or slip in the hand, and are tried ever again."""
+    item = {"probability": chance, "retries": 0, "loses": loses}
+    return {
+        "failures.pick": {**item, "wrong": wrong},
+        "failures.place-down": {**item, "slips": slips},
+        "recovery.again": 100,
+    }
+
+
+def require_presented(plan: PlanResult, done: Operation) -> None:
+    """Check that all is built, and of bricks that a station presented one after another."""
+    assert done.record.outcome == "completed", done.given_up
+    check_invariant(DerivedTpg(done.tpg))
+    assert not verify_plan(done.tpg).problems
+    require_own_contacts(done.tpg)
+    assert audited(done, plan.scenario) == []
+    names = [item.name for item in done.tpg.cell.objects]
+    assert len(names) == len(set(names))
+    places = {t.step: t.object for t in done.tpg.tasks if t.kind.startswith("place")}
+    assert len(places) == len(plan.motions.task_plan.choices)
+    gone = {h.object for h in done.tpg.handlings if h.holder == GONE}
+    assert gone.isdisjoint(places.values())
+    stations = plan.motions.work.problem.unlimited
+    for station in stations:
+        own = {name for name in names if source_of(name, stations) == station}
+        used = [(n, int(n.rpartition(".")[2])) for n in own & {*gone, *places.values()}]
+        numbers = sorted(number for _, number in used)
+        assert numbers == [*range(1, len(numbers) + 1)]
+
+
+@settings(max_examples=2, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    chance=st.sampled_from([0.15, 0.3]),
+    loses=st.sampled_from([0.5, 1.0]),
+    wrong=st.sampled_from([0.0, 0.4]),
+    slips=st.sampled_from([0.0, 0.3]),
+)
+def test_a_station_presents_another_brick_for_one_that_is_lost(
+    presented: PlanResult,
+    seed: int,
+    chance: float,
+    loses: float,
+    wrong: float,
+    slips: float,
+) -> None:
+    done, _ = operated(presented, seed, **spoiled(chance, loses, wrong, slips))
+    require_presented(presented, done)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("seed", "loses", "wrong", "slips"),
+    [
+        (26, 0.5, 0.4, 0.0),  # who supports has gone aside
+        (35, 1.0, 0.4, 0.3),  # a hand is emptied later than planned
+    ],
+)
+def test_half_of_all_that_a_station_presents_may_be_lost(
+    presented: PlanResult, seed: int, loses: float, wrong: float, slips: float
+) -> None:
+    done, _ = operated(presented, seed, **spoiled(0.5, loses, wrong, slips))
+    require_presented(presented, done)
+
+
+@pytest.mark.nightly
+def test_who_is_out_does_nothing_under_the_number_of_another_task(
+    presented: PlanResult,
+) -> None:
+    outages = [{"robot": "left", "at_s": 178.0}]
+    done, _ = operated(presented, 54, **spoiled(0.15, 0.5, 0.4, 0.0), outages=outages)
+    check_invariant(DerivedTpg(done.tpg))
+    assert not verify_plan(done.tpg).problems
+    assert audited(done, presented.scenario) == []
+
+
+def test_what_is_left_goes_on_with_what_a_station_presents_by_then(
+    fed: Path, tmp_path: Path
+) -> None:
+    case = load(fed).varied({**spoiled(0.3, 1.0, 0.0, 0.0), "seed": 1})
+    run = twin.operate(case, out=tmp_path / "run", recording=False)
+    assert run.outcome == "completed"
+    assert run.summary["audit"]["violations"] == []
+    assert any(task.kind == FAILED for task in run.tpg.tasks)
+    left = twin.plan(world=f"{run.files}@{0.6 * run.makespan_s}")
+    require_own_contacts(left.tpg)
+    assert not verify_plan(left.tpg).problems
+    picks = {t.object for t in left.tpg.tasks if t.kind == "pick"}
+    done = {t.object for t in run.tpg.tasks if t.kind == "place-down"}
+    assert picks
+    assert picks - done <= {t.object for t in run.tpg.tasks if t.kind == FAILED}
 
 
 WANTED, SPARE, STEPS = 2, 2, 5
