@@ -438,7 +438,9 @@ class Recovery:
             named = min(steps, key=lambda k: (len(self._ledger.resting.get(k, ())), -k))
         assert named is not None
         self._stuck = True
-        lacks = isinstance(error, InfeasibleStepError)
-        if not lacks or not self._asks_for(named, str(error), now):
-            self._ledger.give_up(named, str(error))
+        lacks, why = isinstance(error, InfeasibleStepError), str(error)
+        if in_the_way := [k for k in sorted(now.world.out) if f" {k}/" in why]:
+            why = f"{' and '.join(in_the_way)}, out of service, is in the way: {why}"
+        if not lacks or not self._asks_for(named, why, now):
+            self._ledger.give_up(named, why)
         return True
