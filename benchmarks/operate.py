@@ -180,7 +180,6 @@ def table(rows: dict[tuple[str, float | str], list[Row]], seeds: int) -> list[st
         " the same luck in all three. In the cliff each layer waits for the one below, so that nobody has anything to"
         " do meanwhile, and ours takes as long as stop. Gearbox, taskboard and truss have no spare parts; a product of"
         " machine tending whose blank is lost is scrapped, and a tower that has lost a beam is one level lower."
-        " The bricks of the chair come from feeding stations, which bring no other one for one that is lost."
         " With *out* makespans are means over the runs in which ours and stop leave the same steps undone. *Wrong*"
         " are runs that do not keep their order, in which the audit finds anything, or which verify does not prove.",
         "",

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -223,9 +224,9 @@ def _back_before(
         if item.back:
             back += own.tasks
             continue
-        for task in own.tasks:
-            skill = task.kind != TRANSIT
-            yield from ((b.index, task.index) for b in back if skill)
+        for b, task in product(back, own.tasks):
+            if task.kind != TRANSIT and task.robot != b.robot:
+                yield b.index, task.index
         back = []
 
 

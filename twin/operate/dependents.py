@@ -30,7 +30,8 @@ def resting_steps(
         needs: what would fall, see ``AssemblyWork``.
     """
     tasks = tuple(tasks)
-    placed = {chosen.taken.get(c.step, c.object): c.step for c in chosen.choices}
+    placed = {choice.object: choice.step for choice in chosen.choices}
+    placed.update((name, step) for step, name in chosen.taken.items())
     for task in tasks:
         if task.kind in ("place-down", "place-up") and task.object is not None:
             placed[task.object] = task.step

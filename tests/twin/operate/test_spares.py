@@ -213,6 +213,19 @@ def test_who_is_out_does_nothing_under_the_number_of_another_task(
     assert audited(done, presented.scenario) == []
 
 
+def test_what_would_rest_on_a_brick_that_no_station_has_presented_is_given_up(
+    fed: Path,
+) -> None:
+    """Though nobody has planned the steps after it by then."""
+    plan = plan_to_operate(load(fed).varied({"window": {"steps": 1, "least": 0}}))
+    never = {"probability": 1.0, "retries": 0}
+    done, _ = operated(plan, 0, **{"failures.place-down": never, "recovery.again": 0})
+    assert sorted(done.given_up) == list(range(1, 12))
+    assert done.given_up[1].endswith("failed 1 times")
+    whys = [done.given_up[step] for step in range(2, 12)]
+    assert all(why.startswith("it rests on step ") for why in whys)
+
+
 def test_what_is_left_goes_on_with_what_a_station_presents_by_then(
     fed: Path, tmp_path: Path
 ) -> None:
