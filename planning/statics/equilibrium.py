@@ -400,8 +400,10 @@ def _minimised(
     program.a_matrix_.value_ = matrix.data
     solver = new_highs()
     solver.setOptionValue("threads", 1)
-    for presolve in ("on", "off"):  # presolving leaves some in doubt
+    # Presolving leaves some in doubt, and the dual simplex a few more.
+    for presolve, strategy in (("on", _DUAL), ("off", _DUAL), ("off", _PRIMAL)):
         solver.setOptionValue("presolve", presolve)
+        solver.setOptionValue("simplex_strategy", strategy)
         solver.passModel(program)
         solver.run()
         status = solver.getModelStatus()

@@ -319,8 +319,9 @@ def _check_skills(scenario: Scenario) -> Found:
                 yield (key, "deviation"), text
             yield from unless_known(place, "skill", name, valid)
     section = scenario.assembly
-    own = section.parts if isinstance(section, PartsSection) else ()
-    things = [part.name for part in own]
+    things = [name for _, name in assembly_kind(section).names()]
+    if isinstance(section, PartsSection):
+        things = [part.name for part in section.parts]
     lie_as_said = isinstance(section, PartsSection) and not (
         section.sources or section.products
     )

@@ -187,6 +187,18 @@ def test_a_station_presents_another_brick_for_one_that_is_lost(
     require_presented(presented, done)
 
 
+def test_what_a_station_presents_may_fail_by_the_name_of_the_station(
+    presented: PlanResult,
+) -> None:
+    item = {"probability": 0.0, "retries": 0, "loses": 1.0}
+    fails = {"failures.pick": {**item, "parts": {"left_2x4_a": 0.7}}}
+    done, _ = operated(presented, 1, **fails, **{"recovery.again": 100})
+    require_presented(presented, done)
+    tried = [t.object for t in done.tpg.tasks if t.kind == FAILED]
+    assert len(tried) > 1
+    assert {str(name).rpartition(".")[0] for name in tried} == {"left_2x4_a"}
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("seed", "loses", "wrong", "slips"),
