@@ -180,7 +180,8 @@ class Execution:
         if self.planned is not None:
             yield from self._until_planned(chain, node)
             return
-        if not queue:
+        # What has arrived may be taken back at the same time.
+        while not queue:
             arrival = self.idle[chain] = self.env.event()
             if self.narrator is not None:
                 check = self._at_the_end_of_now(_LAST)

@@ -209,13 +209,16 @@ class RollingExecution(SuppliedExecution):
     def _plan_more(self) -> None:
         """Plan more where it is time for it."""
         if not self._planning and self._planner.due(self.tpg, self.released):
-            self._replan()
+            self._plan_again()
 
     def _replan(self) -> None:
-        """Plan what is left, or once more what is being planned."""
-        self._again = True
+        """Plan what is left, or once more what is being planned, as something has happened."""
         if self._halting:
             self._halt()
+        self._plan_again()
+
+    def _plan_again(self) -> None:
+        self._again = True
         if not self._planning:
             self._planning = True
             self.env.process(self._plan())
