@@ -15,7 +15,6 @@ from itertools import product
 import numpy as np
 
 from planning.cell.workcell import Workcell
-from planning.kinematics.kinematics import frame_pose
 from planning.motion.known_motions import KnownMotions, MotionPlan
 from planning.motion.sequential import MotionSettings, plan_sequential
 from planning.tasks.assignment import (
@@ -27,17 +26,21 @@ from planning.tasks.assignment import (
 )
 from planning.tasks.highs_solver import assign_steps
 from planning.tasks.task import (
-    GONE,
-    TAKEN_OUT,
+    STRAIGHT,
     TRANSIT,
     AllowedContact,
-    Handling,
     StepTasks,
     Task,
 )
 from planning.tasks.work import AssemblyWork, StepExpansions
 from planning.transforms import Array, Indices, readonly
-from planning.worlds.supplied import Scrap, brings, supplied, without_brought
+from planning.worlds.supplied import (
+    Scrap,
+    brings,
+    supplied,
+    taken_out,
+    without_brought,
+)
 from planning.worlds.world import Leftover, World, continued, leftovers, taken_by
 
 
@@ -126,7 +129,10 @@ def plan_onward(
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
     away = (*_away(cell, world, left), *sorted(now.aside))
-    items += [_Item(_to(world, name, cell.robot(name).home)) for name in away]
+    gone = {task.robot for item in left if item.ends for task in item.tasks}
+    for name in away:
+        home = cell.robot(name).home
+        items.append(_Item(_to(world, name, home, stands=name not in gone)))
     burdens = _burdens(world, left)
     for robot, name in burdens.items():
         items.append(_Item(_once(partial(taken_out, cell, world, robot, name))))
@@ -368,7 +374,10 @@ def _once(
 
 def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
     """Yield the robots that stand somewhere with nothing to bring to an end there, and not at a goal."""
-    going = {task.robot for item in left for task in item.tasks}
+    # Who goes no farther than out of where it was goes on from there.
+    ways = {task.robot: task.kind for item in left for task in item.tasks}
+    ends = {task.robot for item in left if item.ends for task in item.tasks}
+    going = {k for k, kind in ways.items() if kind != STRAIGHT or k not in ends}
     last = set(world.beginning.last_task.values())
     tasks = (task for step in world.steps for task in step.tasks)
     going |= {task.robot for task in tasks if task.goal and task.index in last}
@@ -394,33 +403,10 @@ def _burdens(world: World, left: list[Leftover]) -> dict[str, str]:
     }
 
 
-def taken_out(
-    cell: Workcell, world: World, robot: str, name: str, first: int
-) -> StepTasks:
-    """Return how a robot stands at HOME until what it holds has been taken from it.
-
-    Args:
-        cell: with the robot.
-        world: in which it holds that.
-        robot: who does.
-        name: what it holds.
-        first: index of the task.
-    """
-    placed = cell.robot(robot)
-    pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
-    gone = (
-        Handling(name, 1, None, readonly(pose)),
-        Handling(name, 1, GONE, readonly(pose)),
-    )
-    path, label = readonly(placed.home[None]), f"{name} is taken out"
-    task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
-    # As it is let go of, it is still where the tool touches it.
-    touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
-    return StepTasks(1, (task,), (), (touches,))
-
-
-def _to(world: World, robot: str, q: Array) -> Callable[[int], Iterator[StepTasks]]:
-    """Return how a robot goes from, or back to, where it stands in a world."""
+def _to(
+    world: World, robot: str, q: Array, *, stands: bool = True
+) -> Callable[[int], Iterator[StepTasks]]:
+    """Return how a robot goes from, or back to, where it stands in a world, if it does still."""
     last = world.beginning.last_task.get(robot)
     known = (*world.past, *world.steps)
     steps = [step for step in known for t in step.tasks if t.index == last]
@@ -430,7 +416,7 @@ def _to(world: World, robot: str, q: Array) -> Callable[[int], Iterator[StepTask
         task = Task(first, robot, TRANSIT, number, "aside", readonly(q[None]))
         # What it may touch where it stands, it may touch on its way from and to there.
         allowed: Sequence[AllowedContact] = ()
-        if last is not None:
+        if last is not None and stands:
             whole = steps[0]
             own = {t.index: t.index for t in whole.tasks if t.index in world.complete}
             there = [c for c in whole.allowed if last in c.tasks]

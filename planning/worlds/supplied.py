@@ -2,7 +2,7 @@
 
 A source is filled and a tray is exchanged once each: what has been brought is not brought again with a step that
 is begun anew, and what comes after a step comes also where that is not done. What nobody does anything with
-any more is taken by a person from where others pass.
+any more is taken by a person from where others pass, or from the hand of a robot.
 """
 
 from __future__ import annotations
@@ -12,18 +12,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from planning.cell.workcell import Workcell
+from planning.kinematics.kinematics import frame_pose
 from planning.tasks.task import (
     GONE,
     LAG,
     STILL,
     SUPPLY_KINDS,
     TAKEN_OUT,
+    AllowedContact,
     Handling,
     StepTasks,
     Task,
 )
 from planning.tasks.work import StepExpansions
-from planning.transforms import Transform
+from planning.transforms import Transform, readonly
 from planning.worlds.world import World
 
 REMOVAL = "removal"
@@ -165,3 +168,28 @@ class Scrap:
                 comes = any(np.allclose(h.pose, pose) for h in task.handlings)
                 if brings(task) and task.index > index and comes:
                     yield index, task.index
+
+
+def taken_out(
+    cell: Workcell, world: World, robot: str, name: str, first: int
+) -> StepTasks:
+    """Return how a robot stands at HOME until what it holds has been taken from it.
+
+    Args:
+        cell: with the robot.
+        world: in which it holds that.
+        robot: who does.
+        name: what it holds.
+        first: index of the task.
+    """
+    placed = cell.robot(robot)
+    pose = frame_pose(placed, placed.home) @ world.state.attachments[name].pose
+    gone = (
+        Handling(name, 1, None, readonly(pose)),
+        Handling(name, 1, GONE, readonly(pose)),
+    )
+    path, label = readonly(placed.home[None]), f"{name} is taken out"
+    task = Task(first, robot, TAKEN_OUT, 1, label, path, gone, name)
+    # As it is let go of, it is still where the tool touches it.
+    touches = AllowedContact(f"{robot}/tool", name, frozenset({first}))
+    return StepTasks(1, (task,), (), (touches,))

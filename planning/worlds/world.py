@@ -9,10 +9,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from planning.cell.workcell import Attachment, Workcell, WorldState
 from planning.kinematics.kinematics import frame_pose
 from planning.motion.sequential import Beginning
 from planning.tasks.task import (
+    HOLD,
+    STRAIGHT,
     SUPPLY_KINDS,
     TRANSIT,
     AllowedContact,
@@ -123,16 +127,13 @@ class Leftover:
         tasks: those that are left, in order.
         complete: indices of those that are complete. All others, of what was planned and is not done, may be
             those of other tasks by now.
+        ends: whether nothing is left but ways to go.
     """
 
     step: StepTasks
     tasks: tuple[Task, ...]
     complete: frozenset[int]
-
-    @property
-    def ends(self) -> bool:
-        """Whether nothing is left but ways to go."""
-        return all(task.kind == TRANSIT for task in self.tasks)
+    ends: bool
 
     @property
     def _itself(self) -> dict[int, int]:
@@ -228,7 +229,8 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
         reopened: steps that are to be done anew, by number, with the robots that have nothing to bring
             to an end in them. Of the others only those go on that have done a skill in it, as far as
             their way back: they stand where they are in the way. Whoever has something in the hand that
-            goes nowhere any more does not go back as if it had been put down.
+            goes nowhere any more does not go back as if it had been put down. Who is where a straight way
+            leads out of, as of a rack of tools, goes that way.
     """
     found, holders = [], {at.holder for _, at in world.held()}
     for number, step in world.begun().items():
@@ -242,22 +244,53 @@ def leftovers(world: World, reopened: Mapping[int, frozenset[str]]) -> list[Left
             }
             brings = {task.robot for task in left if task.handlings}
             stays = done - reopened[number] - brings - holders
-            left = [task for task in left if task.robot in stays]
+            others = dict.fromkeys(t.robot for t in step.tasks if t.robot not in stays)
+            outs = [out for k in others for out in _way_out(step, k, world)]
+            left = [*(task for task in left if task.robot in stays), *outs]
         left = [task for task in left if task.robot not in world.out]
         if left:
             own = frozenset(t.index for t in step.tasks if t.index in world.complete)
-            found.append(Leftover(step, tuple(left), own))
+            ways = (TRANSIT, STRAIGHT) if number in reopened else (TRANSIT,)
+            ends = all(task.kind in ways for task in left)
+            found.append(Leftover(step, tuple(left), own, ends))
     return sorted(found, key=lambda item: (not item.ends, item.step.step))
 
 
+def _way_out(step: StepTasks, robot: str, world: World) -> Iterator[Task]:
+    """Yield the straight way by which a robot goes on, or back, from where it stands in the middle of a step."""
+    own = [task for task in step.tasks if task.robot == robot]
+    done = [task for task in own if task.index in world.complete]
+    left = [task for task in own if task.index not in world.complete]
+    if not done or not left or done[-1].index != world.beginning.last_task.get(robot):
+        return
+    *before, last = done
+    if left[0].kind == STRAIGHT and last.kind != TRANSIT:
+        yield left[0]
+    elif left[0].kind != TRANSIT and last.kind == STRAIGHT and before:
+        # It has its number: what touches on the way there touches on the way back.
+        back = np.concatenate([last.path[-2::-1], before[-1].path[-1:]])
+        yield replace(last, label=f"back: {last.label}", path=readonly(back))
+
+
 def standing(left: Sequence[Leftover], but: int | None = None) -> frozenset[str]:
-    """Return the robots that have something to bring to an end where they stand, but in one step."""
-    return frozenset(
-        task.robot
-        for item in left
-        if not item.ends and item.step.step != but
-        for task in item.tasks
-    )
+    """Return the robots that have something to bring to an end where they stand, but in one step.
+
+    Not those that keep something in its place: it might fall.
+    """
+    others = [item for item in left if not item.ends and item.step.step != but]
+    robots = {task.robot for item in others for task in item.tasks}
+    return frozenset(robots - {k for item in left for k in robots if _keeps(item, k)})
+
+
+def _keeps(left: Leftover, robot: str) -> bool:
+    """Tell whether a robot holds something in its place, or is to let go of something before it goes."""
+    own = [task for task in left.step.tasks if task.robot == robot]
+    done = [task for task in own if task.index in left.complete]
+    then = next((task for task in left.tasks if task.robot == robot), None)
+    if then is None:
+        return False
+    lets_go = then.kind == STRAIGHT and then.object is not None
+    return lets_go or (bool(done) and done[-1].kind == HOLD)
 
 
 def in_world(cell: Workcell, world: World, busy: frozenset[str]) -> Workcell:

@@ -21,7 +21,7 @@ from planning.construction.world.fixed_world import Building
 from planning.errors import ConstructionError, PlanInvariantError
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import AllowedContact, Task
-from planning.worlds.onward import taken_out
+from planning.worlds.supplied import taken_out
 from planning.worlds.world import World
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.rolling.cut import complete_tasks, cut_after

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from planning.tasks.task import FAILED, GONE, TAKEN_OUT
+from benchmarks.operate import audited
+from planning.tasks.task import FAILED, GONE, TAKE_TOOL, TAKEN_OUT
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
@@ -18,7 +19,8 @@ from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 
-TENDING = Path(__file__).parents[3] / "scenarios" / "assembly" / "machine_tending.yaml"
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
+TENDING = SCENARIOS / "assembly" / "machine_tending.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -141,3 +143,27 @@ def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> 
     done, _ = operated(plan, 0, **kinds, **more)
     assert not [words for words in done.given_up.values() if "depends on" in words]
     assert not verify_plan(done.tpg).problems
+
+
+def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
+    """It has taken the driver there for a screw of a cover that is lost meanwhile."""
+    plan = plan_to_operate(load(SCENARIOS / "assembly" / "gearbox.yaml"))
+    fails = {"probability": 0.25, "retries": 0, "loses": 1.0, "slips": 0.5}
+    done, _ = operated(plan, 24, **{"failures.place-down": fails})
+    taken = [t.index for t in done.tpg.tasks if t.kind == TAKE_TOOL]
+    assert done.given_up
+    assert taken
+    ways = {t.index: t.label for t in done.tpg.tasks if t.robot == "right"}
+    assert ways[taken[-1] + 1].startswith("out of the rack")
+    assert not verify_plan(done.tpg).problems
+    assert audited(done, plan.scenario) == []
+
+
+def test_who_keeps_hold_goes_nowhere_while_what_it_waits_for_is_done_again() -> None:
+    plan = plan_to_operate(load(SCENARIOS / "assembly" / "truss.yaml"))
+    never = {"probability": 0.3, "retries": 0}
+    for seed in range(2):
+        done, _ = operated(plan, seed, **{"failures.weld": never, "recovery.again": 9})
+        assert done.versions
+        assert not verify_plan(done.tpg).problems
+        assert audited(done, plan.scenario) == []
