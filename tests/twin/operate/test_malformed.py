@@ -45,7 +45,7 @@ stack | failures: {pick: {probability: 0.1, then: scrap}}              | scrap  
 stack | failures: {pick: {probability: 0.1, lose: 0.2}}                | lose     | unknown key 'lose'; did you mean 'loses'?
 stack | failures: {support-top: {probability: 0.1, loses: 0.2}}        | 0.2      | nothing can be lost in support-top, in which nothing changes hands: leave it out (valid: pick, place-down, place-up, handover)
 stack | failures: {pick: {probability: 0.1, retry: {kind: fixd, value_s: 1}}} | fixd | unknown kind 'fixd'; did you mean 'fixed'? (valid: empirical
-stack | failures: {pick: {probability: 0.1, parts: {peg: 0.1}}}        | peg      | unknown part 'peg': there is none
+stack | failures: {pick: {probability: 0.1, parts: {peg: 0.1}}}        | peg      | unknown part 'peg' (valid: left_a, left_b
 cover | failures: {pick: {probability: 0.1, parts: {covr: 0.1}}}       | covr     | unknown part 'covr'; did you mean 'cover'? (valid:
 cover | failures: {pick: {probability: 0.1, parts: {wright/cover: 0.1}}} | wright/cover | unknown robot 'wright'; did you mean 'right'? (valid:
 cover | failures: {pick: {probability: 0.1, parts: {cover: 7}}}        | 7        | must be at most 1, not 7
