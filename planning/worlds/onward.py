@@ -41,7 +41,7 @@ from planning.worlds.supplied import (
     taken_out,
     without_brought,
 )
-from planning.worlds.world import Leftover, World, continued, leftovers, taken_by
+from planning.worlds.world import Leftover, World, leftovers, taken_by
 
 
 @dataclass(frozen=True)
@@ -128,8 +128,8 @@ def plan_onward(
     plan = replace(assign_steps(problem), taken=now.taken, there=now.there)
     again = StepExpansions(replace(work, problem=problem), plan)
     items: list[_Item] = [_of_leftover(item, now) for item in left if item.ends]
-    away = (*_away(cell, world, left), *sorted(now.aside))
     gone = {task.robot for item in left if item.ends for task in item.tasks}
+    away = (*_away(cell, world, left, gone), *sorted(now.aside))
     for name in away:
         home = cell.robot(name).home
         items.append(_Item(_to(world, name, home, stands=name not in gone)))
@@ -372,12 +372,15 @@ def _once(
     return ways
 
 
-def _away(cell: Workcell, world: World, left: list[Leftover]) -> Iterator[str]:
-    """Yield the robots that stand somewhere with nothing to bring to an end there, and not at a goal."""
-    # Who goes no farther than out of where it was goes on from there.
+def _away(
+    cell: Workcell, world: World, left: list[Leftover], gone: Collection[str]
+) -> Iterator[str]:
+    """Yield the robots that stand somewhere with nothing to bring to an end there, and not at a goal.
+
+    Of those that have gone a way by then, the ones that go no farther than out of where they were.
+    """
     ways = {task.robot: task.kind for item in left for task in item.tasks}
-    ends = {task.robot for item in left if item.ends for task in item.tasks}
-    going = {k for k, kind in ways.items() if kind != STRAIGHT or k not in ends}
+    going = {k for k, kind in ways.items() if kind != STRAIGHT or k not in gone}
     last = set(world.beginning.last_task.values())
     tasks = (task for step in world.steps for task in step.tasks)
     going |= {task.robot for task in tasks if task.goal and task.index in last}
@@ -418,10 +421,11 @@ def _to(
         allowed: Sequence[AllowedContact] = ()
         if last is not None and stands:
             whole = steps[0]
-            own = {t.index: t.index for t in whole.tasks if t.index in world.complete}
-            there = [c for c in whole.allowed if last in c.tasks]
+            done = world.complete.intersection(t.index for t in whole.tasks)
             allowed = [
-                replace(c, tasks=c.tasks | {first}) for c in continued(there, own)
+                replace(c, tasks=(c.tasks & done) | {first})
+                for c in whole.allowed
+                if last in c.tasks
             ]
         return StepTasks(number, (task,), (), tuple(allowed))
 

@@ -319,9 +319,10 @@ def _check_skills(scenario: Scenario) -> Found:
                 yield (key, "deviation"), text
             yield from unless_known(place, "skill", name, valid)
     section = scenario.assembly
-    things = [name for _, name in assembly_kind(section).names()]
     if isinstance(section, PartsSection):
         things = [part.name for part in section.parts]
+    else:
+        things = [name for _, name in assembly_kind(section).names()]
     lie_as_said = isinstance(section, PartsSection) and not (
         section.sources or section.products
     )
