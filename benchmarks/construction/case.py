@@ -39,9 +39,11 @@ class OutOfTimeError(TwinError):
 
 
 def case_scenario(model: str, robots: int, seed: int) -> Scenario:
-    """Return a shipped construction with another size of its team and another seed."""
+    """Return a shipped construction with so many robots, of its team or one by one, and a seed."""
     content = resolved(load_scenario(FOLDER / f"{model}.yaml"))
-    choose_robots(content["cell"], robots)
+    cell = content["cell"]
+    alone = len(cell["robots"]) if cell["team"] is not None else 0
+    choose_robots(cell, robots - alone)
     content["seed"] = seed
     return restored(content)
 

@@ -29,7 +29,8 @@ _OURS, _FIXED, _LIMIT = "#1f5f9e", "#d97b29", "#c4566f"
 _PARTS = {
     "checks": ("#a99bd0", "checks"),
     "keyframes": ("#e3c64e", "keyframes"),
-    "path": ("#6fa8dc", "paths, shortcuts, retiming"),
+    "path": ("#6fa8dc", "paths"),
+    "postprocessing": ("#3d6f9e", "shortcuts, retiming"),
     "other": ("#9aa3ad", "other"),
 }
 

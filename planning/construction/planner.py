@@ -33,7 +33,7 @@ class ConstructionPlan:
     Attributes:
         problem: what is built by whom.
         building: all timelines, and the work that they are made of.
-        seconds: wall-clock seconds by component: keyframes, and path with its post-processing.
+        seconds: wall-clock seconds by component: keyframes, path and its postprocessing.
         cpu: processor seconds, likewise.
         rewound: how many placements were taken back.
         failures: what did not work on the way.

@@ -29,10 +29,10 @@ from planning.construction.problem.problem import (
 )
 from planning.construction.problem.reach_bounds import ReachBounds
 from planning.construction.step_scenes import StepScenes
-from planning.construction.stopwatch import Stopwatch
 from planning.construction.world.fixed_world import Building, FixedWorld, Keeping
 from planning.construction.world.timeline import RobotTimeline, SkillMotion
 from planning.steps.skill import NOTHING, Pairs, gripped
+from planning.stopwatch import Stopwatch
 from planning.transforms import Array
 
 _SPACING = 0.75
@@ -117,6 +117,7 @@ class LegPlanner:
                 hints=hints,
                 linger=linger,
                 seed=int(self.rng.integers(2**31)),
+                watch=self.watch,
             )
         if found is None:
             return None

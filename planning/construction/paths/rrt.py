@@ -24,7 +24,11 @@ from planning.construction.paths.postprocess import (
 )
 from planning.construction.problem.problem import RrtSettings
 from planning.packed import packed
+from planning.stopwatch import Stopwatch
 from planning.transforms import Array
+
+POSTPROCESSING = "postprocessing"
+"""Name of the time that shortcuts and new times of paths take."""
 
 _DETOUR = 4.0
 """Detours are looked for that take at least so much longer [s]."""
@@ -40,6 +44,7 @@ def space_time_rrt(
     hints: Array | None = None,
     linger: bool = False,
     seed: int = 0,
+    watch: Stopwatch | None = None,
 ) -> SpaceTimePath | None:
     """Return a path to one of several goals that arrives early, or None.
 
@@ -59,7 +64,9 @@ def space_time_rrt(
         linger: a robot that has to wait does so early on the way, not late: where it is, rather
             than where it is in the way of others.
         seed: of all random numbers.
+        watch: told how long shortcuts and new times of paths that were found take.
     """
+    watch = Stopwatch() if watch is None else watch
     goals = np.array(goals, dtype=np.float64)
     start = checker.start_configuration()
     model, first = checker.model, checker.start
@@ -76,9 +83,12 @@ def space_time_rrt(
     # Some while after all others have stopped nothing changes any more.
     calm = max(checker.world.end, earliest)
     horizon = min(latest, calm + 4.0 * least + 20.0)
-    search = _Search(checker, query, settings, seed, earliest, least, horizon)
+    search = _Search(checker, query, settings, seed, earliest, least, horizon, watch)
     found = search.run(np.empty((0, len(start))) if hints is None else hints)
-    return delayed(checker, found, query) if linger and found is not None else found
+    if found is None or not linger:
+        return found
+    with watch.time(POSTPROCESSING):
+        return delayed(checker, found, query)
 
 
 def query_to(
@@ -118,6 +128,7 @@ class _Search:
         earliest: no path arrives before [s].
         least: time that speeds allow to the nearest goal [s].
         horizon: no later arrival is looked at [s].
+        watch: what takes how long.
     """
 
     checker: SpaceTimeChecker
@@ -127,6 +138,7 @@ class _Search:
     earliest: float
     least: float
     horizon: float
+    watch: Stopwatch
 
     def run(self, hints: Array) -> SpaceTimePath | None:
         settings = self.settings
@@ -179,7 +191,8 @@ class _Search:
             if clear and k == len(counts) - 1:
                 best = path
             else:
-                best = retimed(checker, path, query, latest) or best
+                with self.watch.time(POSTPROCESSING):
+                    best = retimed(checker, path, query, latest) or best
         return best
 
     def _base_paths(self) -> list[Array]:
@@ -220,11 +233,12 @@ class _Search:
     def _improve(self, found: SpaceTimePath, seed: int) -> SpaceTimePath:
         """Return a path that goes less far, and arrives no later."""
         settings, checker, query = self.settings, self.checker, self.query
-        for turn in range(3):
-            before = found.arrival
-            tries = settings.shortcuts
-            found = shorten(checker, found, query, tries, 8 * seed + turn)
-            found = retimed(checker, found, query, found.arrival) or found
-            if found.arrival > before - settings.good_enough_s:
-                break
+        with self.watch.time(POSTPROCESSING):
+            for turn in range(3):
+                before = found.arrival
+                tries = settings.shortcuts
+                found = shorten(checker, found, query, tries, 8 * seed + turn)
+                found = retimed(checker, found, query, found.arrival) or found
+                if found.arrival > before - settings.good_enough_s:
+                    break
         return found

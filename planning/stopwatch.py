@@ -9,7 +9,7 @@ from time import perf_counter, process_time
 
 
 class Stopwatch:
-    """Adds up times by name.
+    """Adds up times by name; a block within another one counts for its own name alone.
 
     Attributes:
         seconds: wall-clock seconds by name.
@@ -19,13 +19,17 @@ class Stopwatch:
     def __init__(self) -> None:
         self.seconds: Counter[str] = Counter()
         self.cpu: Counter[str] = Counter()
+        self._within = [0.0, 0.0]
 
     @contextmanager
     def time(self, name: str) -> Iterator[None]:
         """Add the time that the block takes to a name."""
         wall, cpu = perf_counter(), process_time()
+        around, self._within = self._within, [0.0, 0.0]
         try:
             yield
         finally:
-            self.seconds[name] += perf_counter() - wall  # type: ignore[assignment]
-            self.cpu[name] += process_time() - cpu  # type: ignore[assignment]
+            spent = perf_counter() - wall, process_time() - cpu
+            self.seconds[name] += spent[0] - self._within[0]  # type: ignore[assignment]
+            self.cpu[name] += spent[1] - self._within[1]  # type: ignore[assignment]
+            self._within = [a + b for a, b in zip(around, spent, strict=True)]
