@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -75,15 +75,17 @@ def room_of(module: str) -> str:
     return module.rpartition(".")[0].replace(".", "/")
 
 
-def imports(code: Mapping[str, ast.Module]) -> nx.DiGraph[str]:
-    """Return the rooms and an arrow to each room from those that import a module of it."""
+def imports(
+    code: Mapping[str, ast.Module], place: Callable[[str], str] = room_of
+) -> nx.DiGraph[str]:
+    """Return the rooms, or other places of modules, and an arrow to each from those that import of it."""
     graph: nx.DiGraph[str] = nx.DiGraph()
     for name, tree in code.items():
         if not name.endswith("__init__") or tree.body[1:]:
-            graph.add_node(room_of(name))
+            graph.add_node(place(name))
         for target in _targets(tree, code):
-            if room_of(target) != room_of(name):
-                graph.add_edge(room_of(name), room_of(target))
+            if place(target) != place(name):
+                graph.add_edge(place(name), place(target))
     return graph
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import networkx as nx
@@ -48,14 +49,15 @@ def test_imports_point_from_twin_over_scheduling_to_planning(
         assert height[one.split("/")[0]] <= height[other.split("/")[0]], (one, other)
 
 
-def test_no_room_imports_itself_by_way_of_others(
-    code: dict[str, ast.Module], rooms: nx.DiGraph[str]
+@pytest.mark.parametrize("place", [HOUSE.room_of, str], ids=["rooms", "files"])
+def test_nothing_imports_itself_by_way_of_others(
+    code: dict[str, ast.Module], place: Callable[[str], str]
 ) -> None:
     try:
-        circle = [one for one, _ in nx.find_cycle(rooms)]
+        circle = [one for one, _ in nx.find_cycle(HOUSE.imports(code, place))]
     except nx.NetworkXNoCycle:
         return
-    pytest.fail(f"rooms import each other: {' -> '.join([*circle, circle[0]])}")
+    pytest.fail(f"they import each other: {' -> '.join([*circle, circle[0]])}")
 
 
 def test_a_package_that_is_imported_whole_is_an_arrow() -> None:

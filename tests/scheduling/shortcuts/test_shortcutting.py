@@ -29,9 +29,10 @@ from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TemporalPlanGr
 from scheduling.invariant import check_invariant
 from scheduling.shortcuts import replacement_check as shortcut_check
 from scheduling.shortcuts import scenery
-from scheduling.shortcuts.candidates import runs_beside_waits, waits
+from scheduling.shortcuts.board import Board
 from scheduling.shortcuts.replacement_check import Swap, splice_edges
-from scheduling.shortcuts.shortcutting import Board, shorten_tpg
+from scheduling.shortcuts.shortcutting import shorten_tpg
+from scheduling.shortcuts.sidesteps import runs_beside_waits, waits
 from scheduling.verification.verify import verify_plan
 from tests.scheduling.algorithm_one import (
     PlainGraph,

@@ -1,0 +1,286 @@
+"""The graph while shortcuts are searched: runs that may be shortened, and what a candidate would change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from planning.motion.speed import SpeedModel, path_duration
+from planning.transforms import Array
+from scheduling.conflicts.derived_tpg import DerivedTpg, StretchConflicts, nodes_stretch
+from scheduling.graph.dispatcher import latest_ends
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
+from scheduling.shortcuts.candidates import (
+    CORNER,
+    SHAPES,
+    SMOOTH,
+    candidate_path,
+    corners,
+    find_spans,
+    new_nodes,
+)
+from scheduling.shortcuts.replacement_check import (
+    EARLY,
+    IN_PLACE,
+    LATE,
+    GraphPieces,
+    Rivals,
+    Swap,
+    in_order,
+    rewire,
+    stands_stay_clear,
+)
+from scheduling.shortcuts.scenery import KnownWays, Scenery
+
+_LATER = 1e-9
+"""Makespans that differ by less are the same [s]."""
+
+_GAIN = 1e-6
+"""Least time that a shortcut has to save its robot [s]."""
+
+_LEAST = 5e-5
+"""Least time that a shortcut has to save its robot, as a share of the makespan."""
+
+_WORTH = 3e-4
+"""Shortcuts go on while those of a window shorten the makespan by this share of it."""
+
+_FEWEST = 500
+"""Least number of candidates in a window."""
+
+_PASSES = 2
+"""How often each run is smoothed as a whole."""
+
+_SLACK = 1e-3
+"""The makespan hangs on nodes that could end less than this later [s]."""
+
+
+Candidate = tuple[int, int, int, Array]
+"""A span, the nodes of it to replace, and the path that takes their place."""
+
+
+class Board:
+    """The graph as it is now, and the runs of it that may be shortened.
+
+    Args:
+        tpg: the graph.
+        speeds: speed model of each robot.
+        step: longest time between pose nodes [s].
+        passes: how often each run is smoothed as a whole.
+        known, conflicts: what was found for other graphs, None to find all anew.
+
+    Attributes:
+        graph: as it is now.
+        spans: the runs.
+        window: how many candidates have to be worth it together, see ``shorten_tpg``.
+    """
+
+    def __init__(
+        self,
+        tpg: TemporalPlanGraph,
+        speeds: Mapping[str, SpeedModel],
+        step: float,
+        *,
+        passes: int = _PASSES,
+        known: KnownWays | None = None,
+        conflicts: StretchConflicts | None = None,
+    ) -> None:
+        self.graph = DerivedTpg(tpg)
+        self.spans = find_spans(self.graph)
+        self._speeds = speeds
+        self._step = step
+        self._scenery = Scenery(known)
+        self._pieces = GraphPieces(tpg, self.spans, conflicts)
+        self.window = max(_FEWEST, len(self.spans) // 2)
+        self._least = max(_GAIN, _LEAST * self.makespan)
+        self._tried: set[int] = set()
+        self._smoothing = False
+        self._passes = passes
+        self._parts: list[tuple[int, int, int]] = []
+        self._excess = np.array([self._span_excess(k) for k in range(len(self.spans))])
+        self._critical = self._find_critical()
+
+    @property
+    def makespan(self) -> float:
+        """Of the graph as it is now [s]."""
+        return float(self.graph.rollout.makespan)
+
+    def worth(self, before: float) -> bool:
+        """Tell whether the plan has become shorter by enough to go on [s]."""
+        return before - self.makespan >= _WORTH * self.makespan
+
+    @property
+    def searched(self) -> bool:
+        """True when every run that matters has been smoothed as a whole, more than once."""
+        return self._passes == 0
+
+    def step(self, rng: np.random.Generator) -> None:
+        """Draw a candidate, and take it if it pays; of one that does not, parts might."""
+        drawn = self.draw(rng)
+        if drawn is not None:
+            taken = self.try_candidate(*drawn)
+            if self._smoothing and not taken:
+                self._split(*drawn[:3])
+
+    def _span_excess(self, which: int) -> float:
+        span = self.spans[which]
+        return self._most_saved(span.chain, span.first, span.last)
+
+    def _find_critical(self) -> list[int]:
+        graph, flat = self.graph, self.graph.flat
+        latest = latest_ends(graph.tpg, graph.rollout, flat=flat)
+        slack = np.concatenate(latest) - np.concatenate(graph.rollout.end)
+        tight = np.concatenate([[0], np.cumsum(slack < _SLACK)])
+        first = np.array([flat.first[s.chain] + s.first for s in self.spans], np.int64)
+        last = np.array([flat.first[s.chain] + s.last for s in self.spans], np.int64)
+        return np.flatnonzero(tight[last + 1] > tight[first]).tolist()
+
+    def draw(self, rng: np.random.Generator) -> Candidate | None:
+        """Return a span, the nodes of it to replace, and the new path, or None."""
+        if not self._critical:
+            self._passes = 0
+            return None
+        part = self._next_part()
+        self._smoothing = part is not None
+        if part is not None:
+            return self._smoothed(*part, rng)
+        excess = np.maximum(self._excess[self._critical], 0.0)
+        total = np.cumsum(excess)
+        if total[-1] < self._least:
+            return None
+        at = int(np.searchsorted(total, rng.random() * total[-1], side="right"))
+        which = self._critical[min(at, len(total) - 1)]
+        span = self.spans[which]
+        first, last = span.first, span.last
+        shape = SHAPES[int(rng.integers(len(SHAPES)))]
+        if shape != CORNER or rng.random() < 0.5:
+            first, last = np.sort(
+                rng.integers(span.first, span.last + 1, size=2)
+            ).tolist()
+        if shape == SMOOTH:
+            return self._smoothed(which, first, last, rng)
+        if self._most_saved(span.chain, first, last) < self._least:
+            return None
+        path = candidate_path(self.way(span.chain, first, last), shape, rng)
+        return self._gaining(which, first, last, path)
+
+    def _next_part(self) -> tuple[int, int, int] | None:
+        """Return a part of a span to smooth: whole ones first, halves of those refused."""
+        if self._parts:
+            return self._parts.pop()
+        fresh = [k for k in self._critical if k not in self._tried]
+        if not fresh and self._passes:
+            # Those of the first pass had others around them that have moved since.
+            self._passes -= 1
+            if self._passes:
+                self._tried.clear()
+                fresh = self._critical
+        if not fresh:
+            return None
+        which = fresh[int(np.argmax(self._excess[fresh]))]
+        self._tried.add(which)
+        return which, self.spans[which].first, self.spans[which].last
+
+    def _smoothed(
+        self, which: int, first: int, last: int, rng: np.random.Generator
+    ) -> Candidate | None:
+        """Return a candidate as short as it can be made where nothing but what stands counts."""
+        chain = self.spans[which].chain
+        if self._most_saved(chain, first, last) < self._least:
+            return None
+        amid = self._scenery.amid(self.graph, chain, first, last)
+        speed = self._speeds[self.graph.tpg.chains[chain].robot]
+        old = corners(self.way(chain, first, last))
+        path = amid.smoothed(old, speed, rng)
+        return self._gaining(which, first, last, path)
+
+    def _split(self, which: int, first: int, last: int) -> None:
+        """Note the halves of nodes that could not be replaced as a whole, if they are many."""
+        span = self.spans[which]
+        count = last - first + 1
+        if count >= (span.last - span.first + 1) // 3 and count >= 8:
+            half, quarter = count // 2, count // 4
+            self._parts += [
+                (which, first + quarter, first + quarter + half),
+                (which, first + half, last),
+                (which, first, first + half),
+            ]
+
+    def _most_saved(self, chain: int, first: int, last: int) -> float:
+        """Return the time that a straight line would save [s]."""
+        if last <= first:
+            return 0.0
+        nodes, way = self.graph.tpg.chains[chain], self.way(chain, first, last)
+        direct = self._speeds[nodes.robot].duration(way[0], way[-1])
+        return float(nodes.duration[first : last + 1].sum()) - direct
+
+    def way(self, chain: int, first: int, last: int) -> Array:
+        """Return the waypoints from the start of a node to the end of another."""
+        nodes = self.graph.tpg.chains[chain]
+        return nodes.waypoints[nodes.first[first] - 1 : nodes.first[last + 1]]
+
+    def _gaining(
+        self, which: int, first: int, last: int, path: Array
+    ) -> Candidate | None:
+        """Return a candidate if it is faster than the nodes that it replaces."""
+        chain = self.graph.tpg.chains[self.spans[which].chain]
+        seconds = path_duration(path, self._speeds[chain.robot])
+        saved = float(chain.duration[first : last + 1].sum()) - seconds
+        if saved < self._least or seconds < _GAIN:
+            return None
+        return which, first, last, path
+
+    def try_candidate(
+        self,
+        which: int,
+        first: int,
+        last: int,
+        path: Array,
+        *,
+        sooner: float | None = None,
+    ) -> bool:
+        """Take a candidate if it is free, fits, and the plan does not end later.
+
+        Args:
+            which: the span.
+            first, last: nodes of it that would be replaced.
+            path: that would replace them, shape (w, n).
+            sooner: least time by which the plan has to end sooner [s]; it is then tried
+                everywhere in the order. None where it need not.
+        """
+        graph, index = self.graph, self.spans[which].chain
+        chain = graph.tpg.chains[index]
+        if not self._scenery.amid(graph, index, first, last).free(path):
+            return False
+        new = new_nodes(chain, first, last, path, self._speeds[chain.robot], self._step)
+        if new is None:
+            return False
+        swap = Swap(index, first, last)
+        stretch = nodes_stretch(graph, index, first, last + 1, new)
+        rivals = Rivals(graph, self._pieces, swap, stretch)
+        # Elsewhere in the order is worth a search for what may gain much.
+        choice = rivals.choice and (self._smoothing or sooner is not None)
+        latest = self.makespan + (_LATER if sooner is None else -sooner)
+        places = (IN_PLACE, LATE, EARLY) if choice else (IN_PLACE,)
+        if choice and self._late(rewire(graph, swap, new, rivals.outside), latest):
+            return False
+        for place in places:
+            ordered = in_order(graph, index, range(first, last + 1), place)
+            candidate = rewire(ordered, swap, new, rivals.edges(ordered))
+            if self._late(candidate, latest):
+                continue
+            if stands_stay_clear(candidate, self._pieces, swap, stretch):
+                self._take(candidate, which, swap)
+                return True
+        return False
+
+    @staticmethod
+    def _late(candidate: DerivedTpg, latest: float) -> bool:
+        """Tell whether a plan would end later than it may [s]."""
+        return candidate.rollout.makespan > latest
+
+    def _take(self, candidate: DerivedTpg, which: int, swap: Swap) -> None:
+        self.graph = candidate
+        self._pieces.splice(swap)
+        self._excess[which] = self._span_excess(which)
+        self._critical = self._find_critical()
