@@ -30,8 +30,8 @@ lint: $(VENV)/.installed-dev ## check style and types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-paper: $(VENV)/.installed ## measure the tables of both papers; goes on where it was interrupted
-	$(BIN)/python -m benchmarks.apex_mr
+paper: $(VENV)/.installed ## measure the tables of both papers, PUBLISHED=ROOT the published tasks, too; resumable
+	$(BIN)/python -m benchmarks.apex_mr $(if $(PUBLISHED),--published "$(PUBLISHED)")
 	$(BIN)/python -m benchmarks.construction
 
 clean: ## remove the environment, caches and runs
