@@ -1,4 +1,4 @@
-"""The experiments of Hartmann et al., measured here: four models, teams of 1 to 12 robots.
+"""The experiments of Hartmann et al., measured here: four models, teams of 1 to 12 robots, a handover.
 
     python -m benchmarks.construction                          # all of it, as `make paper` does
     python -m benchmarks.construction --models tower --robots 1 5 --seeds 2

@@ -36,21 +36,3 @@ def test_promises_name_tests_that_exist(page: str) -> None:
     named = set(re.findall(r"`(tests/[^`]+)`", text))
     assert len(named) > 10
     assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
-
-
-def test_the_page_of_the_papers_names_what_is_there() -> None:
-    """Each row says where something is, and what shows it, but for hardware and learning."""
-    text = (ROOT / "docs/reference/papers.md").read_text()
-    rows = [
-        line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")
-    ]
-    rows = [[cell.strip() for cell in row] for row in rows if row[0].strip("- ")]
-    assert len(rows) > 40
-    for what, where, differs, shown in rows:
-        absent = re.search(r"(hardware|learning): no|not yet", differs)
-        assert (where and shown) or absent, what
-        for name in re.findall(r"`([a-z_]+/[^` ]*)`", where + shown):
-            assert (ROOT / name.rstrip("/")).exists(), (what, name)
-        for name in re.findall(r"`python -m (benchmarks\.\w+)", where + shown):
-            module = ROOT / name.replace(".", "/")
-            assert module.is_dir() or module.with_suffix(".py").exists(), (what, name)
