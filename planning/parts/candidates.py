@@ -68,6 +68,7 @@ class PartCandidates:
         paths: of all candidates; the numbers of those in which the part changes hands in between
             follow those of the grips.
         blockers: by step, how often things were in the way.
+        count: number of first steps of which there are candidates.
         spares: steps with other parts of the kind in place of their own, by number and part.
     """
 
@@ -79,6 +80,7 @@ class PartCandidates:
     problem: AssignmentProblem
     paths: StepPaths = field(repr=False)
     blockers: Mapping[int, Counter[str]] = field(repr=False)
+    count: int
     spares: Mapping[tuple[int, str], PartStep] = field(default_factory=dict)
 
 
@@ -99,40 +101,60 @@ def find_candidates(cell: Workcell, assembly: PartAssembly) -> PartCandidates:
         InfeasibleStepError: a part would hang in the air, goes where something is or through it,
             is joined to something far from it, or something would fall.
     """
-    changes = find_tool_changes(cell, assembly.goals)
-    around = with_tools(cell, NO_TOOLS)
-    for _, words in wide_joints(around, assembly):
-        raise InfeasibleStepError(words)
-    steps = part_steps(around, assembly)
-    stand = stand_of_all(around, steps, assembly)
-    require_ways(around, assembly, steps)
-    keeps = {k + 1: last + 1 for k, last in sorted(stand.keeps.items())}
-    collector = PartCollector(cell, assembly, steps, keeps)
-    for k, step in enumerate(steps, start=1):
-        collector.add(k, step)
-    collector.pairing.pair_kept()
-    problem = collector.problem(
-        [step.words for step in assembly.steps],
-        [step.hold is not None for step in assembly.steps],
-        unlimited=frozenset(
-            step.part
-            for step in assembly.steps
-            if isinstance(step, PlacePart) and step.stop is not None
-        ),
-        mounted=changes.mounted,
-        changes=changes.costs,
-        kept=keeps,
-    )
-    return PartCandidates(
-        cell,
-        assembly,
-        changes,
-        steps,
-        stand.waits,
-        problem,
-        collector.paths,
-        collector.blockers,
-    )
+    return StepsAhead(cell, assembly).first(len(assembly.steps))
+
+
+class StepsAhead:
+    """Steps of an assembly of parts whose candidates are found when they are asked for, in order.
+
+    What is impossible of any of them, whoever does it, is said at once; see ``find_candidates``.
+    """
+
+    def __init__(self, cell: Workcell, assembly: PartAssembly) -> None:
+        self._cell, self._assembly = cell, assembly
+        self._changes = find_tool_changes(cell, assembly.goals)
+        around = with_tools(cell, NO_TOOLS)
+        for _, words in wide_joints(around, assembly):
+            raise InfeasibleStepError(words)
+        self._steps = part_steps(around, assembly)
+        stand = stand_of_all(around, self._steps, assembly)
+        require_ways(around, assembly, self._steps)
+        self._waits = stand.waits
+        self._keeps = {k + 1: last + 1 for k, last in sorted(stand.keeps.items())}
+        self._found = PartCollector(cell, assembly, self._steps, self._keeps)
+        self._count = 0
+
+    def first(self, count: int) -> PartCandidates:
+        """Return the candidates of so many first steps at least, of which none is kept hold of for later ones."""
+        found, assembly = self._found, self._assembly
+        more = range(self._count, count)
+        for k in more:
+            found.add(k + 1, self._steps[k])
+        found.pairing.pair_kept(more)
+        self._count = max(self._count, count)
+        problem = found.problem(
+            [step.words for step in assembly.steps],
+            [step.hold is not None for step in assembly.steps],
+            unlimited=frozenset(
+                step.part
+                for step in assembly.steps
+                if isinstance(step, PlacePart) and step.stop is not None
+            ),
+            mounted=self._changes.mounted,
+            changes=self._changes.costs,
+            kept=self._keeps,
+        )
+        return PartCandidates(
+            self._cell,
+            assembly,
+            self._changes,
+            self._steps,
+            self._waits,
+            problem,
+            found.paths,
+            found.blockers,
+            self._count,
+        )
 
 
 class PartCollector(CandidateCollector):

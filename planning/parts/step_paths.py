@@ -177,15 +177,16 @@ class Pairing:
             )
             self.found.incompatible |= {(p, s) for p in bad}
 
-    def pair_kept(self) -> None:
-        """Find which candidates go together where robots keep hold of what they placed.
+    def pair_kept(self, steps: range) -> None:
+        """Find which candidates go together where robots keep hold of what they placed in some steps, from 0.
 
         Of every step of that sort the cheapest are taken, some for each robot, that leave others
         candidates to do each step until they may let go, and that lead away then. The rest is
         dropped.
         """
         # The last ones first: what others go with must be left when it is their turn.
-        for step in sorted(self.paths.keeps, reverse=True):
+        kept = (step for step in self.paths.keeps if step - 1 in steps)
+        for step in sorted(kept, reverse=True):
             enough: Counter[str] = Counter()
             for p, item in self._cheapest(step).items():
                 if enough[item.robot] < _ENOUGH and self._can_keep(p, item):

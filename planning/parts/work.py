@@ -8,7 +8,7 @@ from functools import partial
 from itertools import pairwise
 
 from planning.parts.assembly import PartAssembly, Work
-from planning.parts.candidates import PartCandidates, find_candidates
+from planning.parts.candidates import PartCandidates, StepsAhead
 from planning.parts.expansion import step_tasks, time_windows, waiting_tasks
 from planning.parts.spares import with_spares
 from planning.tasks.work import AssemblyWork
@@ -47,7 +47,7 @@ def _work_with(
         for item in candidates.cell.objects
     )
     moved = replace(candidates.cell, objects=objects)
-    return part_work(find_candidates(moved, candidates.assembly))
+    return part_work(StepsAhead(moved, candidates.assembly).first(candidates.count))
 
 
 def _passing(assembly: PartAssembly) -> dict[str, tuple[int, ...]]:

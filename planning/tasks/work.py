@@ -125,12 +125,18 @@ class WorkAhead:
         first: returns the work of the first so many of them.
         product: how many of them make a product; 0 where it is not products that are ordered.
         wanted: how many are wanted at first, where it is.
+        together: how many are planned together, one product or several.
     """
 
     steps: int
     first: Callable[[int], AssemblyWork]
     product: int = 0
     wanted: int = 0
+    together: int = 1
+
+    def whole(self, count: int) -> int:
+        """Return a number of first steps, with those that are planned together with the last of them."""
+        return min(-(-count // self.together) * self.together, self.steps)
 
 
 class TaskHistory:

@@ -407,7 +407,7 @@ class Recovery:
             self.motions = self._window.of_first(self.motions, count)
             ledger.closed = True
             for step in self._window.all_steps(self._task_plan):
-                if step > first:
+                if step > count and step != first:
                     ledger.give_up(step, f"step {first} is given up")
             if self._window.in_products:
                 # Of a product that cannot be made nothing is begun; nor was it there before.

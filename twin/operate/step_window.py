@@ -58,7 +58,7 @@ class StepWindow:
         """Return how many first steps are planned after so many."""
         assert self._ahead is not None
         assert self._section is not None
-        return min(planned + self._section.steps, self._ahead.steps)
+        return self._ahead.whole(planned + self._section.steps)
 
     @property
     def in_products(self) -> bool:
@@ -66,8 +66,8 @@ class StepWindow:
         return self._product > 0
 
     def whole_products(self, steps: int) -> int:
-        """Return how many of some first steps make whole products; all where it is not products that are ordered."""
-        return steps - steps % self._product if self.in_products else steps
+        """Return how many of some first steps make whole products; all where steps are not of products."""
+        return steps if self._ahead is None else steps - steps % self._ahead.together
 
     def ordered(self, given_up: Collection[int], more: int) -> int:
         """Return how many first steps there are to be, those of spare products among them.

@@ -57,7 +57,10 @@ class PlannedMotions:
     ahead: WorkAhead | None = field(default=None, kw_only=True)
 
 
-NO_WINDOW = "execution.window: only steps of a LEGO assembly can be planned some at a time: leave it out"
+NO_WINDOW = (
+    "execution.window: only steps of a LEGO assembly, and products of a line whose steps are listed and whose"
+    " parts are not alike, can be planned some at a time: leave it out"
+)
 
 
 class AssemblyKind(Protocol):

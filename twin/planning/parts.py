@@ -150,14 +150,31 @@ class PartKind(AssemblyKind):
         return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of products, where there are spare ones; see ``AssemblyKind``."""
-        from planning.tasks.work import WorkAhead
+        """Return the work of any number of products; see ``AssemblyKind``.
 
-        if self.wanted_steps() == self.steps():
+        Where there are spare ones all are looked at beforehand, else each when it is planned.
+        """
+        from planning.parts.candidates import StepsAhead
+        from planning.parts.work import part_work
+        from planning.tasks.work import WorkAhead
+        from twin.planning.goals import ASSIGNMENT
+
+        section, period = self.section, len(listed_steps(self.section))
+        if self.wanted_steps() < self.steps():
+            _, work = self._work(cell, watch)
+            return WorkAhead(
+                self.steps(), work.of_first, period, self.wanted_steps(), period
+            )
+        assembly = assembly_of(self.line)
+        if self.line.products == 1 or section.order == "find" or assembly.alike:
             return super().ahead(cell, watch)
-        _, work = self._work(cell, watch)
-        period = len(listed_steps(self.section))
-        return WorkAhead(self.steps(), work.of_first, period, self.wanted_steps())
+        with watch.stage("assignment", ASSIGNMENT):
+            known = StepsAhead(cell, assembly)
+
+        def first(count: int) -> AssemblyWork:
+            return part_work(known.first(count)).of_first(count)
+
+        return WorkAhead(self.steps(), first, together=period)
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
         """Return what is built, and its work."""

@@ -81,7 +81,7 @@ def plan_first_steps(
     cell = build_workcell(scenario, folder, kind)
     ahead = kind.ahead(cell, watch)
     with watch.stage("assignment"):
-        work = ahead.first(min(count, ahead.steps))
+        work = ahead.first(ahead.whole(count))
     settings = motion_settings(scenario, cell, folder)
     motions = plan_in_turns(cell, work.assembly, work, settings, watch)
     return replace(kind.finished(motions), ahead=ahead)

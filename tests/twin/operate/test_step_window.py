@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -17,20 +18,26 @@ from planning.lego.skills.candidates import (
     find_candidates,
     no_candidates,
 )
+from planning.parts.candidates import StepsAhead
+from planning.parts.candidates import find_candidates as find_parts
 from planning.tasks.assignment import AssignmentProblem
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import STACK, lost, operated
+from tests.twin.operate.operated import STACK, lost, operated, require_own_contacts
 from tests.twin.program import invoke
 from twin.planning.build_workcell import build_workcell
+from twin.planning.kind import assembly_kind
 from twin.planning.lego import build_lego
+from twin.planning.part_assembly.built import assembly_of
+from twin.planning.parts import PartKind
 from twin.run.folder import EVENTS, SUMMARY
 from twin.scenario.sections.lego import LegoSection
-from twin.trial.loaded_scenario import load
+from twin.trial.loaded_scenario import LoadedScenario, load
 from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 
+ASSEMBLY = Path(__file__).parents[3] / "scenarios" / "assembly"
 Planned = Callable[[int, int], PlanResult]
 
 
@@ -115,12 +122,6 @@ def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
     for count in (1, 3, 4):
         known = candidates_up_to(known, count)
 
-    def told(problem: AssignmentProblem) -> tuple[object, ...]:
-        clashes = {
-            (problem.primaries[p], problem.supports[s]) for p, s in problem.incompatible
-        }
-        return problem.steps, problem.primaries, problem.supports, clashes
-
     assert told(known.problem) == told(whole)
 
 
@@ -144,8 +145,58 @@ def test_it_is_resumed_after_a_kill(stack_file: Path, tmp_path: Path) -> None:
     assert after["makespan_sequential_s"] == before["makespan_sequential_s"]
 
 
-def test_other_kinds_are_looked_at_as_a_whole() -> None:
-    file = Path(__file__).parents[3] / "scenarios" / "assembly" / "magazine.yaml"
-    case = load(file).varied({"window": {"steps": 2}})
-    with pytest.raises(RequestError, match="only steps of a LEGO assembly"):
+KITS = 5
+
+
+@pytest.fixture(scope="module")
+def line() -> LoadedScenario:
+    """Five kits of four steps each, from a conveyor and three feeders."""
+    return load(ASSEMBLY / "kitting.yaml").varied({"assembly.products.count": KITS})
+
+
+def test_products_are_looked_at_one_after_another(line: LoadedScenario) -> None:
+    kind = assembly_kind(line.sections.assembly).written_out()
+    assert isinstance(kind, PartKind)
+    cell, assembly = build_workcell(line.sections, line.folder, kind), kind.line
+    whole = find_parts(cell, assembly_of(assembly))
+    ahead = StepsAhead(cell, assembly_of(assembly))
+    for count in (4, 12, 8, 4 * KITS):
+        some = ahead.first(count).problem.of_first(count)
+        assert told(some) == told(whole.problem.of_first(count))
+
+
+def told(problem: AssignmentProblem) -> tuple[object, ...]:
+    """Return what a problem is made of, whatever the numbers of its candidates."""
+    clashes = {
+        (problem.primaries[p], problem.supports[s]) for p, s in problem.incompatible
+    }
+    return problem.steps, problem.primaries, problem.supports, clashes
+
+
+@pytest.mark.parametrize(
+    ("chance", "seed"),
+    [(0.0, 0), *(pytest.param(0.15, k, marks=pytest.mark.nightly) for k in range(6))],
+)
+def test_whole_products_of_a_line_are_planned_at_a_time(
+    line: LoadedScenario, chance: float, seed: int
+) -> None:
+    plan = plan_to_operate(line.varied({"window": {"steps": 6, "least": 2}}))
+    assert len(plan.motions.task_plan.choices) == 4
+    done, events = operated(plan, seed, **lost(chance))
+    check_invariant(DerivedTpg(done.tpg))
+    require_own_contacts(done.tpg)
+    assert verify_plan(done.tpg).problems == ()
+    placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
+    assert placed | done.given_up.keys() == set(range(1, 4 * KITS + 1))
+    if not chance:
+        assert not done.given_up
+        told = " ".join(e.detail for e in events if e.kind == "replanned")
+        comes = re.findall(r"steps (\d+) to (\d+) come next", told)
+        assert comes == [("5", "12"), ("13", "20")]
+
+
+@pytest.mark.parametrize("name", ["magazine", "truss"])
+def test_other_kinds_are_looked_at_as_a_whole(name: str) -> None:
+    case = load(ASSEMBLY / f"{name}.yaml").varied({"window": {"steps": 2}})
+    with pytest.raises(RequestError, match="only steps of a LEGO assembly, and prod"):
         plan_to_operate(case)

@@ -43,7 +43,7 @@ class StepWindowSection(Section):
     """How many steps ``twin operate`` plans ahead, in place of all at once.
 
     Attributes:
-        steps: that are planned at a time.
+        steps: that are planned at a time; of a line whole products with at least so many.
         least: when so many of them, or fewer, are not begun, the next ones are planned.
     """
 
