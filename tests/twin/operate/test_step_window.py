@@ -38,6 +38,7 @@ from twin.trial.plan_result import PlanResult
 from twin.trial.planning import plan_to_operate
 
 ASSEMBLY = Path(__file__).parents[3] / "scenarios" / "assembly"
+KITS = 5
 Planned = Callable[[int, int], PlanResult]
 
 
@@ -126,11 +127,16 @@ def test_candidates_are_those_of_all_steps_at_once(stack_file: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_it_is_resumed_after_a_kill(stack_file: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
+@pytest.mark.parametrize("kits", [0, KITS])
+def test_it_is_resumed_after_a_kill(
+    stack_file: Path, kits: int, tmp_path: Path
+) -> None:
+    run, file = tmp_path / "run", ASSEMBLY / "kitting.yaml" if kits else stack_file
     said = ("--set", "window={steps: 2, least: 1}", "--failures", "0.3")
+    if kits:
+        said = (*said, "--set", f"assembly.products.count={kits}")
     options = ("--no-recording", "--no-audit", "--quiet", "--out", str(run))
-    invoke("operate", str(stack_file), *said, *options)
+    invoke("operate", str(file), *said, *options)
     log = (run / EVENTS).read_text()
     assert "come next" in log
     lines = log.splitlines(keepends=True)
@@ -143,9 +149,6 @@ def test_it_is_resumed_after_a_kill(stack_file: Path, tmp_path: Path) -> None:
     assert (run / EVENTS).read_text() == log
     after = json.loads((run / SUMMARY).read_text())
     assert after["makespan_sequential_s"] == before["makespan_sequential_s"]
-
-
-KITS = 5
 
 
 @pytest.fixture(scope="module")
