@@ -170,8 +170,9 @@ class Recovery:
     def due(self, tpg: TemporalPlanGraph, released: Sequence[int]) -> bool:
         """Tell whether it is time to plan more steps of what is executed."""
         planned, ledger = len(self._executed.task_plan.choices), self._executed.ledger
+        last = self._window.last(ledger.given_up, ledger.more)
         return not ledger.closed and self._window.due(
-            tpg, released, planned, ledger.undone
+            tpg, released, planned, ledger.undone, last
         )
 
     @property
@@ -196,7 +197,8 @@ class Recovery:
         self._restore(self._executed)
         planned = executed = len(self._task_plan.choices)
         if self.due(tpg, incident.released):
-            planned = self._window.after(executed)
+            last = self._window.last(self._ledger.given_up, incident.more)
+            planned = self._window.after(executed, last)
         self._reach = planned
         self.motions = self._window.of_first(self.motions, planned)
         self._ledger.more = incident.more
@@ -391,9 +393,9 @@ class Recovery:
         """Look at the steps of as many products as are ordered, in place of others that are not made among them."""
         ledger, motions = self._ledger, self.motions
         assert motions.work is not None
-        ordered = (
-            0 if ledger.closed else self._window.ordered(ledger.given_up, ledger.more)
-        )
+        ordered = 0
+        if self._window.ordered_at_once and not ledger.closed:
+            ordered = self._window.last(ledger.given_up, ledger.more)
         count = max(len(self._task_plan.choices), self._reach, ordered)
         if count != len(motions.work.problem.steps):
             self.motions = self._window.of_first(motions, count)

@@ -36,7 +36,8 @@ class StepWindow:
         tpg: TemporalPlanGraph,
         released: Sequence[int],
         planned: int,
-        given_up: Collection[int],
+        undone: Collection[int],
+        last: int,
     ) -> bool:
         """Tell whether it is time to plan more steps than the first so many.
 
@@ -44,21 +45,22 @@ class StepWindow:
             tpg: what is executed.
             released: how many nodes of each chain have been released.
             planned: number of first steps that are planned.
-            given_up: steps that are not done.
+            undone: steps that are not done.
+            last: how many there are to be.
         """
-        if self._ahead is None or self._section is None or planned == self._ahead.steps:
+        if self._section is None or planned >= last:
             return False
         left = sum(
-            step not in given_up and all(released[k] <= n for k, n in own.items())
+            step not in undone and all(released[k] <= n for k, n in own.items())
             for step, own in enumerate(self._first_nodes(tpg, planned), start=1)
         )
         return left <= self._section.least
 
-    def after(self, planned: int) -> int:
-        """Return how many first steps are planned after so many."""
+    def after(self, planned: int, last: int) -> int:
+        """Return how many first steps are planned after so many, where there are to be some more."""
         assert self._ahead is not None
         assert self._section is not None
-        return self._ahead.whole(planned + self._section.steps)
+        return min(self._ahead.whole(planned + self._section.steps), last)
 
     @property
     def in_products(self) -> bool:
@@ -69,20 +71,27 @@ class StepWindow:
         """Return how many of some first steps make whole products; all where steps are not of products."""
         return steps if self._ahead is None else steps - steps % self._ahead.together
 
-    def ordered(self, given_up: Collection[int], more: int) -> int:
-        """Return how many first steps there are to be, those of spare products among them.
+    @property
+    def ordered_at_once(self) -> bool:
+        """Whether all products that are ordered are planned at once."""
+        return self.in_products and self._section is None
+
+    def last(self, given_up: Collection[int], more: int) -> int:
+        """Return how many first steps there are to be, those of spare products among them; 0 where all are planned.
 
         Args:
             given_up: steps that are not done though they are wanted: others take the place of their products.
             more: products that have been ordered since.
         """
-        if self._ahead is None or not self.in_products:
+        if self._ahead is None:
             return 0
+        if not self.in_products:
+            return self._ahead.steps
         wanted = self._ahead.wanted + (self._lost(given_up) + more) * self._product
         return min(wanted, self._ahead.steps)
 
     def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
-        """Tell whether less is made than is wanted, of so many first steps that are planned; see ``ordered``."""
+        """Tell whether less is made than is wanted, of so many first steps that are planned; see ``last``."""
         if self._ahead is None or not self.in_products:
             return bool(given_up)
         made = planned // self._product - self._lost(given_up)

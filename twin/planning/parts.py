@@ -150,9 +150,9 @@ class PartKind(AssemblyKind):
         return self.finished(plan_in_turns(cell, assembly, work, settings, watch))
 
     def ahead(self, cell: Workcell, watch: StageWatch) -> WorkAhead:
-        """Return the work of any number of products; see ``AssemblyKind``.
+        """Return the work of any number of products, looked at when they are planned; see ``AssemblyKind``.
 
-        Where there are spare ones all are looked at beforehand, else each when it is planned.
+        All are looked at beforehand where that is one search, so only for the sake of spare ones.
         """
         from planning.parts.candidates import StepsAhead
         from planning.parts.work import part_work
@@ -160,21 +160,21 @@ class PartKind(AssemblyKind):
         from twin.planning.goals import ASSIGNMENT
 
         section, period = self.section, len(listed_steps(self.section))
-        if self.wanted_steps() < self.steps():
-            _, work = self._work(cell, watch)
-            return WorkAhead(
-                self.steps(), work.of_first, period, self.wanted_steps(), period
-            )
-        assembly = assembly_of(self.line)
-        if self.line.products == 1 or section.order == "find" or assembly.alike:
+        assembly, spare = assembly_of(self.line), self.wanted_steps() < self.steps()
+        searched = section.order == "find" or bool(assembly.alike)
+        if not spare and (searched or self.line.products == 1):
             return super().ahead(cell, watch)
+        counts = (period, self.wanted_steps()) if spare else (0, 0)
+        if searched:
+            _, work = self._work(cell, watch)
+            return WorkAhead(self.steps(), work.of_first, *counts, together=period)
         with watch.stage("assignment", ASSIGNMENT):
             known = StepsAhead(cell, assembly)
 
         def first(count: int) -> AssemblyWork:
             return part_work(known.first(count)).of_first(count)
 
-        return WorkAhead(self.steps(), first, together=period)
+        return WorkAhead(self.steps(), first, *counts, together=period)
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
         """Return what is built, and its work."""

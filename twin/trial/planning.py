@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.errors import PlanInvariantError, RequestError, ScenarioError
+from planning.errors import PlanInvariantError, ScenarioError
 from planning.motion.load_bound import load_bound_s
 from planning.tasks.task import (
     HANDLING,
@@ -22,7 +22,7 @@ from planning.tasks.task import (
 from scheduling.build_tpg import build_nodes
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.progress import Report, StageWatch, report_nothing
-from twin.planning.kind import NO_WINDOW, PlannedMotions, assembly_kind, timed
+from twin.planning.kind import PlannedMotions, assembly_kind, timed
 from twin.planning.part_assembly.built import repeated_plans
 from twin.planning.pipeline import (
     MOST_CANDIDATES,
@@ -109,9 +109,6 @@ def plan_to_operate(
         motions = plan_wanted(case.sections, case.folder, watch)
         plan = plan_best(case.sections, case.folder, watch, motions)
         return replace(plan, scenario=case)
-    kind = assembly_kind(case.sections.assembly).written_out()
-    if kind.wanted_steps() < kind.steps():
-        raise RequestError(NO_WINDOW)
     first = plan_first_steps(case.sections, case.folder, watch, window.first)
     # Shortened as much as the steps that come after them will be.
     few = case.sections.execution.recovery.shortcuts

@@ -198,6 +198,23 @@ def test_whole_products_of_a_line_are_planned_at_a_time(
         assert comes == [("5", "12"), ("13", "20")]
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [0, 1, 4, 7])
+def test_spare_products_come_into_the_window_when_others_are_lost(
+    line: LoadedScenario, seed: int
+) -> None:
+    products = {"count": 3, "spare": 4, "leave_s": 1.0}
+    window = {"steps": 4, "least": 2}
+    some = line.varied({"assembly.products": products, "window": window})
+    done, _ = operated(plan_to_operate(some), seed, **lost(0.15))
+    check_invariant(DerivedTpg(done.tpg))
+    assert verify_plan(done.tpg).problems == ()
+    assert done.record.outcome == "completed"
+    placed = {t.step for t in done.tpg.tasks if t.kind == "place-down"}
+    whole = placed - {k for n in done.scrapped for k in range(4 * n - 3, 4 * n + 1)}
+    assert len(whole) == 4 * 3
+
+
 @pytest.mark.parametrize("name", ["magazine", "truss"])
 def test_other_kinds_are_looked_at_as_a_whole(name: str) -> None:
     case = load(ASSEMBLY / f"{name}.yaml").varied({"window": {"steps": 2}})
