@@ -61,14 +61,16 @@ class RowStore:
 
 def _commit(root: Path) -> str:
     """Return which commit the sources are of, with a mark where they differ from it."""
-    done = subprocess.run(
-        ["git", "describe", "--always", "--dirty=+", "--exclude=*"],
-        cwd=root,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return done.stdout.strip() or "unknown"
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", *arguments], cwd=root, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip()
+
+    # Results that have been written are no other program.
+    differs = git("status", "--porcelain", "--", *_PACKAGES)
+    return (git("rev-parse", "--short", "HEAD") or "unknown") + "+" * bool(differs)
 
 
 def program_hash(root: Path, machine: str) -> str:
