@@ -31,6 +31,11 @@ def part_work(candidates: PartCandidates) -> AssemblyWork:
     )
 
 
+def first_work(known: StepsAhead, count: int) -> AssemblyWork:
+    """Return the assembly work of the first so many steps, see ``StepsAhead``."""
+    return part_work(known.first(count)).of_first(count)
+
+
 def _spare_work(
     candidates: PartCandidates, step: int, there: Collection[str]
 ) -> AssemblyWork | None:

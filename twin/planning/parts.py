@@ -155,7 +155,7 @@ class PartKind(AssemblyKind):
         All are looked at beforehand where that is one search, so only for the sake of spare ones.
         """
         from planning.parts.candidates import StepsAhead
-        from planning.parts.work import part_work
+        from planning.parts.work import first_work
         from planning.tasks.work import WorkAhead
         from twin.planning.goals import ASSIGNMENT
 
@@ -169,11 +169,7 @@ class PartKind(AssemblyKind):
             _, work = self._work(cell, watch)
             return WorkAhead(self.steps(), work.of_first, *counts, together=period)
         with watch.stage("assignment", ASSIGNMENT):
-            known = StepsAhead(cell, assembly)
-
-        def first(count: int) -> AssemblyWork:
-            return part_work(known.first(count)).of_first(count)
-
+            first = partial(first_work, StepsAhead(cell, assembly))
         return WorkAhead(self.steps(), first, *counts, together=period)
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
