@@ -412,6 +412,7 @@ class Recovery:
                 if step > count and step != first:
                     ledger.give_up(step, f"step {first} is given up")
             if self._window.in_products:
+                self._reach = count
                 # Of a product that cannot be made nothing is begun; nor was it there before.
                 for step in [k for k in ledger.given_up if k > count]:
                     del ledger.given_up[step]

@@ -215,6 +215,21 @@ def test_spare_products_come_into_the_window_when_others_are_lost(
     assert len(whole) == 4 * 3
 
 
+@pytest.mark.nightly
+def test_an_order_of_products_ends_where_nobody_can_make_the_next_ones() -> None:
+    """The cart is out before the products that come into the window are begun."""
+    products = {"count": 4, "spare": 1, "leave_s": 1.0}
+    window = {"steps": 5, "least": 2}
+    case = load(ASSEMBLY / "machine_tending.yaml")
+    plan = plan_to_operate(
+        case.varied({"assembly.products": products, "window": window})
+    )
+    outages = [{"robot": "cart", "at_s": 56.92}]
+    done, _ = operated(plan, 249228, **lost(0.3), outages=outages)
+    assert done.record.outcome == "failed"
+    assert verify_plan(done.tpg).problems == ()
+
+
 @pytest.mark.parametrize("name", ["magazine", "truss"])
 def test_other_kinds_are_looked_at_as_a_whole(name: str) -> None:
     case = load(ASSEMBLY / f"{name}.yaml").varied({"window": {"steps": 2}})
