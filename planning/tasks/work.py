@@ -123,20 +123,22 @@ class WorkAhead:
     Attributes:
         steps: how many there are.
         first: returns the work of the first so many of them.
-        product: how many of them make a product; 0 where it is not products that are ordered.
-        wanted: how many are wanted at first, where it is.
-        together: how many are planned together, one product or several.
+        wanted: how many are wanted at first; fewer than all where further products may be ordered.
+        product: how many of them make a product, and are planned together; 1 where steps make none.
     """
 
     steps: int
     first: Callable[[int], AssemblyWork]
-    product: int = 0
-    wanted: int = 0
-    together: int = 1
+    wanted: int
+    product: int = 1
 
     def whole(self, count: int) -> int:
         """Return a number of first steps, with those that are planned together with the last of them."""
-        return min(-(-count // self.together) * self.together, self.steps)
+        return min(-(-count // self.product) * self.product, self.steps)
+
+    def made_of(self, steps: Iterable[int]) -> int:
+        """Return of how many products some steps are, from 1."""
+        return len({(step - 1) // self.product for step in steps})
 
 
 class TaskHistory:

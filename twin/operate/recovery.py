@@ -406,13 +406,12 @@ class Recovery:
         if new := [step for step in hopeless if step > planned]:
             first, ledger = min(new), self._ledger
             count = self._window.whole_products(first - 1)
-            self.motions = self._window.of_first(self.motions, count)
+            self._reach = count
             ledger.closed = True
             for step in self._window.all_steps(self._task_plan):
                 if step > count and step != first:
                     ledger.give_up(step, f"step {first} is given up")
             if self._window.in_products:
-                self._reach = count
                 # Of a product that cannot be made nothing is begun; nor was it there before.
                 for step in [k for k in ledger.given_up if k > count]:
                     del ledger.given_up[step]

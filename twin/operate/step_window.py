@@ -28,7 +28,6 @@ class StepWindow:
         self, section: StepWindowSection | None, motions: PlannedMotions
     ) -> None:
         self._section, self._ahead = section, motions.ahead
-        self._product = 0 if motions.ahead is None else motions.ahead.product
         self._begins: tuple[TemporalPlanGraph, list[dict[int, int]]] | None = None
 
     def due(
@@ -65,11 +64,11 @@ class StepWindow:
     @property
     def in_products(self) -> bool:
         """Whether what comes after the first steps is further products."""
-        return self._product > 0
+        return self._ahead is not None and self._ahead.wanted < self._ahead.steps
 
     def whole_products(self, steps: int) -> int:
         """Return how many of some first steps make whole products; all where steps are not of products."""
-        return steps if self._ahead is None else steps - steps % self._ahead.together
+        return steps if self._ahead is None else steps - steps % self._ahead.product
 
     @property
     def ordered_at_once(self) -> bool:
@@ -85,21 +84,17 @@ class StepWindow:
         """
         if self._ahead is None:
             return 0
-        if not self.in_products:
-            return self._ahead.steps
-        wanted = self._ahead.wanted + (self._lost(given_up) + more) * self._product
-        return min(wanted, self._ahead.steps)
+        ahead = self._ahead
+        wanted = ahead.wanted + (ahead.made_of(given_up) + more) * ahead.product
+        return min(wanted, ahead.steps)
 
     def is_short(self, given_up: Collection[int], more: int, planned: int) -> bool:
         """Tell whether less is made than is wanted, of so many first steps that are planned; see ``last``."""
         if self._ahead is None or not self.in_products:
             return bool(given_up)
-        made = planned // self._product - self._lost(given_up)
-        return made < self._ahead.wanted // self._product + more
-
-    def _lost(self, given_up: Collection[int]) -> int:
-        """Return how many products are not made whole."""
-        return len({(step - 1) // self._product for step in given_up})
+        ahead = self._ahead
+        made = planned // ahead.product - ahead.made_of(given_up)
+        return made < ahead.wanted // ahead.product + more
 
     def all_steps(self, plan: TaskPlan) -> range:
         """Return the numbers of all steps, those after the planned ones included."""

@@ -195,7 +195,7 @@ class LegoKind(AssemblyKind):
                 known = found
             return lego_work(found)
 
-        return WorkAhead(len(assembly.steps), first)
+        return WorkAhead(len(assembly.steps), first, len(assembly.steps))
 
     def finished(self, motions: PlannedMotions) -> PlannedMotions:
         """Return motions whose bricks have the colours of the places that they go to."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -160,17 +160,17 @@ class PartKind(AssemblyKind):
         from twin.planning.goals import ASSIGNMENT
 
         section, period = self.section, len(listed_steps(self.section))
+        first: Callable[[int], AssemblyWork]
         assembly, spare = assembly_of(self.line), self.wanted_steps() < self.steps()
         searched = section.order == "find" or bool(assembly.alike)
         if not spare and (searched or self.line.products == 1):
             return super().ahead(cell, watch)
-        counts = (period, self.wanted_steps()) if spare else (0, 0)
         if searched:
-            _, work = self._work(cell, watch)
-            return WorkAhead(self.steps(), work.of_first, *counts, together=period)
-        with watch.stage("assignment", ASSIGNMENT):
-            first = partial(first_work, StepsAhead(cell, assembly))
-        return WorkAhead(self.steps(), first, *counts, together=period)
+            first = self._work(cell, watch)[1].of_first
+        else:
+            with watch.stage("assignment", ASSIGNMENT):
+                first = partial(first_work, StepsAhead(cell, assembly))
+        return WorkAhead(self.steps(), first, self.wanted_steps(), period)
 
     def _work(self, cell: Workcell, watch: StageWatch) -> tuple[Any, AssemblyWork]:
         """Return what is built, and its work."""
