@@ -1,1 +1,0 @@
-"""An independent plant: PyBullet's dynamics follow exported trajectories."""
