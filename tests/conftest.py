@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,9 @@ import hypothesis
 import pytest
 from hypothesis.vendor.pretty import for_type_by_name
 from xdist.scheduler import LoadScopeScheduling
+
+# Tests run side by side: threads of linear algebra would only be in each other's way.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from tests.planned_once import PlannedOnce
@@ -57,6 +61,16 @@ def pytest_collection_modifyitems(
         if own is not None:
             more = hypothesis.settings(own, max_examples=10 * own.max_examples)
             test._hypothesis_internal_use_settings = more
+
+
+def pytest_collection_finish() -> None:
+    """Let the search for garbage leave alone what was imported, which stays."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_sessionfinish() -> None:
+    gc.unfreeze()
 
 
 class _Scopes(LoadScopeScheduling):

@@ -166,6 +166,7 @@ def test_clients_without_the_certificates_are_told_so(
             pass
 
 
+@pytest.mark.nightly
 def test_results_are_those_of_one_process(started: Started, tmp_path: Path) -> None:
     cluster = Cluster(started.address, started.certificates)
     with open_executor(cluster=cluster) as executor:

@@ -37,9 +37,18 @@ STACK = (
     - {brick: 2x4, at: [23, 15, 2]}
     - {brick: 2x4, at: [23, 15, 3]}
     - {brick: 2x4, at: [23, 15, 4]}
-planning: {shortcut_candidates: 300}
+planning: {shortcut_candidates: 30}
 """
 )
+
+
+FEW = {"planning.shortcut_candidates": 30, "recovery.shortcuts": 4}
+"""Few shortcuts: what is tried here has to do with none, and each plan is made anew many times."""
+
+
+def planned(file: Path, **values: Any) -> PlanResult:
+    """Return a plan of a scenario with few shortcuts, and with other values of it."""
+    return plan_to_operate(load(file).varied({**FEW, **values}))
 
 
 @cache
@@ -47,7 +56,7 @@ def stack(folder: Path) -> PlanResult:
     """Return the plan of the stack, whose file is written into a folder."""
     file = folder / "stack.yaml"
     file.write_text(STACK)
-    return plan_to_operate(load(file))
+    return planned(file)
 
 
 def operated(

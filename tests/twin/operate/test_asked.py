@@ -166,8 +166,8 @@ def test_the_program_asks_audits_and_resumes(plan: PlanResult, tmp_path: Path) -
     seed = seed_that_asks(plan, **settings)
     file, out = tmp_path / "stack.yaml", tmp_path / "run"
     failures = "  failures: {pick: {probability: 0.75, retries: 1, loses: 1.0}}\n"
-    asks = "  recovery: {again: 100, ask: {answer_s: 30, times: 50}}\n"
-    file.write_text(STACK + "execution:\n" + failures + asks)
+    few = "  recovery: {shortcuts: 4, again: 100, ask: {answer_s: 30, times: 50}}\n"
+    file.write_text(STACK + "execution:\n" + failures + few)
     invoke("operate", file, "--seed", seed, "--out", out, code=0)
     summary = json.loads((out / "summary.json").read_text())
     assert summary["audit"]["violations"] == []

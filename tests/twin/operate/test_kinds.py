@@ -13,7 +13,7 @@ from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import operated, stack
+from tests.twin.operate.operated import operated, planned, stack
 from twin.operate.operation import Operation
 from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
@@ -94,7 +94,7 @@ def inspected(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
         text = text.replace(old, new)
     file = tmp_path_factory.mktemp("inspected") / "inspected.yaml"
     file.write_text(text)
-    return plan_to_operate(load(file))
+    return planned(file)
 
 
 def test_what_is_rejected_is_worked_at_again(inspected: PlanResult) -> None:
@@ -132,6 +132,7 @@ def test_what_is_rejected_is_scrapped(inspected: PlanResult) -> None:
     assert taken.object == tried.object
 
 
+@pytest.mark.nightly
 def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> None:
     plan = plan_to_operate(load(TENDING.parents[1] / "lego" / "cliff.yaml"))
     own = {"probability": 0.15, "retries": 1, "loses": 0.5}
@@ -145,6 +146,7 @@ def test_what_a_step_that_is_begun_anew_waited_for_is_no_reason_to_give_up() -> 
     assert not verify_plan(done.tpg).problems
 
 
+@pytest.mark.nightly
 def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
     """It has taken the driver there for a screw of a cover that is lost meanwhile."""
     plan = plan_to_operate(load(SCENARIOS / "assembly" / "gearbox.yaml"))
@@ -159,6 +161,7 @@ def test_a_robot_leaves_the_rack_of_its_tools_as_it_would_have() -> None:
     assert audited(done, plan.scenario) == []
 
 
+@pytest.mark.nightly
 def test_who_keeps_hold_goes_nowhere_while_what_it_waits_for_is_done_again() -> None:
     plan = plan_to_operate(load(SCENARIOS / "assembly" / "truss.yaml"))
     fails = {"failures.weld": {"probability": 0.3, "retries": 0}}

@@ -147,8 +147,8 @@ def test_what_nobody_picks_cannot_be_late(plan: PlanResult) -> None:
 @pytest.fixture(scope="module")
 def limited(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     file = tmp_path_factory.mktemp("limited") / "stack.yaml"
-    few = "shortcut_candidates: 100, speed_model: limits"
-    file.write_text(STACK.replace("shortcut_candidates: 300", few))
+    few = "shortcut_candidates: 30, speed_model: limits"
+    file.write_text(STACK.replace("shortcut_candidates: 30", few))
     return plan_to_operate(load(file))
 
 

@@ -33,7 +33,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.invariant import check_invariant
 from scheduling.rolling.cut import state_at
 from scheduling.verification.verify import verify_plan
-from tests.twin.operate.operated import lost, operated
+from tests.twin.operate.operated import FEW, lost, operated
 from twin.operate.operation import Operation
 from twin.recorders.observers import MemoryRecorder
 from twin.run.throughput import line_summary
@@ -54,6 +54,7 @@ def plan() -> PlanResult:
     """Three products, each on a tray of its own."""
     case = load(ROOT / "machine_tending.yaml")
     few = {
+        **FEW,
         "assembly.products.count": PRODUCTS,
         "assembly.products.places": {"counts": [1, 1], "pitch_m": [0.1, 0.1]},
         "machines": {},
@@ -113,7 +114,7 @@ def test_without_failures_it_is_the_run(plan: PlanResult) -> None:
     require_clear(done)
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(seed=st.integers(0, 10_000), mill=st.sampled_from([0.0, 0.4]))
 @example(seed=14, mill=0.0)  # a blank that could not be picked twice lies in the source
 def test_whatever_fails_a_line_goes_on(

@@ -20,7 +20,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> PlanResult:
     return stack(tmp_path_factory.mktemp("stack"))
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     report_s=st.sampled_from([0.0, 1.0, 10.0]),

@@ -13,7 +13,7 @@ import pytest
 
 import twin
 from planning.errors import RequestError
-from tests.twin.operate.operated import STACK
+from tests.twin.operate.operated import FEW, STACK
 from twin.api.studies import Study
 from twin.operate.operation import Operation, operate
 from twin.study.folder import BLOCKS, PREVENTED, REPLICATIONS, SUMMARY
@@ -37,7 +37,7 @@ OFTEN = {
 def case(tmp_path_factory: pytest.TempPathFactory) -> LoadedScenario:
     file = tmp_path_factory.mktemp("stack") / "stack.yaml"
     file.write_text(STACK)
-    return load(file).varied(OFTEN)
+    return load(file).varied({**FEW, **OFTEN})
 
 
 @pytest.fixture(scope="module")
