@@ -15,6 +15,9 @@ from xdist.scheduler import LoadScopeScheduling
 # Tests run side by side: threads of linear algebra would only be in each other's way.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+FEW_EXAMPLES = 6
+"""Property tests that try no more than these try them all by day, others half of what they say."""
+
 if TYPE_CHECKING:
     from tests.planned_once import PlannedOnce
     from tests.shipped_runs import ShippedRuns
@@ -24,7 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--nightly",
         action="store_true",
-        help="ten times the examples of each property test, and tests marked nightly",
+        help="ten times the examples that each property test says, and tests marked nightly",
     )
 
 
@@ -46,21 +49,23 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(
     config: pytest.Config, items: list[pytest.Item]
 ) -> None:
-    """Put the longest files first; leave out what is for the night, or lengthen the rest for it."""
+    """Put the longest files first; leave what is for the night to it, half of the examples, too."""
     from tests.longest import ranks
 
     known = ranks()
     items.sort(key=lambda item: known.get(item.nodeid.split("::")[0], len(known)))
-    if not config.getoption("--nightly"):
+    nightly = config.getoption("--nightly")
+    if not nightly:
         late = {item for item in items if item.get_closest_marker("nightly")}
         config.hook.pytest_deselected(items=sorted(late, key=str))
         items[:] = [item for item in items if item not in late]
-        return
     for test in {getattr(item, "function", None) for item in items}:
         own = getattr(test, "_hypothesis_internal_use_settings", None)
         if own is not None:
-            more = hypothesis.settings(own, max_examples=10 * own.max_examples)
-            test._hypothesis_internal_use_settings = more
+            many = own.max_examples
+            tried = 10 * many if nightly else max(min(many, FEW_EXAMPLES), many // 2)
+            changed = hypothesis.settings(own, max_examples=tried)
+            test._hypothesis_internal_use_settings = changed
 
 
 def pytest_collection_finish() -> None:

@@ -24,7 +24,6 @@ from twin.engine.engine import Simulator
 from twin.operate.operation import Operation
 from twin.recorders.observers import MemoryRecorder
 from twin.run.windows import window_summary
-from twin.trial.loaded_scenario import load
 from twin.trial.plan_result import PlanResult
 from twin.trial.simulation import scenario_execution
 
