@@ -166,6 +166,32 @@ def _compiled(function: Function, **options: Any) -> Function:
     return cast(Function, dispatcher)
 
 
+@inner_kernel
+def copy_row(out: Any, values: Any) -> None:
+    """Write so many values to an array, both of one dimension, as the array takes.
+
+    numba compiles an assignment of slices with the words of an error for shapes that differ: seconds.
+    """
+    for k in range(len(out)):
+        out[k] = values[k]
+
+
+@inner_kernel
+def order_of_few(values: Any) -> Any:
+    """Return the places of a few numbers from the least to the greatest, equal ones as they stand.
+
+    It is an insertion: sorts of numba, for any number of them, take longer to compile than all else here.
+    """
+    order = np.arange(len(values))
+    for k in range(1, len(values)):
+        at = k
+        while at > 0 and values[order[at - 1]] > values[k]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = k
+    return order
+
+
 class _NoCollection(event.Listener):
     """Stops the search for garbage while anything is compiled, which makes a lot and leaves little."""
 

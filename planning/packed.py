@@ -8,6 +8,7 @@ one address and read a field, by its name, where they need it.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from typing import Any, TypeVar, cast
 from zlib import crc32
 
@@ -15,6 +16,7 @@ import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -27,6 +29,8 @@ from numba.extending import (
 )
 from numba.np import arrayobj
 from numba.np.numpy_support import from_dtype
+
+from planning.kernels import kernel
 
 Fields = TypeVar("Fields", bound=tuple[Any, ...])
 
@@ -76,6 +80,69 @@ if _read_address(_TRIED) == _described_address(_TRIED):
     _address = _read_address
 
 
+ROW = types.Array(types.float64, 1, "C")
+"""Type of an array of numbers, or of a row of such arrays."""
+
+
+class SharedKernel:
+    """A kernel that others call by an address which a packed tuple has.
+
+    A kernel is compiled into each that calls it. What many call, and what is long, makes the first run
+    of a program long: this one is compiled once for each type of tuple.
+
+    Args:
+        function: takes the packed tuple first.
+        returns: type of what it returns.
+        arguments: types of what it takes besides.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        returns: types.Type,
+        arguments: tuple[types.Type, ...],
+    ) -> None:
+        self._kernel: Any = kernel(function)
+        self._returns, self._arguments = returns, arguments
+        self._known: dict[PackedType, int] = {}
+
+    def address(self, own: PackedType) -> int:
+        """Return where its code for a type of packed tuple is; it is compiled where there is none."""
+        if own not in self._known:
+            signature = own, *self._arguments
+            self._kernel.compile(signature)
+            code = self._kernel.overloads[signature]
+            name = code.fndesc.llvm_func_name
+            self._known[own] = code.library.get_pointer_to_function(name)
+        return self._known[own]
+
+    def call_of(self, field: str) -> Any:
+        """Return what kernels call in its place: with a packed tuple that has it in a field, and a tuple of all else."""
+
+        @intrinsic
+        def call(typing: Any, own: Any, others: Any) -> Any:
+            if tuple(others) != self._arguments:
+                raise TypingError(f"{others} in place of {self._arguments}")
+            returned, taken = self._returns, (own, *self._arguments)
+
+            def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+                convention = context.call_conv
+                kind = convention.get_function_type(returned, taken)
+                address = _read_field(context, builder, own, args[0], field)
+                callee = builder.inttoptr(address, kind.as_pointer())
+                given = args[0], *cgutils.unpack_tuple(builder, args[1])
+                status, value = convention.call_function(
+                    builder, callee, returned, taken, given
+                )
+                with cgutils.if_unlikely(builder, status.is_error):
+                    convention.return_status_propagate(builder, status)
+                return value
+
+            return returned(own, others), code
+
+        return call
+
+
 class Packed:
     """A named tuple of arrays, numbers and packed tuples, handed to kernels by its address.
 
@@ -92,6 +159,7 @@ class Packed:
         """Write the header: numbers, addresses of packed tuples, addresses and shapes of arrays."""
         kinds: list[Any] = []
         header: list[int] = []
+        shared: list[tuple[int, SharedKernel]] = []
         for value in fields:
             if isinstance(value, np.ndarray):
                 if not value.flags.c_contiguous:
@@ -102,6 +170,10 @@ class Packed:
             elif isinstance(value, Packed):
                 kinds.append(value._numba_type_)
                 header.append(value.address)
+            elif isinstance(value, SharedKernel):
+                kinds.append(types.int64)
+                shared.append((len(header), value))
+                header.append(0)
             elif isinstance(value, float):
                 kinds.append(types.float64)
                 header.append(int(np.float64(value).view(np.int64)))
@@ -112,6 +184,8 @@ class Packed:
         self._header = np.array(header, dtype=np.int64)
         self.address = _address(self._header)
         self._numba_type_ = _packed_type(type(fields), tuple(kinds))
+        for slot, function in shared:
+            self._header[slot] = function.address(self._numba_type_)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy and pickle the fields: a header is of no use elsewhere."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from planning.cell.workcell import Attachment, PlacedRobot, Workcell
 from planning.construction.checks.moving_checks import (
+    CHECKS,
     clear_throughout,
     configuration_clear,
     motion_clear,
@@ -93,6 +94,7 @@ class SpaceTimeChecker:
                 ),
                 mover.bodies.limits_within(allowed),
             ),
+            CHECKS,
         )
 
     def start_configuration(self) -> Array:

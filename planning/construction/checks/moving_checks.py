@@ -8,23 +8,24 @@ times. So what is found free can become nodes of a temporal plan graph, see ``mo
 from __future__ import annotations
 
 import numpy as np
+from numba import boolean, float64
 
-from planning.construction.checks.scene import MoverScene, own_at, sweep_stretch
-from planning.construction.checks.still_checks import still_clear
+from planning.construction.checks.scene import Checks, MoverScene, own_at, sweep_stretch
+from planning.construction.checks.still_checks import STILL, still_clear
 from planning.construction.world.tracks import bodies_of, pieces_at, set_motion
 from planning.geometry.distance import boxes_apart
 from planning.geometry.moving_pairs import pieces_apart
 from planning.geometry.separation import HullTable
 from planning.geometry.swept import go_along, sweep_piece
 from planning.kernels import ZERO, inner_kernel, kernel
+from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
 
 _PROBE = 0.4
 """Places on motions longer than this are looked at first [s, rad or m]."""
 
 
-@inner_kernel
-def first_meeting(
+def _first_meeting(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
 ) -> float:
     """Return up to when a motion is clear of robots that move, infinity where all of it is [s].
@@ -243,16 +244,15 @@ def clear_throughout(
     return clear_of_tracks(scene, begin, finish)
 
 
-@kernel
-def configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
-    """Tell whether the robot may be at ``q``, shape (n,), at one instant."""
+def _configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
     # Robots are what is mostly in the way of what is asked for at one instant.
     sweep_stretch(scene, q, t, q, t, t, t)
     return clear_of_tracks(scene, t, t) and still_clear(scene, q, t, q, t, 0.0)
 
 
-@kernel
-def motion_clear(scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float) -> bool:
+def _motion_clear(
+    scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
+) -> bool:
     """Tell whether a whole motion is clear: its end and its middle first."""
     if not configuration_clear(scene, q1, t1):
         return False
@@ -265,3 +265,35 @@ def motion_clear(scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float) 
     return first_meeting(scene, q0, t0, q1, t1) == np.inf and still_clear(
         scene, q0, t0, q1, t1, 0.0
     )
+
+
+_MOTION = ROW, float64, ROW, float64
+CHECKS = Checks(
+    STILL,
+    SharedKernel(_first_meeting, float64, _MOTION),
+    SharedKernel(_configuration_clear, boolean, (ROW, float64)),
+    SharedKernel(_motion_clear, boolean, _MOTION),
+)
+_meeting = CHECKS.meeting.call_of("meeting")
+_configuration = CHECKS.configuration.call_of("configuration")
+_motion = CHECKS.motion.call_of("motion")
+
+
+@inner_kernel
+def first_meeting(
+    scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float
+) -> float:
+    """Return up to when a motion is clear of robots that move, infinity where all of it is [s]."""
+    return float(_meeting(scene, (q0, float(t0), q1, float(t1))))
+
+
+@kernel
+def configuration_clear(scene: MoverScene, q: Array, t: float) -> bool:
+    """Tell whether the robot may be at ``q``, shape (n,), at one instant."""
+    return bool(_configuration(scene, (q, float(t))))
+
+
+@kernel
+def motion_clear(scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float) -> bool:
+    """Tell whether a whole motion is clear."""
+    return bool(_motion(scene, (q0, float(t0), q1, float(t1))))

@@ -20,7 +20,7 @@ from planning.geometry.swept import (
     sweep_bodies,
 )
 from planning.kernels import inner_kernel
-from planning.packed import packed
+from planning.packed import SharedKernel, packed
 from planning.transforms import Array, Indices
 
 HALVINGS = 3
@@ -59,6 +59,22 @@ class Limits(NamedTuple):
     own: Array
 
 
+class Checks(NamedTuple):
+    """Checks of a motion, each of which is compiled once for all that ask.
+
+    Attributes:
+        still: is it clear of what lies still, and of itself?
+        meeting: up to when is it clear of robots that move?
+        configuration: is the robot clear of all at one instant?
+        motion: is all of it clear of all?
+    """
+
+    still: SharedKernel
+    meeting: SharedKernel
+    configuration: SharedKernel
+    motion: SharedKernel
+
+
 class MoverScene(NamedTuple):
     """A robot that moves, what it must keep clear of, and room to work in: one for each thread.
 
@@ -80,6 +96,7 @@ class MoverScene(NamedTuple):
         counting: 0, 1, 2, ...
         stack: stretches to be looked at, shape (256, 3).
         scratch: to compare hulls in.
+        still, meeting, configuration, motion: see Checks.
     """
 
     own: SweptBodies
@@ -100,6 +117,10 @@ class MoverScene(NamedTuple):
     counting: Indices
     stack: Array
     scratch: Scratch
+    still: SharedKernel
+    meeting: SharedKernel
+    configuration: SharedKernel
+    motion: SharedKernel
 
 
 def lay_out(
@@ -108,6 +129,7 @@ def lay_out(
     tracks: Tracks,
     boxes: StillBoxes,
     limits: Limits,
+    checks: Checks,
 ) -> MoverScene:
     """Return a scene. The carriers must outlive it.
 
@@ -117,6 +139,7 @@ def lay_out(
         tracks: the other robots.
         boxes: what lies still.
         limits: least distances.
+        checks: that others ask for.
     """
     hulls = [carrier.hulls for carrier in carriers]
     most = max(h.q_a.shape[1] for h in hulls)
@@ -146,6 +169,7 @@ def lay_out(
             np.arange(max(bodies, len(boxes.pose))),
             np.zeros((256, 3)),
             room_for(most, most, corners, corners),
+            *checks,
         )
     )
 

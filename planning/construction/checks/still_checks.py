@@ -5,6 +5,8 @@ Capsules propose pairs of bodies, hulls decide. A motion is halved until either 
 
 from __future__ import annotations
 
+from numba import boolean, float64
+
 from planning.construction.checks.scene import MoverScene, sweep_stretch
 from planning.geometry.clearing import pose_above
 from planning.geometry.distance import boxes_apart
@@ -12,6 +14,7 @@ from planning.geometry.moving_pairs import pairs_apart
 from planning.geometry.separation import APART, judge_hulls
 from planning.geometry.swept import NOWHERE, strays_at_box, strays_where_they_meet
 from planning.kernels import ZERO, inner_kernel
+from planning.packed import ROW, SharedKernel
 from planning.transforms import Array
 
 _CLEAR, _SPLIT, _BLOCKED = 0, 1, 2
@@ -24,8 +27,7 @@ _FINEST = 1e-3
 """Own bodies that are not proved apart when they stray less than this touch [m]."""
 
 
-@inner_kernel
-def still_clear(
+def _still_clear(
     scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
 ) -> bool:
     """Tell whether a motion is clear of all that lies still and of itself.
@@ -66,6 +68,18 @@ def still_clear(
         stack[depth + 1, 0], stack[depth + 1, 1] = lo, middle
         depth += 2
     return True
+
+
+STILL = SharedKernel(_still_clear, boolean, (ROW, float64, ROW, float64, float64))
+_call = STILL.call_of("still")
+
+
+@inner_kernel
+def still_clear(
+    scene: MoverScene, q0: Array, t0: float, q1: Array, t1: float, leeway: float
+) -> bool:
+    """Tell what _still_clear tells, which is compiled once for all that ask."""
+    return bool(_call(scene, (q0, float(t0), q1, float(t1), float(leeway))))
 
 
 @inner_kernel

@@ -15,7 +15,7 @@ import numpy as np
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.still_checks import still_clear
 from planning.construction.paths.direct_paths import Query, chain_to
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import copy_row, inner_kernel, kernel
 from planning.transforms import Array
 
 SPACING = 0.25
@@ -96,9 +96,9 @@ def stand_at(query: Query, goal: int, lattice: Lattice, at: int, q: Array) -> No
     The first place stands for the start itself, the last one for the goal.
     """
     a, b = query.start, query.goals[goal]
-    q[:] = query.rest
+    copy_row(q, query.rest)
     if at == lattice.first or at == lattice.last:
-        q[:3] = a[:3] if at == lattice.first else b[:3]
+        copy_row(q[:3], a if at == lattice.first else b)
         return
     q[0] = lattice.origin[0] + (at // lattice.columns) * lattice.spacing
     q[1] = lattice.origin[1] + (at % lattice.columns) * lattice.spacing

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from planning.construction.checks.moving_checks import first_meeting
 from planning.construction.checks.scene import MoverScene
 from planning.construction.checks.still_checks import still_clear
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import inner_kernel, kernel, order_of_few
 from planning.transforms import Array, Indices
 
 _TINY = 1e-9
@@ -189,7 +189,7 @@ def direct_paths(
     counts = np.zeros(most, dtype=np.int64)
     which = np.zeros(most, dtype=np.int64)
     found = 0
-    order = np.argsort(soon, kind="mergesort")
+    order = order_of_few(soon)
     for c in range(len(order)):
         g, k = order[c] // kinds, order[c] % kinds
         if found == most or soon[order[c]] > latest:
@@ -255,13 +255,12 @@ def _lay(
     if lean + back > span > 0.0:
         share = span / (lean + back)
         lean, back = lean * share, back * share
-    marks = np.array(
-        [start, start + before, start + lean, arrival - back, arrival - after, arrival]
-    )
-    marks.sort()
+    marks = np.empty(6)
+    marks[0], marks[1], marks[2] = start, start + before, start + lean
+    marks[3], marks[4], marks[5] = arrival - back, arrival - after, arrival
     count = 0
-    for t in marks:
-        t = min(max(t, start), arrival)
+    for m in order_of_few(marks):
+        t = min(max(marks[m], start), arrival)
         if count > 0 and t < times[count - 1] + 1e-6 and t < arrival:
             continue
         if count > 1 and t < times[count - 1] + 1e-6:

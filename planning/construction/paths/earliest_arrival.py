@@ -32,7 +32,7 @@ from planning.construction.paths.roadmap import (
     push,
 )
 from planning.construction.problem.problem import RrtSettings
-from planning.kernels import ZERO, inner_kernel, kernel
+from planning.kernels import ZERO, copy_row, inner_kernel, kernel
 from planning.transforms import Array
 
 _TINY = 1e-9
@@ -275,6 +275,7 @@ def _trace(road: Roadmap, last: int, best: float) -> tuple[Array, Array]:
     for c in range(count - 1, -1, -1):
         v, i = states[c] // SPANS, states[c] % SPANS
         times[2 * c], times[2 * c + 1] = road.come[v, i], leave
-        path[2 * c], path[2 * c + 1] = road.q[v], road.q[v]
+        copy_row(path[2 * c], road.q[v])
+        copy_row(path[2 * c + 1], road.q[v])
         leave = road.left[v, i]
     return times, path

@@ -20,7 +20,7 @@ from planning.construction.paths.direct_paths import (
     arrive,
     next_arrival,
 )
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import copy_row, inner_kernel, kernel
 from planning.transforms import Array, Indices
 
 _TINY = 1e-9
@@ -245,16 +245,18 @@ def _shortcut(
     i, j = np.searchsorted(time, lo), np.searchsorted(time, hi)
     n, inner = path.shape[1], j - i
     old, when = np.empty((inner + 2, n)), np.empty(inner + 2)
-    when[0], when[1:-1], when[-1] = lo, time[i:j], hi
-    old[0], old[1:-1], old[-1] = (
-        _point(time, path, lo),
-        path[i:j],
-        _point(time, path, hi),
-    )
+    when[0], when[-1] = lo, hi
+    copy_row(when[1:-1], time[i:j])
+    copy_row(old[0], _point(time, path, lo))
+    copy_row(old[-1], _point(time, path, hi))
+    for k in range(inner):
+        copy_row(old[k + 1], path[i + k])
     bridge = old.copy()
     if joint < 0:
-        bridge, when = np.empty((2, n)), np.array([lo, hi])
-        bridge[0], bridge[1] = old[0], old[-1]
+        bridge, when = np.empty((2, n)), np.empty(2)
+        when[0], when[1] = lo, hi
+        copy_row(bridge[0], old[0])
+        copy_row(bridge[1], old[-1])
     else:
         a, b = old[0, joint], old[-1, joint]
         for k in range(len(when)):
@@ -380,7 +382,8 @@ def _without_corners(
     while i < len(time) - 1:
         j = len(time) - 1
         while j > i + 1:
-            ends[0], ends[1] = path[i], path[j]
+            copy_row(ends[0], path[i])
+            copy_row(ends[1], path[j])
             if (
                 _length(ends, query) <= _length(path[i : j + 1], query) + _GAIN
                 and _possible(query, path[i], time[i], path[j], time[j])
@@ -397,7 +400,8 @@ def _without_corners(
 def _merged(time: Array, path: Array) -> tuple[Array, Array]:
     """Leave out waypoints at the same time as the one before, but not the last one."""
     keep = np.ones(len(time), dtype=np.bool_)
-    keep[1:] = np.diff(time) > 1e-9
+    for k in range(1, len(time)):
+        keep[k] = time[k] - time[k - 1] > 1e-9
     if len(time) > 1 and not keep[-1]:
         keep[-1], keep[-2] = True, len(time) == 2
     return time[keep], path[keep]

@@ -20,7 +20,7 @@ from planning.construction.paths.direct_paths import (
     random_share,
     sample_between,
 )
-from planning.kernels import inner_kernel, kernel
+from planning.kernels import copy_row, inner_kernel, kernel
 from planning.packed import packed
 from planning.transforms import Array, Indices
 
@@ -117,12 +117,13 @@ def draw_vertices(
     state[0] = np.uint64(seed) * np.uint64(7919) + np.uint64(11)
     start = query.begin
     q = np.empty((vertices, n))
-    q[0] = query.start
-    q[1 : 1 + goals] = query.goals
+    copy_row(q[0], query.start)
+    for g in range(goals):
+        copy_row(q[1 + g], query.goals[g])
     number = 1 + goals
     for e in range(len(extra)):
         if number < vertices:
-            q[number] = extra[e]
+            copy_row(q[number], extra[e])
             number += 1
     tries = 0
     while number < vertices and tries < 3 * vertices:
@@ -214,7 +215,7 @@ def push(
     while k > 0 and heap.key[(k - 1) // 2] > key:
         up = (k - 1) // 2
         heap.key[k], heap.depart[k] = heap.key[up], heap.depart[up]
-        heap.edge[k] = heap.edge[up]
+        copy_row(heap.edge[k], heap.edge[up])
         k = up
     heap.key[k], heap.depart[k] = key, depart
     heap.edge[k, 0], heap.edge[k, 1], heap.edge[k, 2] = source, target, tries
@@ -236,7 +237,7 @@ def pop(heap: Motions) -> None:
         if heap.key[down] >= key:
             break
         heap.key[k], heap.depart[k] = heap.key[down], heap.depart[down]
-        heap.edge[k] = heap.edge[down]
+        copy_row(heap.edge[k], heap.edge[down])
         k = down
     heap.key[k], heap.depart[k] = key, heap.depart[size]
-    heap.edge[k] = heap.edge[size]
+    copy_row(heap.edge[k], heap.edge[size])
