@@ -44,7 +44,7 @@ def _show(found: Explored, view: View) -> int:
     if view.as_json:
         print_json(found.summary)
     elif not view.quiet:
-        from twin.explore.terminal import print_explored
+        from twin.explore.page_words import print_explored
 
         print_explored(found.found, found.folder)
     return COMPLETED

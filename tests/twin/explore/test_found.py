@@ -11,10 +11,10 @@ from scipy import stats
 from tests.twin.explore.bench import Bench, exploration_of, setting_of
 from tests.twin.explore.sliders import EXPLORE, slider_file
 from tests.twin.program import invoke
-from twin.explore.chosen import scenario_text
 from twin.explore.crew import DesignTask
 from twin.explore.dimensions import Dimension
 from twin.explore.finals import Finals
+from twin.explore.folder import scenario_text
 from twin.explore.influence import front, importances
 from twin.explore.journal import SEARCH, Tried
 from twin.explore.page_words import verdict, worth_words
