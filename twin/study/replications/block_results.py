@@ -11,14 +11,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz
-from planning.transforms import Indices
+from planning.transforms import Array, Indices
 from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -422,6 +422,21 @@ def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
     own = [block for block in blocks_done(folder) if block.cell == cell]
     for block in sorted(own, key=lambda block: block.first):
         yield read_block(folder, block)
+
+
+def cell_makespans_s(folder: Path, cell: int) -> Array:
+    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
+    return np.concatenate([b.rows.makespans_s() for b in cell_blocks(folder, cell)])
+
+
+def cell_part(folder: Path, cell: int, name: Literal["products", "windows"]) -> Any:
+    """Return a part of what came of a cell, over all its blocks; None where there is none."""
+    parts = [getattr(block, name) for block in cell_blocks(folder, cell)]
+    parts = [part for part in parts if part is not None]
+    if not parts:
+        return None
+    values = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*(np.concatenate(own, axis=-1) for own in values))
 
 
 def cell_tally(folder: Path, cell: int) -> TaskTally:
