@@ -395,7 +395,7 @@ def compare(
         chosen = follow_references(chosen)
     candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
     numbers = range(chosen.seed, chosen.seed + seeds)
-    with run_folder(None if out is None else Path(out), chosen.name) as folder:
+    with run_folder(out, chosen.name) as folder:
         found = {}
         for k, seed in enumerate(numbers):
             progress(SEEDS, k, seeds)

@@ -320,7 +320,7 @@ class WorkRules:
 
     def stretch(self, name: str, motion: OpenMotion, u: float) -> float | None:
         """Return how many times as long as planned work takes at a quantile; None for a plain move."""
-        model = self._model(name, motion)
+        model = next(iter(self._works(name, [motion]).values()), None)
         if model is None or model.mean <= 0.0:
             return None
         return float(model.ppf(np.array([u]))[0] / model.mean)
@@ -350,10 +350,6 @@ class WorkRules:
         for name, some in plan.motions.items():
             for _, group in groupby(some, lambda motion: motion.task or motion.id):
                 yield from self._too_short(name, list(group), spans)
-
-    def _model(self, name: str, motion: OpenMotion) -> DurationModel | None:
-        """Return how long work takes, None where nothing says so."""
-        return next(iter(self._works(name, [motion]).values()), None)
 
     def _works(
         self, name: str, group: Sequence[OpenMotion]
