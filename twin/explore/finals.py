@@ -345,7 +345,7 @@ class Finals:
 
     def _judge(self, row: Tried, goal: int) -> Callable[[Array], float]:
         """Return what gives a goal of a design over some replications; infinite where it has none."""
-        scenario = self._scenario(row)
+        scenario = varied(self._setting.scenario, self._variant(row))
         free, key = self._section.changed(constraints=()), keys_of(scenario)
 
         def value(makespans_s: Array) -> float:
@@ -361,9 +361,6 @@ class Finals:
 
     def _variant(self, row: Tried) -> Variant:
         return variant_of(self._exploration.dimensions, row.values)
-
-    def _scenario(self, row: Tried) -> Any:
-        return varied(self._setting.scenario, self._variant(row))
 
     def _sample(self, row: Tried, count: int) -> Array:
         """Return the first new replications of a design that is done; what was done before is in a file."""

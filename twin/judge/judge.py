@@ -254,6 +254,13 @@ class JudgedPlan:
         """Return what is wrong with an execution, by time, and the least distance of two robots [m]."""
         done = self.executed(spans)
         own = [*done.violations, *self.rules.violations(self.plan, spans)]
+        taken = {
+            name: NodeSpans(
+                np.array([spans[motion.id].begin for motion in some]),
+                np.array([spans[motion.id].end(motion) for motion in some]),
+            )
+            for name, some in self.plan.motions.items()
+        }
         try:
             report = audit_recording(
                 self._graph,
@@ -261,15 +268,12 @@ class JudgedPlan:
                 progress,
                 engine=self.engine,
                 wanted=self._wanted,
-                spans=self._node_spans(spans),
+                spans=taken,
             )
         except OutputError as error:  # nobody can look at what is as fast as that
             words = error.message
-            own.append(
-                Violation(
-                    0.0, done.recording.end, "plan", "", 0.0, words, "joint-speed"
-                )
-            )
+            end = done.recording.end
+            own.append(Violation(0.0, end, "plan", "", 0.0, words, "joint-speed"))
             return tuple(own), np.inf
         found = [*own, *report.violations]
         found.sort(key=lambda v: (v.t_start, v.first, v.second))
@@ -280,15 +284,6 @@ class JudgedPlan:
         found, _ = self.look(spans)
         contacts = sum(violation.kind == "contact" for violation in found)
         return DelayedRun(seed, makespan_s(self.plan, spans), contacts, found)
-
-    def _node_spans(self, spans: Mapping[str, MotionSpan]) -> dict[str, NodeSpans]:
-        return {
-            name: NodeSpans(
-                np.array([spans[motion.id].begin for motion in some]),
-                np.array([spans[motion.id].end(motion) for motion in some]),
-            )
-            for name, some in self.plan.motions.items()
-        }
 
 
 _ROUNDING = 1e-6
