@@ -6,7 +6,6 @@ import importlib
 import json
 import re
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -24,6 +23,7 @@ from planning.errors import OutputError, RequestError
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK
+from tests.twin.program import python
 from twin.follow.follow import served
 from twin.page.attended import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
@@ -193,8 +193,7 @@ def test_without_its_package_a_page_says_what_to_install(
 
 
 def test_nobody_else_needs_that_package() -> None:
-    code = "import sys, twin; twin.operate; assert 'tornado' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    python("import sys, twin; twin.operate; assert 'tornado' not in sys.modules")
 
 
 JSON = st.recursive(

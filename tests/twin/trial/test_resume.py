@@ -1,24 +1,20 @@
 """A run that was killed, or found no room, is resumed: its files are those of a run that never was."""
 
 import json
-import os
 import resource
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
 from planning.errors import OutputError
-from tests.twin.program import invoke
+from tests.twin.program import invoke, python
 from tests.twin.turning_arms import QUICK, planned_arms, run_arms, running
 from twin.run.folder import locked
 from twin.trial.trial import ResumeError, resume_run
 
-ROOT = Path(__file__).parents[3]
 DISTURBED = """\
   stalls: {rate_per_h: 600, duration: {kind: fixed, value_s: 2}}
   emergency_stops: [{at_s: 1.0, duration_s: 2.0}]
@@ -73,13 +69,8 @@ def test_a_killed_run_is_brought_to_its_end(
     plan: Path, whole: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, "17", *running(plan, out, *QUICK)],
-        check=False,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert done.returncode == -signal.SIGKILL
+    command = running(plan, out, *QUICK)
+    python(KILLED, 17, *command, code=-signal.SIGKILL)
     assert len((out / "events.jsonl").read_text().splitlines()) == 16
     assert not (out / "summary.json").exists()
     result = invoke("resume", out, code=0)
