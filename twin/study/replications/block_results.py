@@ -88,10 +88,7 @@ class ReplicationRows:
     operated: OperatedRows | None = None
 
     def fill(
-        self,
-        which: npt.NDArray[np.bool_],
-        found: Completions,
-        tpg: TemporalPlanGraph,
+        self, which: npt.NDArray[np.bool_], found: Completions, tpg: TemporalPlanGraph
     ) -> None:
         """Enter what came of replications that completed.
 
@@ -111,7 +108,7 @@ class ReplicationRows:
                 self.busy_ns[k, which] = busy[tpg.chain_index[name]]
         self.waited_ns[:, which] = found.waited_ns[robots].sum(axis=0)
 
-    def makespans_s(self) -> npt.NDArray[np.float64]:
+    def makespans_s(self) -> Array:
         """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
         return _seconds(self.makespan_ns, self.outcome == COMPLETED)
 
@@ -411,10 +408,8 @@ def put_aside(folder: Path, block: Block) -> Path:
 def blocks_done(folder: Path) -> Iterator[Block]:
     """Yield the blocks of which there is a file."""
     for path in folder.glob("*.npz"):
-        match = _NAME.fullmatch(path.name)
-        if match:
-            cell, first, count = (int(text) for text in match.groups())
-            yield Block(cell, first, count)
+        if match := _NAME.fullmatch(path.name):
+            yield Block(*map(int, match.groups()))
 
 
 def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
@@ -441,15 +436,12 @@ def cell_part(folder: Path, cell: int, name: Literal["products", "windows"]) -> 
 
 def cell_tally(folder: Path, cell: int) -> TaskTally:
     """Return the task tally of a cell, over all its blocks."""
-    results = cell_blocks(folder, cell)
-    return reduce(TaskTally.plus, (result.tally for result in results))
+    return reduce(TaskTally.plus, (b.tally for b in cell_blocks(folder, cell)))
 
 
 def _path(folder: Path, block: Block) -> Path:
     return folder / f"{block.cell}-{block.first}-{block.count}.npz"
 
 
-def _seconds(
-    nanoseconds: Nanoseconds, known: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float64]:
+def _seconds(nanoseconds: Nanoseconds, known: npt.NDArray[np.bool_]) -> Array:
     return np.where(known, nanoseconds / NANOSECONDS, np.nan)
