@@ -35,23 +35,10 @@ from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.scenario.document.validation import (
-    InvalidScenarioError,
-    parsed,
-    validated,
-)
+from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
 from twin.scenario.sections.exploration import ExploreSection
-from twin.study.replications.workload import (
-    check_cluster,
-    open_executor,
-    parallelism,
-)
-from twin.trial.loaded_scenario import (
-    AnyScenario,
-    LoadedScenario,
-    PathOrName,
-    load,
-)
+from twin.study.replications.workload import check_cluster, open_executor, parallelism
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
 if TYPE_CHECKING:
     from twin.cluster.certificates import Cluster

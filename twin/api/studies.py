@@ -30,11 +30,7 @@ from twin.run.folder import CHART, COMPARISON, locked, new_results, run_folder
 from twin.run.policies import OPEN_LOOP, policy_named
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
-from twin.scenario.variations import (
-    Variation,
-    variants,
-    variation,
-)
+from twin.scenario.variations import Variation, variants, variation
 from twin.study.folder import (
     EDGES,
     REPLICATIONS,

@@ -12,13 +12,7 @@ import numpy as np
 
 from planning.errors import OutputError
 from twin.explore.crew import DesignTask, Evaluators, parallel
-from twin.explore.dimensions import (
-    Dimension,
-    Values,
-    base_values,
-    key_of,
-    variant_of,
-)
+from twin.explore.dimensions import Dimension, Values, base_values, key_of, variant_of
 from twin.explore.folder import PARCELS
 from twin.explore.influence import front
 from twin.explore.journal import REPLANNED, SEARCH, Journal, Tried

@@ -13,11 +13,7 @@ import numpy as np
 from planning.errors import RequestError
 from twin.check.finding import Subject
 from twin.explore.crew import Evaluators
-from twin.explore.dimensions import (
-    Dimension,
-    base_values,
-    entry_name,
-)
+from twin.explore.dimensions import Dimension, base_values, entry_name
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finals
 from twin.explore.journal import SINGLE, Tried

@@ -7,14 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from twin.drawing.markup import (
-    breakable,
-    bullets,
-    paragraph,
-    table,
-    text,
-    told_table,
-)
+from twin.drawing.markup import breakable, bullets, paragraph, table, text, told_table
 from twin.run.policies import OPEN_LOOP
 from twin.study.folder import task_columns
 from twin.study.gains.candidates import task_names
