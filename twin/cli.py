@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from twin.commands.doctor import doctor
-from twin.commands.explore import explore
 from twin.commands.fit import fit
 from twin.commands.operate import drive, operate
 from twin.commands.plan import plan
@@ -17,7 +16,7 @@ from twin.commands.run import export, follow, replay, resume, run
 from twin.commands.scenario_imports import app as import_app
 from twin.commands.scenarios import check, init, robots, scenarios, schema, validate
 from twin.commands.sequence import sequence
-from twin.commands.study import cluster, compare, study
+from twin.commands.study import cluster, compare, explore, study
 from twin.commands.verify import judge, verify
 from twin.host.guard import FAILED, INTERRUPTED, print_error
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from planning.errors import InfeasibleStepError, OutputError, TransitError, TwinError
-from tests.twin.program import invoke
+from tests.twin.program import invoke, python
 from tests.twin.scenarios.cells import ONE_BRICK
 from twin.host.guard import guarded
 
@@ -225,14 +225,7 @@ def test_errors_become_exit_codes(error: BaseException, code: int) -> None:
 def test_help_is_quick_and_imports_nothing_heavy() -> None:
     heavy = "{'numba', 'pinocchio', 'pybullet', 'rerun', 'matplotlib', 'scipy', 'coal'}"
     code = f"import sys, twin.cli; print(sorted({heavy} & set(sys.modules)))"
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.strip() == "[]"
+    assert python(code).stdout.strip() == "[]"
 
 
 def test_a_reader_that_goes_away_is_no_traceback() -> None:

@@ -45,12 +45,19 @@ def planned_arms(folder: Path, more: str = "") -> Path:
     return folder
 
 
+QUICK = ("--no-audit", "--no-recording", "-q")
+
+
+def running(folder: Path, out: Path, *options: object) -> tuple[str, ...]:
+    """Return the command that executes the plan in a folder."""
+    words = ("run", folder / "two.yaml", "--plan", folder, "--out", out, *options)
+    return tuple(map(str, words))
+
+
 def run_arms(folder: Path, *options: object, out: Path | None = None) -> Path:
     """Execute the plan in a folder, neither audited nor recorded; return the folder of the run."""
     out = out or folder / "run"
-    quick = ("--no-audit", "--no-recording", "-q")
-    arguments = ("run", folder / "two.yaml", "--plan", folder, "--out", out)
-    invoke(*arguments, *quick, *options, code=0)
+    invoke(*running(folder, out, *QUICK, *options), code=0)
     return out
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,6 @@ from twin.explore.folder import (
     write_request,
 )
 from twin.explore.report import write_report
-from twin.explore.rungs import Setting
 from twin.explore.singles import (
     SingleChange,
     candidates,
@@ -36,23 +35,10 @@ from twin.explore.summary import ExploreSummary, summary_of
 from twin.host.guard import write_json
 from twin.host.progress import Report, report_nothing
 from twin.run.folder import locked, run_folder
-from twin.scenario.document.validation import (
-    InvalidScenarioError,
-    parsed,
-    validated,
-)
+from twin.scenario.document.validation import InvalidScenarioError, parsed, validated
 from twin.scenario.sections.exploration import ExploreSection
-from twin.study.replications.workload import (
-    check_cluster,
-    open_executor,
-    parallelism,
-)
-from twin.trial.loaded_scenario import (
-    AnyScenario,
-    LoadedScenario,
-    PathOrName,
-    load,
-)
+from twin.study.replications.workload import check_cluster, open_executor, parallelism
+from twin.trial.loaded_scenario import AnyScenario, LoadedScenario, PathOrName, load
 
 if TYPE_CHECKING:
     from twin.cluster.certificates import Cluster
@@ -219,7 +205,7 @@ def _evaluators(
     folder: Path, request: ExploreRequest, workers: int, cluster: Cluster | None
 ) -> Iterator[Evaluators]:
     """Give who evaluates the designs: processes of this machine, or a cluster."""
-    setting = Setting(request.scenario, request.base.resolve(), request.section)
+    setting = replace(request, folder=request.folder.resolve())
     limit_s = request.section.design_limit_s
     if cluster is None:
         with Crew(setting, workers, limit_s) as crew:
@@ -243,22 +229,21 @@ def _run(
     progress: Report,
 ) -> Explored:
     section, scenario = request.section, request.scenario
-    case = LoadedScenario(scenario, request.base)
-    changes = candidates(scenario, request.base) if request.singles else []
+    case = LoadedScenario(scenario, request.folder)
+    changes = candidates(scenario, request.folder) if request.singles else []
     dimensions = (
         change_dimensions(scenario, changes)
         if request.singles
         else dimensions_of(scenario, section, case.document)
     )
     exploration = Exploration(folder, section, dimensions, scenario.seed, progress)
-    setting = Setting(scenario, request.base, section)
-    finals = Finals(exploration, setting, progress)
+    finals = Finals(exploration, request, progress)
     finalists: tuple[Finalist, ...] = ()
     worths: tuple[Worth, ...] = ()
     singles: tuple[SingleChange, ...] = ()
     most = designs or section.designs
     if request.singles:
-        tried = try_changes(exploration, crew, changes[: most - 1], progress)
+        tried = try_changes(exploration, crew, changes[: most - 1])
         singles = judge_changes(exploration, finals, tried, request.singles, progress)
     else:
         exploration.search(crew, most, seconds or section.seconds)
@@ -269,5 +254,5 @@ def _run(
         scenario.name, exploration, finalists, worths, scenario.seed, singles
     )
     write_json(folder / SUMMARY, found.content())
-    write_report(found, setting, dimensions, folder, progress)
+    write_report(found, request, dimensions, folder, progress)
     return Explored(folder, request, found)

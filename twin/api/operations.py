@@ -81,7 +81,7 @@ def operate(
     checked = check(case, progress=progress)
     checked.require_ok()
     session = None if drivers is None else _session(case, Path(drivers))
-    with run_folder(None if out is None else Path(out), case.name) as folder:
+    with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
         made = plan_to_operate(case, progress)

@@ -253,8 +253,7 @@ def run(
     case = scenario_of(plan)
     checked = check(case, progress=progress)
     checked.require_ok()
-    place = None if out is None else Path(out)
-    with run_folder(place, case.name) as folder:
+    with run_folder(out, case.name) as folder:
         if begun is not None:
             begun(checked, folder)
         made = ready or _plan_checked(checked, progress)

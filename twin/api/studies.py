@@ -30,11 +30,7 @@ from twin.run.folder import CHART, COMPARISON, locked, new_results, run_folder
 from twin.run.policies import OPEN_LOOP, policy_named
 from twin.scenario.manifest import write_manifest
 from twin.scenario.sections.scenario import follow_references
-from twin.scenario.variations import (
-    Variation,
-    variants,
-    variation,
-)
+from twin.scenario.variations import Variation, variants, variation
 from twin.study.folder import (
     EDGES,
     REPLICATIONS,
@@ -395,7 +391,7 @@ def compare(
         chosen = follow_references(chosen)
     candidates = shortcut_budget(chosen) if shortcuts is None else shortcuts
     numbers = range(chosen.seed, chosen.seed + seeds)
-    with run_folder(None if out is None else Path(out), chosen.name) as folder:
+    with run_folder(out, chosen.name) as folder:
         found = {}
         for k, seed in enumerate(numbers):
             progress(SEEDS, k, seeds)

@@ -201,7 +201,8 @@ def on_this_machine(address: str) -> bool:
     scheme, _, rest = address.rpartition("://")
     if scheme in _NO_NETWORK:
         return True
-    host = rest.rpartition(":")[0] if _has_port(rest) else rest
+    has_port = rest.count(":") == 1 or "]:" in rest
+    host = rest.rpartition(":")[0] if has_port else rest
     return host == "localhost" or is_loopback(host.strip("[]"))
 
 
@@ -211,7 +212,3 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-def _has_port(rest: str) -> bool:
-    return rest.count(":") == 1 or "]:" in rest

@@ -19,7 +19,7 @@ from typing import Annotated, Any
 
 import typer
 
-from twin.host.guard import COMPLETED, guarded
+from twin.host.guard import COMPLETED, guarded, print_json
 
 _TYPES: Mapping[str, Any] = {
     "AnyScenario": Path,
@@ -41,9 +41,13 @@ _ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "out": {"metavar": "DIR"},
     "plan": {"metavar": "DIR"},
+    "resume": {"metavar": "DIR"},
     "certificates": {"metavar": "DIR"},
     "seed": {"min": 0},
     "shortcuts": {"min": 0},
+    "robots": {"min": 1, "metavar": "M"},
+    "failures": {"min": 0, "max": 1, "metavar": "P"},
+    "settings": {"names": ("--set",), "metavar": "KEY=VALUE"},
     "sobol": {"min": 0},
     "audited": {"min": 0},
     "workers": {"min": 0},
@@ -76,6 +80,13 @@ class View:
     def silent(self) -> bool:
         """True if nothing is said about progress."""
         return self.quiet or self.as_json
+
+    def tell(self, content: object, show: Callable[[], object]) -> None:
+        """Print what programs read, or show what people do, unless nothing is to be said."""
+        if self.as_json:
+            print_json(content)
+        elif not self.quiet:
+            show()
 
 
 @dataclass(frozen=True)

@@ -81,10 +81,7 @@ operate = command(
     f"{__name__}:operate_scenario",
     show_run,
     passes_to="twin.api.operations:operate",
-    robots={"min": 1, "metavar": "M"},
-    failures={"min": 0, "max": 1, "metavar": "P"},
     page={"min": 0, "max": 65_535, "metavar": "PORT"},
-    settings={"names": ("--set",), "metavar": "KEY=VALUE"},
 )
 
 

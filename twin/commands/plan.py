@@ -117,5 +117,4 @@ plan = command(
     _show,
     world={"names": ("--from",), "metavar": "RUN@T"},
     out_of_service={"names": ("--out-of-service",), "metavar": "ROBOT"},
-    settings={"names": ("--set",), "metavar": "KEY=VALUE"},
 )

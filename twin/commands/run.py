@@ -136,8 +136,6 @@ run = command(
     passes_to="twin.api.runs:run",
     stalls={"min": 0},
     improve={"min": 0},
-    robots={"min": 1, "metavar": "M"},
-    settings={"names": ("--set",), "metavar": "KEY=VALUE"},
 )
 
 

@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import typer
 
-from planning.errors import (
-    InfeasibleStepError,
-    RequestError,
-    ScenarioError,
-    TwinError,
-)
+from planning.errors import InfeasibleStepError, RequestError, ScenarioError, TwinError
 from twin.commands.command import command
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ def begin(path: Path, *, source: str | None = None, quiet: bool = False) -> None
     from twin.scenario.shipped import TEMPLATE, begin_scenario
 
     if source is not None and _names_design(source):
-        from twin.explore.chosen import begin_design
+        from twin.explore.folder import begin_design
 
         file = begin_design(path, source)
     else:

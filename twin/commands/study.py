@@ -1,4 +1,4 @@
-"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell.
+"""``twin study`` and ``twin compare``: many runs of a scenario, and what they tell; ``twin explore``: which cell.
 
 ``twin cluster``: certificates, and a scheduler and workers that only their holders reach, for studies.
 """
@@ -20,9 +20,9 @@ from twin.cluster.certificates import (
     make_certificates,
 )
 from twin.commands.command import View, command
-from twin.host.guard import COMPLETED, print_json
 
 if TYPE_CHECKING:
+    from twin.api.explorations import Explored
     from twin.api.studies import Comparison, Study
     from twin.cluster.certificates import Cluster
     from twin.host.progress import Report
@@ -128,14 +128,43 @@ def given_cluster(
     return Cluster(scheduler, held, insecure)
 
 
-def _show_study(found: Study, view: View) -> int:
-    if view.as_json:
-        print_json(found.summary)
-    elif not view.quiet:
-        from twin.study.report.terminal_table import print_study
+def explore_scenario(
+    scenario: Path | None = None,
+    *,
+    scheduler: str | None = None,
+    certificates: Path | None = None,
+    insecure: bool = False,
+    **options: Any,
+) -> Explored:
+    """Search among designs of a cell for the best, and say what it is worth.
 
-        print_study(found.result)
-    return COMPLETED
+    What may be different, and what is looked for, is in the section explore of the scenario. Each design
+    is checked, then reached for, planned, planned in full and replicated; what is refused says why.
+
+    Args:
+        scenario: a scenario, or the path of its file.
+        scheduler: address of a Dask scheduler whose workers evaluate designs: tls://host:port. Files that
+            the scenario names must be in the same folder on their machines.
+        certificates: folder with the certificates of the scheduler.
+        insecure: use a tcp:// scheduler on another machine, unprotected.
+        options: those of twin.explore.
+    """
+    from twin.api.explorations import explore
+
+    cluster = given_cluster(scheduler, certificates, insecure)
+    return explore(scenario, cluster=cluster, **options)
+
+
+def _show_study(found: Study, view: View) -> None:
+    from twin.study.report.terminal_table import print_study
+
+    view.tell(found.summary, lambda: print_study(found.result))
+
+
+def _show_explored(found: Explored, view: View) -> None:
+    from twin.explore.page_words import print_explored
+
+    view.tell(found.summary, lambda: print_explored(found.found, found.folder))
 
 
 def columns() -> Sequence[Any]:
@@ -153,19 +182,15 @@ def columns() -> Sequence[Any]:
     )
 
 
-def _show_comparison(found: Comparison, view: View) -> int:
-    if view.as_json:
-        print_json(found.figures)
-    elif not view.quiet:
-        from twin.comparison.chart import print_comparison
+def _show_comparison(found: Comparison, view: View) -> None:
+    from twin.comparison.chart import print_comparison
 
-        print_comparison(
-            found.figures,
-            found.folder,
-            heading=found.heading,
-            compiled=view.compiled(),
-        )
-    return COMPLETED
+    figures, folder, heading = found.figures, found.folder, found.heading
+    compiled = view.compiled()
+    view.tell(
+        figures,
+        lambda: print_comparison(figures, folder, heading=heading, compiled=compiled),
+    )
 
 
 study = command(
@@ -181,8 +206,16 @@ study = command(
     policies={"names": ("--policy",)},
     deadline_s={"names": ("--deadline",)},
     audited={"names": ("--audit-sample",)},
-    failures={"min": 0, "max": 1, "metavar": "P"},
-    resume={"metavar": "DIR"},
+)
+explore = command(
+    f"{__name__}:explore_scenario",
+    _show_explored,
+    passes_to="twin.api.explorations:explore",
+    columns=columns,
+    designs={"min": 1},
+    single_changes={"min": 1, "metavar": "N"},
+    replications={"names": ("--replications", "-n"), "min": 2},
+    workers={"min": 1},
 )
 compare = command("twin.api.studies:compare", _show_comparison, seeds={"min": 1})
 

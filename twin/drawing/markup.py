@@ -12,6 +12,8 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from twin.host.pictures import save_png
+
 _LONG = 17
 """Letters of a word that may be broken: on a phone it would push what is beside it off the page."""
 
@@ -90,6 +92,18 @@ def picture(figure: Figure, name: str) -> str:
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     svg = out.getvalue()
     return f"<figure>{svg[svg.index('<svg') :]}</figure>"
+
+
+def drawn_in(folder: Path, figure: Figure, name: str) -> str:
+    """Write a picture into a folder as PNG, and return it for a page; see picture.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    save_png(figure, folder / f"{name}.png")
+    # All is in its place, and to find it takes as long as to draw.
+    figure.set_layout_engine("none")
+    return picture(figure, name)
 
 
 def page(title: str, css: str, pieces: Iterable[str]) -> str:

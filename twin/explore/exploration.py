@@ -11,14 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from planning.errors import OutputError
-from twin.explore.crew import DesignTask, Evaluators
-from twin.explore.dimensions import (
-    Dimension,
-    Values,
-    base_values,
-    key_of,
-    variant_of,
-)
+from twin.explore.crew import DesignTask, Evaluators, parallel
+from twin.explore.dimensions import Dimension, Values, base_values, key_of, variant_of
 from twin.explore.folder import PARCELS
 from twin.explore.influence import front
 from twin.explore.journal import REPLANNED, SEARCH, Journal, Tried
@@ -182,9 +176,35 @@ class Exploration:
                 return row
         return None
 
-    def number_of(self, purpose: str) -> int:
-        """Return the number of the next design of a purpose."""
-        return sum(row.purpose == purpose for row in self.journal.rows)
+    def evaluate(
+        self,
+        crew: Evaluators,
+        purpose: str,
+        wanted: Sequence[tuple[Values, str]],
+        stage: str,
+    ) -> None:
+        """Evaluate some designs that are none of the search, and write down what becomes of each.
+
+        Args:
+            crew: evaluates them.
+            purpose: what they are tried for.
+            wanted: values of each, and what it is about: for REPLANNED the seed of the planner.
+            stage: name for progress displays.
+        """
+        # Behind all that there are: designs of one purpose may have been finished out of turn.
+        there = (r.design for r in self.journal.rows if r.purpose == purpose)
+        first = max(there, default=-1) + 1
+        tasks = []
+        for number, (values, about) in enumerate(wanted, start=first):
+            task = DesignTask(number, variant_of(self.dimensions, values))
+            if purpose == REPLANNED:
+                task = replace(task, planner_seed=int(about))
+            tasks.append(task)
+        for done, (task, found) in enumerate(parallel(tasks, crew)):
+            self._progress(stage, done, len(tasks))
+            values, about = wanted[task.number - first]
+            self.keep(Tried(task.number, purpose, values, 0, found, about=about))
+        self._progress(stage, 1, 1)
 
     def parcel_of(self, row: Tried) -> Path:
         """Return the file with the work of a design."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from planning.transforms import Array
-from twin.explore.crew import DesignTask, Evaluators, parallel
+from twin.explore.crew import Evaluators
 from twin.explore.dimensions import variant_of
 from twin.explore.exploration import Exploration
 from twin.explore.influence import spread
@@ -224,23 +224,13 @@ class Finals:
         if not changed:
             return ()
         undone = {one.key: {**values, one.key: one.base} for one in changed}
-        tasks = {
-            number: key
-            for number, (key, without) in enumerate(
-                undone.items(), start=exploration.number_of(UNDONE)
-            )
-            if _open(exploration.known(without))
-        }
         todo = [
-            DesignTask(number, variant_of(dimensions, undone[key]))
-            for number, key in tasks.items()
+            (without, key)
+            for key, without in undone.items()
+            if (known := exploration.known(without)) is None
+            or known.evaluation.outcome == "behind"
         ]
-        for done, (task, evaluation) in enumerate(parallel(todo, crew)):
-            self._progress(UNDOING, done, len(todo))
-            key = tasks[task.number]
-            exploration.keep(
-                Tried(task.number, UNDONE, undone[key], 0, evaluation, about=key)
-            )
+        exploration.evaluate(crew, UNDONE, todo, UNDOING)
         count = len(best.makespans_s)
         base = next((r for r in exploration.journal.searched if r.design == 0), None)
         everything = "; ".join(one.words(values[one.key]) for one in changed)
@@ -264,7 +254,6 @@ class Finals:
             gain = self.difference(other, best.row, count, self._section.confidence)
             anew = None if key else self.gain_by_plans(other, best.row, count, crew)
             found.append(Worth(key, words, gain, by_plans=anew))
-        self._progress(UNDOING, 1, 1)
         return tuple(sorted(found, key=_greatest_first))
 
     def gain_by_plans(
@@ -289,25 +278,12 @@ class Finals:
         if not self._goals[0].expression.used & _OF_PLANS:
             return None
         wanted = [
-            (row, seed)
+            (row.values, str(seed))
             for seed in seeds
             for row in (base, best)
             if exploration.replanned(row.values, seed) is None
         ]
-        first = exploration.number_of(REPLANNED)
-        tasks = [
-            DesignTask(n, self._variant(row), planner_seed=seed)
-            for n, (row, seed) in enumerate(wanted, start=first)
-        ]
-        for done, (task, evaluation) in enumerate(parallel(tasks, crew)):
-            self._progress(REPLANNING, done, len(tasks))
-            row, seed = wanted[task.number - first]
-            exploration.keep(
-                Tried(
-                    task.number, REPLANNED, row.values, 0, evaluation, about=str(seed)
-                )
-            )
-        self._progress(REPLANNING, 1, 1)
+        exploration.evaluate(crew, REPLANNED, wanted, REPLANNING)
         pairs = [(base, best)]
         for seed in seeds:
             one, other = (exploration.replanned(r.values, seed) for r in (base, best))
@@ -369,7 +345,7 @@ class Finals:
 
     def _judge(self, row: Tried, goal: int) -> Callable[[Array], float]:
         """Return what gives a goal of a design over some replications; infinite where it has none."""
-        scenario = self._scenario(row)
+        scenario = varied(self._setting.scenario, self._variant(row))
         free, key = self._section.changed(constraints=()), keys_of(scenario)
 
         def value(makespans_s: Array) -> float:
@@ -385,9 +361,6 @@ class Finals:
 
     def _variant(self, row: Tried) -> Variant:
         return variant_of(self._exploration.dimensions, row.values)
-
-    def _scenario(self, row: Tried) -> Any:
-        return varied(self._setting.scenario, self._variant(row))
 
     def _sample(self, row: Tried, count: int) -> Array:
         """Return the first new replications of a design that is done; what was done before is in a file."""
@@ -421,11 +394,6 @@ class Finals:
         with replacing(place) as temporary:
             temporary.write_bytes(found.parcel)
         return found.parcel
-
-
-def _open(known: Tried | None) -> bool:
-    """Tell whether a design is still to be evaluated."""
-    return known is None or known.evaluation.outcome == "behind"
 
 
 def _turned(found: Interval) -> Interval:

@@ -45,27 +45,25 @@ def importances(
     rows: Sequence[Tried],
     dimensions: Sequence[Dimension],
     *,
-    goal: int = 0,
     confidence: float = 0.95,
     seed: int = 0,
 ) -> tuple[Importance, ...]:
-    """Return what matters for a goal, the most important first; nothing where too few designs are known.
+    """Return what matters for the first goal, the most important first; nothing where too few designs are known.
 
-    Designs are ranked by the goal. The share of a key is what of the variance of the ranks lies between groups of
+    Designs are ranked by it. The share of a key is what of the variance of the ranks lies between groups of
     designs: those with the same value, or within the same quarter of the numbers that were tried (epsilon
     squared, which is 0 on average where a key does not matter). Its interval is a bootstrap over designs.
 
     Args:
         rows: designs, each once; those with a goal count, also where it is an estimate.
         dimensions: what varied.
-        goal: which.
         confidence: of the intervals.
         seed: of the bootstrap.
     """
     known = [row for row in rows if row.evaluation.goals]
     if len(known) < _FEWEST:
         return ()
-    values = np.array([row.evaluation.goals[goal] for row in known])
+    values = np.array([row.evaluation.goals[0] for row in known])
     rng = np.random.default_rng(seed)
     drawn = rng.integers(0, len(known), (_RESAMPLES, len(known)))
     found = []

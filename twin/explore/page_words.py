@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import isfinite
+from pathlib import Path
+from textwrap import shorten
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from twin.explore.finals import Worth
+from twin.explore.folder import REPORT
 from twin.explore.summary import ExploreSummary, RankedDesign
 from twin.scenario.sections.exploration import REPLICATED
 from twin.study.replications.statistics import Interval
@@ -125,13 +133,14 @@ def worth_words(found: ExploreSummary) -> Iterator[str]:
     if found.ranked and found.ranked[0].design == 0 and not found.singles:
         yield "no design is better than the scenario as it is"
     for item in found.worths:
-        yield f"{_subject(item)} {_gain(item, text, unit)}"
-        if item.by_plans is not None:
-            yield _by_plans(item.by_plans, text, unit)
-
-
-def _subject(item: Worth) -> str:
-    return item.words if item.key else f"the best design ({item.words})"
+        subject = item.words if item.key else f"the best design ({item.words})"
+        yield f"{subject} {_gain(item, text, unit)}"
+        if (gain := item.by_plans) is not None:
+            # The luck of one plan is not taken for what the design is worth.
+            yield (
+                f"over {gain.count} plans of either, each with another seed of the planner, it is worth"
+                f" {span(gain)}{unit} of {text}{_doubt(gain)}"
+            )
 
 
 def _gain(item: Worth, text: str, unit: str) -> str:
@@ -152,14 +161,6 @@ def _gain(item: Worth, text: str, unit: str) -> str:
 
 def _doubt(gain: Interval) -> str:
     return " (it may be nothing)" if gain.low <= 0.0 <= gain.high else ""
-
-
-def _by_plans(gain: Interval, text: str, unit: str) -> str:
-    """Say what a design is worth over plans: the luck of one is not taken for it."""
-    return (
-        f"over {gain.count} plans of either, each with another seed of the planner, it is worth"
-        f" {span(gain)}{unit} of {text}{_doubt(gain)}"
-    )
 
 
 def importance_words(found: ExploreSummary) -> Iterator[str]:
@@ -190,3 +191,48 @@ def signed(found: Interval) -> str:
     if found.low == found.high or not isfinite(found.low):
         return f"{found.estimate:+.4g}"
     return f"{found.estimate:+.3g} ({found.low:+.3g} to {found.high:+.3g})"
+
+
+_REASONS, _LONGEST = 6, 300
+"""Reasons that are shown why designs are refused, and their letters."""
+
+
+def print_explored(found: ExploreSummary, folder: Path) -> None:
+    """Print the best designs and what they are worth, what matters, how far designs got, and where all is."""
+    console = Console(highlight=False)
+    goals = ", ".join(goal.words for goal in found.section.goals)
+    title = f"{found.scenario}: {goals}, {found.tried} designs"
+    if found.singles:
+        head, rows = single_rows(found)
+        console.print(_table(f"{title}: single changes that gain most", head, rows))
+    elif found.ranked:
+        head, rows = best_rows(found)
+        console.print(_table(title, [*BEST_HEAD, *head], rows))
+    else:
+        console.print(Text(f"{title}: none is possible"), soft_wrap=True)
+    for line in (*verdict(found), *worth_words(found), *importance_words(found)):
+        console.print(Text(line), soft_wrap=True)
+    head, rows = rung_rows(found)
+    console.print(_table("how far designs got", head, rows))
+    for item in found.refusals[:_REASONS]:
+        console.print(
+            f"[yellow]refused[/yellow] at {item.rung}: {item.count} x",
+            Text(f"{shorten(item.reason, _LONGEST)} (design {item.design})"),
+            soft_wrap=True,
+        )
+    if (more := len(found.refusals) - _REASONS) > 0:
+        console.print(f"and {more} more reasons, in the report")
+    console.print(f"{folder / REPORT}")
+
+
+def _table(title: str, head: list[str], rows: list[list[str]]) -> Table:
+    table = Table(
+        title=Text(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    for name in head:
+        words = name in ("design", "rung", "kind")
+        side = "left" if words else "right"
+        table.add_column(Text(name), justify=side, overflow="fold")  # type: ignore[arg-type]
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
 from twin.drawing.markup import (
+    drawn_in,
     heading,
     page,
     pairs,
     paragraph,
-    picture,
     table,
     text,
     told_table,
@@ -35,10 +35,9 @@ from twin.explore.page_words import (
 from twin.explore.rungs import Setting
 from twin.explore.summary import ExploreSummary, RankedDesign
 from twin.host.guard import write_text
-from twin.host.pictures import INK, save_png
+from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.host.progress import Report
 from twin.scenario.variations import varied
-from twin.study.report.layout import bar_chart, legend_below, one_chart
 from twin.study.report.report import style
 
 DRAWING = "report"
@@ -151,7 +150,7 @@ def _cells(
         figure = cell_figure(subject, width_in=7.0, detail=False)
         figure.suptitle(f"#{item.rank}", color=INK, fontsize=12)
         words = paragraph(f"#{item.rank}: {item.label}", "note")
-        drawn = _drawn(figure, folder, f"cell-{item.rank}")
+        drawn = drawn_in(folder, figure, f"cell-{item.rank}")
         parts.append(f"<div>{words}{drawn}</div>")
     yield f'<div class="cells">{"".join(parts)}</div>'
     yield paragraph(f"twin init PATH --from {folder}#1 writes the first as a scenario.")
@@ -162,9 +161,9 @@ def _pictures(
 ) -> Pieces:
     if len(found.section.goals) > 1 and found.compromises:
         yield heading("Compromises")
-        yield _drawn(_front(found), folder, "front")
+        yield drawn_in(folder, _front(found), "front")
     yield heading("How the search went")
-    yield _drawn(_course(found), folder, "search")
+    yield drawn_in(folder, _course(found), "search")
     if found.importances:
         yield heading("What matters")
         yield paragraph(
@@ -173,7 +172,7 @@ def _pictures(
             " often where it is good: the shares are those of the designs that it tried.",
             "note",
         )
-        yield _drawn(_importance(found), folder, "importance")
+        yield drawn_in(folder, _importance(found), "importance")
         for line in importance_words(found):
             yield paragraph(f"{line}.")
     numbers = [one for one in dimensions if one.low is not None]
@@ -181,7 +180,7 @@ def _pictures(
     numbers.sort(key=lambda one: order.get(one.key, len(order)))
     if len(numbers) > 1 and not found.singles:
         yield heading("Where designs are possible")
-        yield _drawn(_map(found, numbers[0], numbers[1]), folder, "map")
+        yield drawn_in(folder, _map(found, numbers[0], numbers[1]), "map")
 
 
 def _refused(found: ExploreSummary) -> Pieces:
@@ -220,12 +219,6 @@ def _range(one: Dimension) -> str:
     if one.ordered:
         return "any order"
     return f"{', '.join(map(str, one.choices))}, in the scenario {one.base}"
-
-
-def _drawn(figure: Figure, folder: Path, name: str) -> str:
-    save_png(figure, folder / f"{name}.png")
-    figure.set_layout_engine("none")
-    return picture(figure, name)
 
 
 def _course(found: ExploreSummary) -> Figure:

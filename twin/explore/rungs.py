@@ -239,14 +239,11 @@ def judged(key: KeyValue, section: ExploreSection, **known: Any) -> Evaluation:
         return refused(CONSTRAINT, str(error), 0.99, **known)
     if missed:
         words = ", ".join(f"not {text}" for text in missed)
-        at = ", ".join(f"{k} = {v:.6g}" for k, v in results.items() if _in(k, missed))
+        named = [k for k in results if any(k in text for text in missed)]
+        at = ", ".join(f"{k} = {results[k]:.6g}" for k in named)
         told = f"{words} ({at})" if at else words
         return refused(CONSTRAINT, told, over / (1.0 + over), **known)
     return Evaluation("done", REPLICATIONS, goals=goals, **known)
-
-
-def _in(name: str, texts: list[str]) -> bool:
-    return any(name in text for text in texts)
 
 
 def _require_none(findings: list[Finding]) -> None:

@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.explore.dimensions import (
-    Dimension,
-    Values,
-    all_designs,
-    base_values,
-    key_of,
-)
+from twin.explore.dimensions import Dimension, Values, all_designs, base_values, key_of
 from twin.explore.journal import Tried
 from twin.host.extras import extra_module
 from twin.scenario.sections.exploration import SamplerName

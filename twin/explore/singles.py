@@ -12,13 +12,8 @@ import numpy as np
 
 from planning.errors import RequestError
 from twin.check.finding import Subject
-from twin.explore.crew import DesignTask, Evaluators, parallel
-from twin.explore.dimensions import (
-    Dimension,
-    base_values,
-    entry_name,
-    variant_of,
-)
+from twin.explore.crew import Evaluators
+from twin.explore.dimensions import Dimension, base_values, entry_name
 from twin.explore.exploration import Exploration
 from twin.explore.finals import Finals
 from twin.explore.journal import SINGLE, Tried
@@ -207,10 +202,7 @@ def change_dimensions(
 
 
 def try_changes(
-    exploration: Exploration,
-    crew: Evaluators,
-    changes: Sequence[CellChange],
-    progress: Report,
+    exploration: Exploration, crew: Evaluators, changes: Sequence[CellChange]
 ) -> list[tuple[CellChange, Tried]]:
     """Evaluate changes, each alone; those that were evaluated before are not again.
 
@@ -227,19 +219,9 @@ def try_changes(
         )
     start = base_values(exploration.dimensions)
     values = [{**start, item.key: item.value} for item in changes]
-    first = exploration.number_of(SINGLE)
-    todo = [k for k, v in enumerate(values) if exploration.known(v) is None]
-    tasks = {first + place: k for place, k in enumerate(todo)}
-    wanted = [
-        DesignTask(n, variant_of(exploration.dimensions, values[k]))
-        for n, k in tasks.items()
-    ]
-    for done, (task, evaluation) in enumerate(parallel(wanted, crew)):
-        progress(CHANGING, done, len(wanted))
-        k = tasks[task.number]
-        row = Tried(task.number, SINGLE, values[k], 0, evaluation, about=changes[k].key)
-        exploration.keep(row)
-    progress(CHANGING, len(wanted), len(wanted))
+    pairs = zip(values, changes, strict=True)
+    wanted = [(v, item.key) for v, item in pairs if exploration.known(v) is None]
+    exploration.evaluate(crew, SINGLE, wanted, CHANGING)
     rows = [exploration.known(v) for v in values]
     return [(c, row) for c, row in zip(changes, rows, strict=True) if row is not None]
 

@@ -118,14 +118,8 @@ def _task_name(index: int) -> str:
 def _task_attributes(tpg: TemporalPlanGraph, index: int) -> dict[str, Any]:
     """Return what is known of a task, as attributes of a node."""
     task = tpg.tasks[index]
-    return {
-        "robot": task.robot,
-        "task": index,
-        "kind": task.kind,
-        "step": task.step,
-        "label": task.label,
-        "object": task.object or "",
-    }
+    known = {key: getattr(task, key) for key in ("kind", "step", "label")}
+    return {"robot": task.robot, "task": index, **known, "object": task.object or ""}
 
 
 def _dot(graph: Graph, name: str) -> str:

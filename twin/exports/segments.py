@@ -165,7 +165,11 @@ def _of_chain(
     stands = np.vstack([chain.start[None], chain.waypoints])
     started, ended = run.node_times_ns[k]
     smooth = run.smooth_motions.get(chain.robot)
-    changed = _changes(run, chain.robot) if smooth is not None else {}
+    changed = {
+        (event.node, event.object): event.t_ns
+        for event in ([] if smooth is None else run.history)
+        if event.robot == chain.robot and event.kind in ("attached", "detached")
+    }
     spans = None if smooth is None else _spans(run, k, bounds, smooth)
     names = tuple(tpg.cell.robot(chain.robot).model.joint_names)
     for index, (first, end) in enumerate(pairwise(bounds.tolist())):
@@ -214,15 +218,6 @@ def _of_chain(
             v=v,
             a=a,
         )
-
-
-def _changes(run: RunResult, robot: str) -> dict[tuple[int, str], int]:
-    """Return when objects changed hands [ns], by node of a robot and object."""
-    return {
-        (event.node, event.object): event.t_ns
-        for event in run.history
-        if event.robot == robot and event.kind in ("attached", "detached")
-    }
 
 
 def _spans(run: RunResult, k: int, bounds: Indices, motion: Trajectory) -> Indices:

@@ -21,6 +21,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from io import BytesIO, StringIO
 from itertools import groupby
 from typing import Any
@@ -203,6 +204,8 @@ def _microseconds(t_ns: int) -> float:
 FORMAT = "assembly-twin joint trajectories"
 VERSION = 2
 
+_TASK_KEYS = ("index", "kind", "step", "label", "object")
+
 
 def joint_trajectory_files(
     run: RunResult, *, rate_hz: float = CONTROLLER_RATE_HZ
@@ -232,17 +235,9 @@ def _entry(segment: Segment) -> dict[str, Any]:
     return {
         "id": segment.id,
         "robot": segment.robot,
-        "task": {
-            "index": task.index,
-            "kind": task.kind,
-            "step": task.step,
-            "label": task.label,
-            "object": task.object,
-        },
+        "task": {key: getattr(task, key) for key in _TASK_KEYS},
         "nodes": list(segment.nodes),
-        "after": [
-            {"segment": item.segment, "cause": item.cause} for item in segment.after
-        ],
+        "after": list(map(asdict, segment.after)),
         "nominal_s": [_seconds(t) for t in segment.nominal],
         "executed_s": [_seconds(t) for t in segment.executed],
         "motion_s": None

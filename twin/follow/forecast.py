@@ -25,7 +25,7 @@ from twin.follow.drift import FEWEST, Drift, DriftWatch
 from twin.follow.state import FollowedRun
 from twin.run.activities import RobotProgress
 from twin.uncertainty.draws import stable_hash, uniforms
-from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler, Standstill
+from twin.uncertainty.node_times import NodeTimeSampler
 from twin.uncertainty.skill_durations import drawn_nodes, least_ns
 
 SAMPLES = 200
@@ -207,16 +207,15 @@ class Forecaster:
         task = self._tpg.tasks[int(self._tpg.chains[k].task[node])]
         if task.kind not in self._disturbances.failures:
             return np.zeros(self._samples, dtype=np.int64)
-        return np.array(
+        costs = (
             [
-                sum(
-                    entry.duration_ns
-                    for entry in _attempts(future, k, node)[robot.attempts :]
-                )
-                for future in self._futures
-            ],
-            dtype=np.int64,
+                e.duration_ns
+                for e in f.standstills[k]
+                if (e.node, e.cause) == (node, "retry")
+            ]
+            for f in self._futures
         )
+        return np.array([sum(own[robot.attempts :]) for own in costs], dtype=np.int64)
 
     def _standstill(self, robot: RobotProgress, now: int) -> Nanoseconds:
         """Draw for how much longer a robot stands [ns]."""
@@ -252,14 +251,6 @@ class Forecaster:
         if robot.failed:
             return np.ones(self._samples, dtype=bool)
         return np.array([f.failed[k] >= robot.completed for f in self._futures])
-
-
-def _attempts(future: NodeTimes, k: int, node: int) -> list[Standstill]:
-    return [
-        entry
-        for entry in future.standstills[k]
-        if entry.node == node and entry.cause == "retry"
-    ]
 
 
 def _joined(rows: Sequence[Nanoseconds]) -> Nanoseconds:

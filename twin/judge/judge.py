@@ -254,6 +254,13 @@ class JudgedPlan:
         """Return what is wrong with an execution, by time, and the least distance of two robots [m]."""
         done = self.executed(spans)
         own = [*done.violations, *self.rules.violations(self.plan, spans)]
+        taken = {
+            name: NodeSpans(
+                np.array([spans[motion.id].begin for motion in some]),
+                np.array([spans[motion.id].end(motion) for motion in some]),
+            )
+            for name, some in self.plan.motions.items()
+        }
         try:
             report = audit_recording(
                 self._graph,
@@ -261,15 +268,12 @@ class JudgedPlan:
                 progress,
                 engine=self.engine,
                 wanted=self._wanted,
-                spans=self._node_spans(spans),
+                spans=taken,
             )
         except OutputError as error:  # nobody can look at what is as fast as that
             words = error.message
-            own.append(
-                Violation(
-                    0.0, done.recording.end, "plan", "", 0.0, words, "joint-speed"
-                )
-            )
+            end = done.recording.end
+            own.append(Violation(0.0, end, "plan", "", 0.0, words, "joint-speed"))
             return tuple(own), np.inf
         found = [*own, *report.violations]
         found.sort(key=lambda v: (v.t_start, v.first, v.second))
@@ -280,15 +284,6 @@ class JudgedPlan:
         found, _ = self.look(spans)
         contacts = sum(violation.kind == "contact" for violation in found)
         return DelayedRun(seed, makespan_s(self.plan, spans), contacts, found)
-
-    def _node_spans(self, spans: Mapping[str, MotionSpan]) -> dict[str, NodeSpans]:
-        return {
-            name: NodeSpans(
-                np.array([spans[motion.id].begin for motion in some]),
-                np.array([spans[motion.id].end(motion) for motion in some]),
-            )
-            for name, some in self.plan.motions.items()
-        }
 
 
 _ROUNDING = 1e-6
@@ -320,7 +315,7 @@ class WorkRules:
 
     def stretch(self, name: str, motion: OpenMotion, u: float) -> float | None:
         """Return how many times as long as planned work takes at a quantile; None for a plain move."""
-        model = self._model(name, motion)
+        model = next(iter(self._works(name, [motion]).values()), None)
         if model is None or model.mean <= 0.0:
             return None
         return float(model.ppf(np.array([u]))[0] / model.mean)
@@ -350,10 +345,6 @@ class WorkRules:
         for name, some in plan.motions.items():
             for _, group in groupby(some, lambda motion: motion.task or motion.id):
                 yield from self._too_short(name, list(group), spans)
-
-    def _model(self, name: str, motion: OpenMotion) -> DurationModel | None:
-        """Return how long work takes, None where nothing says so."""
-        return next(iter(self._works(name, [motion]).values()), None)
 
     def _works(
         self, name: str, group: Sequence[OpenMotion]

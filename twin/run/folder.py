@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from os import PathLike
 from pathlib import Path
 
 from planning.errors import OutputError, RequestError
@@ -53,7 +54,7 @@ _ASIDE, _BEFORE, _GONE = ".aside", ".before", ".gone"
 
 
 @contextmanager
-def run_folder(out: Path | None, name: str) -> Iterator[Path]:
+def run_folder(out: str | PathLike[str] | None, name: str) -> Iterator[Path]:
     """Give a folder for results, made where it is missing, that no other process writes to.
 
     Called before anything that takes time, so that a long plan is not lost for want of a place
@@ -84,7 +85,7 @@ def run_folder(out: Path | None, name: str) -> Iterator[Path]:
             raise
 
 
-def prepare_run_folder(out: Path | None, name: str) -> Path:
+def prepare_run_folder(out: str | PathLike[str] | None, name: str) -> Path:
     """Return a folder that can be written to, made where it is missing.
 
     Args:
@@ -94,7 +95,7 @@ def prepare_run_folder(out: Path | None, name: str) -> Path:
     Raises:
         OutputError: it cannot be made or written to.
     """
-    folder = _new_log_folder(name) if out is None else out
+    folder = _new_log_folder(name) if out is None else Path(out)
     probe = folder / f".probe.{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

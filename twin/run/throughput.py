@@ -76,19 +76,12 @@ def product_nodes(tpg: TemporalPlanGraph) -> ProductNodes | None:
                     node = int(own[index])
                     found.append((int(product[node]), offset + node))
         offset += len(chain)
-    first.sort()
-    last.sort()
-    return ProductNodes(
-        np.array([node for _, node in first], dtype=np.int64),
-        _begins([product for product, _ in first]),
-        np.array([node for _, node in last], dtype=np.int64),
-        _begins([product for product, _ in last]),
-        np.unique([product for product, _ in last]),
-    )
-
-
-def _begins(values: Sequence[int]) -> Indices:
-    return np.flatnonzero(np.diff(values, prepend=0)).astype(np.int64)
+    columns: list[Indices] = []
+    for found in (first, last):
+        rows = np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+        columns += [rows[:, 1], np.flatnonzero(np.diff(rows[:, 0], prepend=0))]
+    columns.append(np.unique(rows[:, 0]))
+    return ProductNodes(*columns)
 
 
 def start_up_of(products: int, asked: int | None = None) -> int:

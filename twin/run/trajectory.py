@@ -234,19 +234,16 @@ def object_placements(
         if start < 0 or run.failed_nodes[item.robot] == item.node:
             continue
         stopped = stopped_motion(tpg, run, item.robot, item.node)
+        at = int(tpg.chains[item.robot].first[item.node]) + item.waypoint - 1
         if stopped is not None and item.waypoint > 0:
-            at = int(tpg.chains[item.robot].first[item.node]) + item.waypoint - 1
             own = tpg.chains[item.robot].fraction[at] * stopped.planned[-1]
             t_ns = round(stopped.when(own) * NANOSECONDS)
-            if t_ns <= run.makespan_ns:
-                placements.append(Placement(t_ns, item.object, item.holder, item.pose))
-            continue
-        passed = int(run.stood_ns[item.robot][item.node])
-        if item.waypoint > 0:
-            first = int(tpg.chains[item.robot].first[item.node])
-            passed += int(offsets[item.robot][first + item.waypoint - 1])
-        pace = run.pace(item.robot)
-        t_ns = int(pace.real(pace.own(np.array([start])) + passed)[0])
+        else:
+            passed = int(run.stood_ns[item.robot][item.node])
+            if item.waypoint > 0:
+                passed += int(offsets[item.robot][at])
+            pace = run.pace(item.robot)
+            t_ns = int(pace.real(pace.own(np.array([start])) + passed)[0])
         if t_ns <= run.makespan_ns:
             placements.append(Placement(t_ns, item.object, item.holder, item.pose))
     return tuple(sorted(placements, key=lambda placement: placement.t_ns))

@@ -11,10 +11,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from urllib.parse import quote
 
 from planning.errors import OutputError, TwinError
@@ -90,11 +90,16 @@ def _proxy(port: int) -> str:
     return f"rerun+http://{_HOST}:{port}/proxy"
 
 
-def _started(command: Sequence[str]) -> subprocess.Popen[bytes]:
+def _started(
+    command: Sequence[str],
+    output: IO[bytes] | int = subprocess.DEVNULL,
+    environment: Mapping[str, str] | None = None,
+) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        env=environment,
+        stdout=output,
+        stderr=output,
         start_new_session=True,
     )
 
@@ -196,13 +201,7 @@ def _headless_viewer(recording: Path) -> Iterator[Any]:
         }
         log = Path(home) / "viewer.log"
         with log.open("wb") as output:
-            process = subprocess.Popen(
-                command,
-                env=environment,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-            )
+            process = _started(command, output, environment)
         try:
             yield _connected(process, port)
         except TwinError:
@@ -226,7 +225,7 @@ def _connected(process: subprocess.Popen[bytes], port: int) -> Any:
     until = time.monotonic() + _START_S
     while True:
         try:
-            return ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
+            return ViewerClient.connect(_proxy(port))
         except Exception as error:
             if process.poll() is not None or time.monotonic() > until:
                 raise ConnectionError("it did not start") from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from planning.cell.workcell import Workcell
 from planning.errors import OutputError, RequestError
 from scheduling.graph.temporal_plan_graph import MOTION_CONFLICT, TASK_DEPENDENCY
-from twin.durations.model import NANOSECONDS, Nanoseconds
+from twin.durations.model import NANOSECONDS
 from twin.engine.bulk.bulk_engine import bulk_contraction
 from twin.engine.bulk.max_plus import OTHER, policy_graph
 from twin.host.guard import replacing
@@ -244,19 +244,16 @@ def cell_table(policy: str, variant: Variant, columns: Mapping[str, Any]) -> pa.
 
 
 def write_cells(
-    path: Path, experiment: Experiment, columns: Iterable[Mapping[str, Any]]
+    path: Path, experiment: Experiment, columns: Iterable[Mapping[str, Any] | None]
 ) -> None:
-    """Write a table of columns for each cell of an experiment."""
+    """Write a table of columns for each cell of an experiment that has any, if one has."""
     tables = [
         cell_table(policy, variant, own)
         for (policy, variant), own in zip(experiment.cells, columns, strict=True)
+        if own is not None
     ]
-    write_tables(path, tables)
-
-
-def write_tables(path: Path, tables: Sequence[pa.Table]) -> None:
-    """Write tables of cells as one."""
-    write_table(path, pa.concat_tables(tables, promote_options="permissive"))
+    if tables:
+        write_table(path, pa.concat_tables(tables, promote_options="permissive"))
 
 
 def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
@@ -274,7 +271,8 @@ def task_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
     }
     for name, values in (("start", tally.start_ns), ("end", tally.end_ns)):
         for p in (10, 50, 90):
-            columns[f"{name}_p{p}_s"] = _percentile(values, p, len(tasks))
+            found = np.percentile(values, p, axis=0) if len(values) else np.nan
+            columns[f"{name}_p{p}_s"] = np.broadcast_to(found / NANOSECONDS, len(tasks))
     return columns
 
 
@@ -292,12 +290,6 @@ def edge_columns(load: Workload, tally: TaskTally) -> dict[str, Any]:
         "cause": [CAUSES[cause] for cause in graph.cause.tolist()],
         "criticality": tally.critical_edges / max(tally.count, 1),
     }
-
-
-def _percentile(values: Nanoseconds, p: int, count: int) -> Any:
-    if len(values) == 0:
-        return np.full(count, np.nan)
-    return np.percentile(values, p, axis=0) / NANOSECONDS
 
 
 def plain(value: Any) -> Any:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from planning.transforms import Array
 from twin.durations.model import NANOSECONDS
-from twin.study.replications.block_results import cell_blocks
+from twin.study.replications.block_results import cell_blocks, cell_makespans_s
 from twin.study.replications.operating import RUNGS, SAME
 from twin.study.replications.statistics import (
     Experiment,
@@ -164,7 +164,12 @@ def operated_summary(
         )
         for own, other in prevented
     ]
-    found.sort(key=lambda one: (-one.completed_more, -_estimate(one.sooner_s)))
+    found.sort(
+        key=lambda one: (
+            -one.completed_more,
+            0.0 if one.sooner_s is None else -one.sooner_s.estimate,
+        )
+    )
     often = zip(told[0].steps.tolist(), given_up.sum(axis=1).tolist(), strict=True)
     return OperatedSummary(
         completed=share(done),
@@ -190,11 +195,7 @@ def prevented_makespans_s(
         blocks, cell: folder of what came of the cell itself, and its index.
         prevented, place: the same of the prevention.
     """
-    own = np.concatenate([b.rows.makespans_s() for b in cell_blocks(blocks, cell)])
     rows = [result.rows for result in cell_blocks(prevented, place)]
     same = np.concatenate([other.outcome == SAME for other in rows])
-    return np.where(same, own, np.concatenate([other.makespans_s() for other in rows]))
-
-
-def _estimate(found: Told | None) -> float:
-    return 0.0 if found is None else found.estimate
+    others = np.concatenate([other.makespans_s() for other in rows])
+    return np.where(same, cell_makespans_s(blocks, cell), others)

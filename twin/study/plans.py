@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from planning.errors import RequestError, ScenarioError, TwinError, in_a_line
@@ -268,28 +268,19 @@ LAYOUTS = "layouts planned"
 """Name of the stage for progress displays."""
 
 
-@dataclass(frozen=True)
-class PlannedStudy:
-    """A study whose layouts are planned.
-
-    Attributes:
-        request: with the variants that can be planned, and the layouts that cannot.
-        plans: of all layouts, by plan_key.
-    """
-
-    request: StudyRequest
-    plans: Plans
-
-
 def distinct(variants: Iterable[Variant]) -> list[Variant]:
     """Return some variants, each once, in order of their first."""
     return list({json.dumps(variant): variant for variant in variants}.values())
 
 
-def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
+def plan_layouts(request: StudyRequest, progress: Report) -> tuple[StudyRequest, Plans]:
     """Plan every layout of a study; those that have no plan are left out, with the reason.
 
     Where nothing is varied that a plan depends on there is one layout, and it must have a plan.
+
+    Returns:
+        The request with the variants that can be planned, and the layouts that cannot; and the plans of
+        all layouts, by plan_key.
 
     Raises:
         TwinError: the only layout cannot be planned.
@@ -299,7 +290,7 @@ def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
     wanted = distinct(map(layout_of, experiment.variants))
     if not any(wanted):
         plans = _planned(request, {}, progress)
-        return PlannedStudy(request, {plan_key({}, k): p for k, p in plans.items()})
+        return request, {plan_key({}, k): p for k, p in plans.items()}
     found: dict[str, Plans] = {}
     refused = []
     for number, layout in enumerate(wanted):
@@ -319,9 +310,7 @@ def plan_layouts(request: StudyRequest, progress: Report) -> PlannedStudy:
         for name, plan in found[json.dumps(layout)].items()
     }
     experiment = replace(experiment, variants=kept)
-    return PlannedStudy(
-        replace(request, experiment=experiment, refused=tuple(refused)), plans
-    )
+    return replace(request, experiment=experiment, refused=tuple(refused)), plans
 
 
 def words(layout: Variant) -> str:

@@ -17,7 +17,7 @@ from twin.study.replications.block_results import (
     UNKNOWN,
     ProductTimes,
     WindowTimes,
-    cell_blocks,
+    cell_part,
 )
 from twin.study.replications.statistics import (
     Figures,
@@ -80,12 +80,8 @@ def product_times(blocks: Path, cell: int) -> ProductTimes | None:
 
     None where there is only one product, or no replication completed.
     """
-    found = [b.products for b in cell_blocks(blocks, cell) if b.products is not None]
-    if not found:
-        return None
-    begin = np.concatenate([item.product_begin_ns for item in found], axis=1)
-    end = np.concatenate([item.product_end_ns for item in found], axis=1)
-    return ProductTimes(begin, end) if end.shape[1] else None
+    found: ProductTimes | None = cell_part(blocks, cell, "products")
+    return found if found is not None and found.product_end_ns.size else None
 
 
 def product_columns(times: ProductTimes, due_s: Sequence[float] = ()) -> dict[str, Any]:
@@ -196,18 +192,6 @@ class WindowsSummary(Figures):
     windows: tuple[WindowFigures, ...]
     hold: float
     holding_s: Told | None
-
-
-def window_times(blocks: Path, cell: int) -> WindowTimes | None:
-    """Return what passed in the windows in all replications of a cell, None where there are none."""
-    found = [b.windows for b in cell_blocks(blocks, cell) if b.windows is not None]
-    if not found:
-        return None
-    gaps, free, makespan = (
-        np.concatenate([getattr(item, name) for item in found], axis=-1)
-        for name in ("gap_ns", "free_gap_ns", "free_makespan_ns")
-    )
-    return WindowTimes(gaps, free, makespan)
 
 
 def windows_summary(

@@ -191,13 +191,18 @@ def without_failures(load: Workload) -> Iterator[tuple[str, str, Workload]]:
                 yield skill, part, _without_failures(load, skill, part)
 
 
+def _executed(load: Workload, **changes: Any) -> Workload:
+    """Return the work with other fields of how it is executed."""
+    return replace(load, execution=replace(load.execution, **changes))
+
+
 def _without_failures(load: Workload, skill: str, part: str) -> Workload:
     own = load.execution.disturbances
     item = own.failures[skill]
     parts = {name: p for name, p in item.parts.items() if part and name != part}
     less = item.changed(probability=item.probability if part else 0.0, parts=parts)
-    disturbances = own.changed(failures={**own.failures, skill: less})
-    return replace(load, execution=replace(load.execution, disturbances=disturbances))
+    failures = {**own.failures, skill: less}
+    return _executed(load, disturbances=own.changed(failures=failures))
 
 
 def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
@@ -213,7 +218,7 @@ def _with_skill(load: Workload, factor: float, *, skill: str) -> Workload:
         for item in own.overrides
     )
     durations = replace(own, models=models, overrides=overrides)
-    return replace(load, execution=replace(load.execution, durations=durations))
+    return _executed(load, durations=durations)
 
 
 def _with_act(load: Workload, factor: float, *, act: str) -> Workload:
@@ -222,8 +227,7 @@ def _with_act(load: Workload, factor: float, *, act: str) -> Workload:
         key: model.scaled(factor) if key[0] == act else model
         for key, model in own.actuations.items()
     }
-    durations = replace(own, actuations=actuations)
-    return replace(load, execution=replace(load.execution, durations=durations))
+    return _executed(load, durations=replace(own, actuations=actuations))
 
 
 def _with_motions(load: Workload, factor: float, *, robot: str) -> Workload:
@@ -248,5 +252,4 @@ def _with_longer_motions(
 def _with_stalls(load: Workload, factor: float) -> Workload:
     own = load.execution.disturbances
     stalls = own.stalls.changed(rate_per_h=own.stalls.rate_per_h * factor)
-    disturbances = own.changed(stalls=stalls)
-    return replace(load, execution=replace(load.execution, disturbances=disturbances))
+    return _executed(load, disturbances=own.changed(stalls=stalls))

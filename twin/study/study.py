@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,6 @@ from twin.study.folder import (
     SUMMARY,
     TASKS,
     StudyRequest,
-    cell_table,
     edge_columns,
     read_request,
     require_same_plans,
@@ -49,7 +49,6 @@ from twin.study.folder import (
     write_cells,
     write_replications,
     write_request,
-    write_tables,
 )
 from twin.study.gains.gains import CellGains, study_gains, write_gains
 from twin.study.operated import (
@@ -143,8 +142,7 @@ def start_study(
         if layout_of(variant):
             _require_fitting(varied(scenario, variant), request.base)
     if plans is None:
-        made = plan_layouts(request, progress)
-        request, plans = made.request, made.plans
+        request, plans = plan_layouts(request, progress)
     elif any(map(layout_of, experiment.variants)):
         keys = ", ".join(layout_of(experiment.variants[0]))
         raise RequestError(f"{keys}: a plan that is there cannot be varied; plan anew")
@@ -238,15 +236,12 @@ def _operated(
 
 def _write_products(request: StudyRequest, folder: Path) -> None:
     """Write what is found of products, where there are several."""
-    rows = []
-    for cell, (policy, variant) in enumerate(request.experiment.cells):
+    columns: list[dict[str, Any] | None] = []
+    for cell, (_, variant) in enumerate(request.experiment.cells):
         times = product_times(folder / BLOCKS, cell)
-        if times is not None:
-            kind = assembly_kind(varied(request.scenario, variant).assembly)
-            columns = product_columns(times, kind.due()[0])
-            rows.append(cell_table(policy, variant, columns))
-    if rows:
-        write_tables(folder / PRODUCTS, rows)
+        due_s, _ = assembly_kind(varied(request.scenario, variant).assembly).due()
+        columns.append(None if times is None else product_columns(times, due_s))
+    write_cells(folder / PRODUCTS, request.experiment, columns)
 
 
 def _require_fitting(scenario: Scenario, base: Path) -> None:

@@ -24,7 +24,6 @@ from twin.study.products import (
     WindowsSummary,
     line_summary,
     product_times,
-    window_times,
     windows_summary,
 )
 from twin.study.replications.block_results import (
@@ -32,6 +31,8 @@ from twin.study.replications.block_results import (
     ERROR,
     WAIT_COLUMNS,
     cell_blocks,
+    cell_makespans_s,
+    cell_part,
 )
 from twin.study.replications.statistics import (
     Experiment,
@@ -218,10 +219,10 @@ def summarise_study(
         audits: collisions found in each audited replication, by cell.
         operated: what failures cost where they are planned anew, by cell.
     """
-    experiment = request.experiment
+    experiment, confidence = request.experiment, request.experiment.precision.confidence
     cells: list[CellSummary] = []
     doubts: dict[str, None] = {}
-    samples = [makespans_s(blocks, cell) for cell in range(len(loads))]
+    samples = [cell_makespans_s(blocks, cell) for cell in range(len(loads))]
     for cell, (policy, variant) in enumerate(experiment.cells):
         own = varied(request.scenario, variant)
         load = loads[cell]
@@ -233,10 +234,8 @@ def summarise_study(
         times = product_times(blocks, cell)
         if times is not None:
             due = assembly_kind(own.assembly).due()
-            confidence = experiment.precision.confidence
             found["line"] = line_summary(times, due, confidence)
-        if (passed := window_times(blocks, cell)) is not None:
-            confidence = experiment.precision.confidence
+        if (passed := cell_part(blocks, cell, "windows")) is not None:
             about = load.tpg, load.execution.hold, passed, samples[cell]
             found["windows"] = windows_summary(*about, confidence)
         if cell in operated:
@@ -245,7 +244,7 @@ def summarise_study(
         doubts |= dict.fromkeys(doubts_about_stalls(own, load.tpg))
     return StudySummary(
         scenario=request.scenario.name,
-        confidence=experiment.precision.confidence,
+        confidence=confidence,
         deadline_s=request.deadline_s,
         antithetic=experiment.antithetic,
         cells=tuple(cells),
@@ -254,11 +253,6 @@ def summarise_study(
         refused=request.refused,
         warnings=tuple(doubts),
     )
-
-
-def makespans_s(blocks: Path, cell: int) -> Array:
-    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
-    return np.concatenate([b.rows.makespans_s() for b in cell_blocks(blocks, cell)])
 
 
 def cell_label(policy: str, variant: Variant) -> str:

@@ -137,8 +137,7 @@ def try_plan(
             live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED)
         done = _executed(plan, about, (log, memory), says, live)
         log.require_whole()
-        _conclude(done, folder, memory.events, about, progress)
-    return RunResult(folder, plan=done.plan, history=memory.events, record=done.record)
+        return _conclude(done, folder, memory.events, about, progress)
 
 
 @dataclass(frozen=True)
@@ -210,8 +209,9 @@ def _conclude(
     events: list[Event],
     about: Preparation,
     progress: Report,
-) -> None:
-    """Write everything about a run that has been simulated, besides its event log."""
+    known: int | None = None,
+) -> RunResult:
+    """Write everything about a run that has been simulated, besides its event log; so many events were known."""
     progress(SIMULATION, 1, 1)
     plan, record = done.plan, done.record
     scenario, tpg = plan.scenario.sections, plan.tpg
@@ -259,6 +259,13 @@ def _conclude(
         summary["operation"] = done.operation.content()
     summary["files"] = hashes_as_written(folder)
     write_json(folder / SUMMARY, summary)
+    return RunResult(
+        folder,
+        plan=plan,
+        history=events,
+        record=record,
+        resumed=None if known is None else Resumed(known, len(events) - known),
+    )
 
 
 def audit_execution(
@@ -332,8 +339,7 @@ def resume_run(
     if about.session is not None:
         return _go_on(plan, folder, about, known, progress)
     done = _executed(plan, about, (memory,))
-    record = done.record
-    if record.outcome == "aborted":
+    if done.record.outcome == "aborted":
         raise KeyboardInterrupt
     lines = [event_line(event) for event in memory.events]
     _require_agreement(path, known, lines, memory.events)
@@ -342,12 +348,9 @@ def resume_run(
         for event in memory.events[len(known) :]:
             recorder.record(event)
         recorder.close()
-        _conclude(done, folder, memory.events, about, progress)
+        run = _conclude(done, folder, memory.events, about, progress, len(known))
     keep_new(folder)
-    found = Resumed(len(known), len(lines) - len(known))
-    return RunResult(
-        folder, plan=done.plan, history=memory.events, record=record, resumed=found
-    )
+    return run
 
 
 def _go_on(
@@ -382,12 +385,9 @@ def _go_on(
         live = session.execution(plan.tpg.cell, log.sync, folder / MEASURED, history)
         done = _executed(plan, about, (log, memory), None, live)
         log.require_whole()
-        _conclude(done, folder, memory.events, about, progress)
+        run = _conclude(done, folder, memory.events, about, progress, len(known))
     keep_new(folder)
-    told = Resumed(len(known), len(memory.events) - len(known))
-    return RunResult(
-        folder, plan=done.plan, history=memory.events, record=done.record, resumed=told
-    )
+    return run
 
 
 def _plan_to_resume(

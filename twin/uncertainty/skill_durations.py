@@ -14,11 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planning.cell.robot_model import RobotModel
-from planning.tasks.task import (
-    ActuationKey,
-    ExceptionKey,
-    strongest_exception,
-)
+from planning.tasks.task import ActuationKey, ExceptionKey, strongest_exception
 from planning.transforms import Array, Indices
 from scheduling.graph.task_edges import actuation_nodes
 from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph

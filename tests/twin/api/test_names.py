@@ -1,6 +1,5 @@
 """``import twin`` costs nothing, and its names stay functions whatever is imported after it."""
 
-import subprocess
 import sys
 from importlib import import_module
 from types import ModuleType
@@ -8,6 +7,7 @@ from types import ModuleType
 import pytest
 
 import twin
+from tests.twin.program import python
 
 
 def test_every_name_is_there() -> None:
@@ -34,8 +34,5 @@ def test_rooms_do_not_take_the_place_of_functions() -> None:
 
 def test_the_import_loads_nothing_heavy() -> None:
     code = "import sys, twin; print(*sorted(m.partition('.')[0] for m in sys.modules))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
     heavy = {"numpy", "pydantic", "matplotlib", "pyarrow", "numba", "typer", "yaml"}
-    assert heavy.isdisjoint(done.stdout.split())
+    assert heavy.isdisjoint(python(code).stdout.split())

@@ -40,7 +40,6 @@ from twin.run.summary import lower_bound_s
 from twin.scenario.manifest import load_scenario
 from twin.trial.planning import plan_scenario
 from twin.trial.simulation import execute
-from twin.uncertainty.skill_durations import SkillDurations
 
 CLIFF = Path(__file__).parents[3] / "scenarios" / "lego" / "cliff.yaml"
 
@@ -257,7 +256,7 @@ def slow_straight_line_s(
 
 
 def sequential(tpg: TemporalPlanGraph, seed: int = 0) -> ExecutionRecord:
-    return simulate(tpg, SkillDurations({}), seed=seed, policy="sequential")
+    return simulate(tpg, seed=seed, policy="sequential")
 
 
 @settings(max_examples=40, deadline=None)
@@ -291,7 +290,7 @@ def test_no_policy_beats_the_bounds_of_straight_motions() -> None:
     # Three straight pose nodes of 0.1 rad each at 0.1 rad/s, twice.
     tpg = two_robot_tpg([(0, 1, 1, 0)])
     speeds = {f"robot_{k}": L1Speed(0.1) for k in range(2)}
-    run = simulate(tpg, SkillDurations({}), seed=0)
+    run = simulate(tpg, seed=0)
     assert straight_line_s(tpg, run, speeds) == pytest.approx(3.0)
     assert lower_bound_s(tpg, run) == pytest.approx(3.0)
     assert run.makespan_s == pytest.approx(5.0)
@@ -312,8 +311,8 @@ def test_a_detour_shows_in_the_ratio_of_a_baseline() -> None:
     assert straight_line_ratio(tpg, sequential(tpg), speeds) == pytest.approx(8 / 6)
     # In one slot the longer of the two counts, straight or not.
     slotted = replace(tpg, slots=np.array([0, 0]))
-    run = simulate(slotted, SkillDurations({}), seed=0, policy="synchronous")
+    run = simulate(slotted, seed=0, policy="synchronous")
     assert straight_line_ratio(slotted, run, speeds) == pytest.approx(5 / 3)
     slotted = replace(tpg, slots=np.array([0, 1]))
-    run = simulate(slotted, SkillDurations({}), seed=0, policy="synchronous")
+    run = simulate(slotted, seed=0, policy="synchronous")
     assert straight_line_ratio(slotted, run, speeds) == pytest.approx(8 / 6)

@@ -60,7 +60,8 @@ MODELS: list[tuple[DurationModel, object]] = [
 def test_quantiles_and_means_are_scipys(
     model: DurationModel, reference: object
 ) -> None:
-    assert model.ppf(U) == pytest.approx(reference.ppf(U), rel=1e-9, abs=1e-9)
+    u = np.append(U, [0.5, 0.95])  # which some are given by
+    assert model.ppf(u) == pytest.approx(reference.ppf(u), rel=1e-9, abs=1e-9)
     assert model.mean == pytest.approx(reference.mean(), rel=1e-9)
     low = reference.support()[0]
     assert model.minimum == (pytest.approx(low) if low > -math.inf else 0.0)
@@ -82,8 +83,9 @@ def test_mean_and_cv_come_back() -> None:
 
 
 def test_mean_and_minimum_of_measured_and_of_fixed_times() -> None:
-    model = MeasuredTimes(values=(1.0, 2.0, 2.0, 7.0))
-    assert (model.mean, model.minimum) == (3.0, 1.0)
+    model = MeasuredTimes(values=(3.0, 1.0, 2.0, 2.0, 8.0))
+    assert (model.mean, model.minimum) == (3.2, 1.0)
+    assert model.ppf(np.linspace(0.1, 0.9, 5)).tolist() == [1.0, 2.0, 2.0, 3.0, 8.0]
     fixed = Fixed(value_s=2.5)
     assert fixed.ppf(U[:3]).tolist() == [2.5, 2.5, 2.5]
     assert (fixed.mean, fixed.minimum) == (2.5, 2.5)

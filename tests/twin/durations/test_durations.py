@@ -15,7 +15,7 @@ from scheduling.build_tpg import build_nodes
 from tests.twin.drawn_runs import sample
 from tests.twin.program import invoke
 from tests.twin.twin_toys import random_tpg, with_cut_skill
-from tests.twin.written import loaded
+from tests.twin.written import loaded, written
 from twin.durations.lifetimes import Retries
 from twin.durations.measured import Empirical, MeasuredTimes, Packaged, packaged_timings
 from twin.durations.model import to_nanoseconds
@@ -26,22 +26,6 @@ from twin.scenario.manifest import load_scenario
 from twin.scenario.sections.scenario import follow_references
 from twin.trial.simulation import skill_durations
 from twin.uncertainty.skill_durations import SkillDurations, nominal_ns
-
-PROBABILITIES = (np.arange(200_000) + 0.5) / 200_000
-MEASURED = [3.0, 1.0, 2.0, 2.0, 8.0]
-
-
-def test_lognormal_keeps_the_two_figures_it_is_given() -> None:
-    model = Lognormal(median_s=8.7, p95_s=10.0)
-    assert model.ppf(np.array([0.5, 0.95])) == pytest.approx([8.7, 10.0])
-
-
-def test_empirical_gives_the_values_measured_each_as_often() -> None:
-    model = MeasuredTimes(values=tuple(MEASURED))
-    values, counts = np.unique(model.ppf(PROBABILITIES), return_counts=True)
-    assert values.tolist() == [1.0, 2.0, 3.0, 8.0]
-    assert (counts / len(PROBABILITIES)).tolist() == [0.2, 0.4, 0.2, 0.2]
-    assert model.mean == pytest.approx(3.2)
 
 
 def test_models_of_one_file_are_equal_after_draws_too(tmp_path: Path) -> None:
@@ -223,18 +207,16 @@ def test_the_planner_takes_the_means_of_exceptions(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("written", "says"),
+    ("model", "says"),
     [
         ("{kind: referense}", "did you mean 'reference'?"),
         ("{kind: reference, scale: 2}", "scale"),
         ("{kind: shifted, offset_s: 1, model: {kind: reference}}", "'reference'"),
     ],
 )
-def test_what_a_reference_cannot_be(tmp_path: Path, written: str, says: str) -> None:
-    file = tmp_path / "cliff.yaml"
-    file.write_text(
-        CLIFF.read_text() + f"\nexecution:\n  skills:\n    pick: {written}\n"
-    )
+def test_what_a_reference_cannot_be(tmp_path: Path, model: str, says: str) -> None:
+    text = f"\nexecution:\n  skills:\n    pick: {model}\n"
+    file = written(tmp_path, CLIFF.read_text() + text)
     result = invoke("validate", file, code=2)
     assert says in result.output
 
@@ -246,11 +228,8 @@ def test_a_construction_needs_durations_to_plan_with() -> None:
 
 
 def test_the_comparison_takes_them_in_place_of_the_durations(tmp_path: Path) -> None:
-    file = tmp_path / "cliff.yaml"
-    file.write_text(
-        CLIFF.read_text()
-        + "\nexecution:\n  skills:\n    pick: {kind: fixed, value_s: 1000}\n"
-    )
+    text = "\nexecution:\n  skills:\n    pick: {kind: fixed, value_s: 1000}\n"
+    file = written(tmp_path, CLIFF.read_text() + text)
     out = tmp_path / "out"
     arguments = ["compare", str(file), "--reference-skills", "--json"]
     arguments += ["--seeds", "1", "--shortcuts", "0", "--out", str(out)]

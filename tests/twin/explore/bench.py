@@ -1,15 +1,18 @@
 """An exploration whose designs are evaluated in this process, one after the other."""
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+from tests.twin.explore.sliders import EXPLORE, slider_file
 from twin.explore.crew import Crew, DesignTask
 from twin.explore.dimensions import dimensions_of
 from twin.explore.exploration import Exploration
+from twin.explore.journal import JOURNAL
 from twin.explore.rungs import Climb, Evaluation, Setting
 from twin.host.progress import report_nothing
-from twin.scenario.sections.exploration import ExploreSection
-from twin.trial.loaded_scenario import load
+from twin.trial.loaded_scenario import LoadedScenario, load
 
 
 class Bench(Crew):
@@ -49,24 +52,33 @@ class Bench(Crew):
             yield task, self._evaluate(task)
 
 
-def setting_of(file: Path, section: ExploreSection | None = None) -> Setting:
-    """Return what designs of a scenario have in common."""
+def setting_of(file: Path, **changes: object) -> Setting:
+    """Return what designs of a scenario have in common, with something else in its section."""
     case = load(file)
-    own = section or case.sections.explore
+    own = case.sections.explore
     assert own is not None
-    return Setting(case.sections.changed(explore=None), case.folder, own)
+    section = own.changed(**changes)
+    return Setting(case.sections.changed(explore=None), case.folder, section)
 
 
 def exploration_of(setting: Setting, folder: Path) -> Exploration:
     """Return an exploration in a folder, gone on with where there is one."""
     folder.mkdir(exist_ok=True)
-    case = load_document(setting)
-    dimensions = dimensions_of(setting.scenario, setting.section, case)
+    document = LoadedScenario(setting.scenario, setting.folder).document
+    dimensions = dimensions_of(setting.scenario, setting.section, document)
     seed = setting.scenario.seed
     return Exploration(folder, setting.section, dimensions, seed, report_nothing)
 
 
-def load_document(setting: Setting):  # type: ignore[no-untyped-def]
-    from twin.trial.loaded_scenario import LoadedScenario
+def sliders_explored(
+    folder: Path, more: str = EXPLORE, right: float = 0.3, **changes: object
+) -> tuple[Setting, Exploration]:
+    """Return what designs of the sliders have in common, and an exploration of them in ``out``."""
+    setting = setting_of(slider_file(folder, more, right=right), **changes)
+    return setting, exploration_of(setting, folder / "out")
 
-    return LoadedScenario(setting.scenario, setting.folder).document
+
+def told(folder: Path) -> list[dict[str, Any]]:
+    """Return the journal without what the clock of the machine says."""
+    lines = (folder / JOURNAL).read_text().splitlines()
+    return [{**json.loads(line), "cpu_s": None} for line in lines]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+LEFT, RIGHT = "cell.robots.left.base.xyz_m.0", "cell.robots.right.base.xyz_m.0"
 URDF = """\
 <robot name="slider">
   <link name="base"/>

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.twin.explore.bench import setting_of
-from tests.twin.explore.sliders import slider_file
+from tests.twin.explore.bench import setting_of, told
+from tests.twin.explore.sliders import LEFT, slider_file
 from tests.twin.program import invoke
 from twin.explore.crew import Crew, DesignTask, parallel
 from twin.explore.journal import JOURNAL, Journal
@@ -41,7 +41,7 @@ def test_a_design_that_kills_or_holds_its_process_is_refused(tmp_path: Path) -> 
         DesignTask(0, Dies()),
         DesignTask(1, {}),
         DesignTask(2, Hangs()),
-        DesignTask(3, {"cell.robots.left.base.xyz_m.0": 0.2}),
+        DesignTask(3, {LEFT: 0.2}),
         DesignTask(4, {"cell.robots.left.model": "no-such-model"}),
     ]
     with Crew(setting, 1, 20.0) as crew:
@@ -111,16 +111,11 @@ def wait_for(folder: Path, designs: int, process: subprocess.Popen[bytes]) -> No
     assert process.returncode == 0, "it does not get anywhere"
 
 
-def told(folder: Path) -> list[dict[str, Any]]:
-    lines = (folder / JOURNAL).read_text().splitlines()
-    return [{**json.loads(line), "cpu_s": None} for line in lines]
-
-
 def test_the_command_explores_and_goes_on(tmp_path: Path) -> None:
     file, out = slider_file(tmp_path), tmp_path / "out"
-    told = invoke("explore", file, "--designs", 4, "--workers", 1, "--out", out, code=0)
-    assert "minimise makespan_s, 4 designs" in told.output
-    assert "how far designs got" in told.output
+    done = invoke("explore", file, "--designs", 4, "--workers", 1, "--out", out, code=0)
+    assert "minimise makespan_s, 4 designs" in done.output
+    assert "how far designs got" in done.output
     again = invoke("explore", file, "--out", out, code=2)
     assert "--resume" in again.output
     invoke("explore", "--resume", out, "--designs", 6, "--workers", 1, code=0)

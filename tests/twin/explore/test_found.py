@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.twin.explore.bench import Bench, exploration_of, setting_of
-from tests.twin.explore.sliders import EXPLORE, slider_file
+from tests.twin.explore.bench import Bench, exploration_of, sliders_explored
+from tests.twin.explore.sliders import EXPLORE, LEFT, RIGHT, slider_file
 from tests.twin.program import invoke
-from twin.explore.chosen import scenario_text
 from twin.explore.crew import DesignTask
 from twin.explore.dimensions import Dimension
 from twin.explore.finals import Finals
+from twin.explore.folder import scenario_text
 from twin.explore.influence import front, importances
 from twin.explore.journal import SEARCH, Tried
 from twin.explore.page_words import verdict, worth_words
@@ -23,11 +23,12 @@ from twin.explore.rungs import Climb, Evaluation
 from twin.explore.summary import summary_of
 from twin.host.progress import report_nothing
 from twin.scenario.manifest import load_scenario, scenario_of
-from twin.scenario.sections.exploration import ExploreSection, GoalSection, VarySection
+from twin.scenario.sections.exploration import GoalSection, VarySection
 from twin.scenario.shipped import shipped_scenarios
 from twin.scenario.variations import varied
 
-LEFT, RIGHT = "cell.robots.left.base.xyz_m.0", "cell.robots.right.base.xyz_m.0"
+ALONE = (VarySection(key=LEFT, low=-0.6, high=0.6),)
+FEW = {"replications": 20, "most_replications": 80}
 JITTER = "execution: {jitter: {kind: uniform, low_s: 0, high_s: 0.02}}\n"
 
 
@@ -77,12 +78,13 @@ def test_compromises_are_those_that_nothing_beats() -> None:
 )
 def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
     """The left slider decides: it is 0.4 m away, and 0.1 m in the best design that is tried."""
-    file = slider_file(tmp_path, JITTER + EXPLORE)
-    section = setting_of(file).section.changed(
-        goals=(GoalSection(minimise=goal),), replications=30, most_replications=60
+    setting, exploration = sliders_explored(
+        tmp_path,
+        JITTER + EXPLORE,
+        goals=(GoalSection(minimise=goal),),
+        replications=30,
+        most_replications=60,
     )
-    setting = setting_of(file, section)
-    exploration = exploration_of(setting, tmp_path / "out")
     base, half, best = {LEFT: -0.3, RIGHT: 0.3}, {LEFT: 0.0, RIGHT: 0.3}, None
     for number, values in enumerate((base, {LEFT: 0.0, RIGHT: 0.1}, half)):
         changed = {k: v for k, v in values.items() if v != base[k]}
@@ -95,7 +97,7 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
     assert all(item.apart for item in race[1:]), "0.4 s of difference, 0.02 s of noise"
     bench = Bench(setting)
     worths = {item.key: item for item in finals.worths(best, bench)}
-    replanned = 2 * (section.plans - 1)
+    replanned = 2 * (setting.section.plans - 1)
     assert len(bench.evaluated) == 1 + replanned, "of two without a change one is known"
     # 0.4 s, and 8 nodes fewer of which each takes 0.01 s longer on average.
     gain = {"makespan_s": 0.4, "2 * mean_s + robots": 0.96}.get(goal, 0.48)
@@ -113,10 +115,7 @@ def test_changes_are_worth_what_is_known(tmp_path: Path, goal: str) -> None:
 
 
 def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) -> None:
-    file = slider_file(tmp_path)
-    section = setting_of(file).section.changed(plans=4)
-    setting = setting_of(file, section)
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path, plans=4)
     luck = {0: (0.0, -0.3), 1: (0.1, 0.0), 2: (-0.1, 0.2), 3: (0.0, 0.0)}
 
     def lucky(found: Evaluation, change_s: float) -> Evaluation:
@@ -154,14 +153,10 @@ def test_the_luck_of_a_plan_is_told_from_what_a_design_is_worth(tmp_path: Path) 
 
 def test_designs_that_do_not_differ_are_not_told_apart(tmp_path: Path) -> None:
     """Only the slider that ends last counts: where it stands alike, designs are equally good."""
-    file = slider_file(tmp_path, JITTER + EXPLORE)
-    section = ExploreSection(
-        vary=(VarySection(key=LEFT, low=-0.6, high=0.6),),
-        replications=20,
-        most_replications=80,
+    goals = (GoalSection(minimise="mean_s"),)
+    setting, exploration = sliders_explored(
+        tmp_path, JITTER + EXPLORE, vary=ALONE, goals=goals, **FEW
     )
-    setting = setting_of(file, section)
-    exploration = exploration_of(setting, tmp_path / "out")
     for number, left in enumerate((0.3, 0.31, 0.29)):
         evaluation = Climb(setting, {LEFT: left}).evaluate()
         exploration.keep(Tried(number, SEARCH, {LEFT: left}, 0, evaluation))
@@ -172,18 +167,13 @@ def test_designs_that_do_not_differ_are_not_told_apart(tmp_path: Path) -> None:
 
 def test_compromises_are_told_from_those_that_draws_flattered(tmp_path: Path) -> None:
     """The left slider takes |0.1 - x| / 0.5 s and is to stand far to the left: beyond 0.1 both are worse."""
-    file = slider_file(tmp_path, JITTER + EXPLORE, right=-0.1)
-    section = ExploreSection(
-        vary=(VarySection(key=LEFT, low=-0.6, high=0.6),),
-        goals=(
-            GoalSection(minimise="mean_s"),
-            GoalSection(maximise=f"-key('{LEFT}')"),
-        ),
-        replications=20,
-        most_replications=80,
+    goals = (
+        GoalSection(minimise="mean_s"),
+        GoalSection(maximise=f"-key('{LEFT}')"),
     )
-    setting = setting_of(file, section)
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(
+        tmp_path, JITTER + EXPLORE, -0.1, vary=ALONE, goals=goals, **FEW
+    )
     for number, left in enumerate((-0.3, -0.1, 0.0, 0.3, 0.301)):
         found = Climb(setting, {LEFT: left}).evaluate()
         if left > 0.1:  # by draws that were kind to it
@@ -224,8 +214,7 @@ explore:
   prices: {slider.urdf: 500}
   designs: 24
 """
-    setting = setting_of(slider_file(tmp_path, more))
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path, more)
     exploration.search(Bench(setting), 24, None)
     for row in exploration.journal.rows:
         left = row.values[LEFT]

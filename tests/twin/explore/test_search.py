@@ -1,6 +1,5 @@
 """Designs are searched for: what is found is what is known, and the same after any interruption."""
 
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -8,26 +7,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.twin.explore.bench import Bench, exploration_of, setting_of
-from tests.twin.explore.sliders import EXPLORE, slider_file
+from tests.twin.explore.bench import (
+    Bench,
+    exploration_of,
+    setting_of,
+    sliders_explored,
+    told,
+)
+from tests.twin.explore.sliders import EXPLORE, LEFT, RIGHT, slider_file
 from twin.explore.journal import JOURNAL, SEARCH, Journal, Tried
 from twin.explore.rungs import Climb, Evaluation, Setting, refused
 from twin.scenario.sections.exploration import GoalSection, SamplerName, VarySection
 from twin.scenario.variations import varied
 from twin.trial.loaded_scenario import load
 
-LEFT, RIGHT = "cell.robots.left.base.xyz_m.0", "cell.robots.right.base.xyz_m.0"
-
 
 def oracle_s(left: float, right: float) -> float:
     """Each slider goes from its base to its place at 0.5 m/s, both at once."""
     return max(abs(0.1 - left), abs(-0.1 - right)) / 0.5
-
-
-def lines(folder: Path) -> list[dict[str, Any]]:
-    """Return the journal without what the clock of the machine says."""
-    text = (folder / JOURNAL).read_text().splitlines()
-    return [{**json.loads(line), "cpu_s": None} for line in text]
 
 
 def test_designs_take_as_long_as_is_known(tmp_path: Path) -> None:
@@ -53,10 +50,8 @@ def test_designs_that_can_be_counted_up_are_each_tried_once(
 ) -> None:
     values = (-0.3, -0.1, 0.1)
     vary = tuple(VarySection(key=key, values=values) for key in (LEFT, RIGHT))
-    section = setting_of(slider_file(tmp_path)).section
-    section = section.changed(vary=vary, sampler=sampler, designs=9)
-    setting = setting_of(slider_file(tmp_path), section)
-    exploration = exploration_of(setting, tmp_path / "out")
+    changes = {"vary": vary, "sampler": sampler, "designs": 9}
+    setting, exploration = sliders_explored(tmp_path, **changes)
     exploration.search(Bench(setting, evaluate=cheap), 9, None)
     tried = [
         (row.values[LEFT], row.values[RIGHT]) for row in exploration.journal.searched
@@ -70,11 +65,7 @@ def test_designs_that_can_be_counted_up_are_each_tried_once(
 def test_samplers_come_close_to_the_known_best(
     tmp_path: Path, sampler: SamplerName
 ) -> None:
-    section = setting_of(slider_file(tmp_path)).section
-    setting = setting_of(
-        slider_file(tmp_path), section.changed(sampler=sampler, designs=60)
-    )
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path, sampler=sampler, designs=60)
     exploration.search(Bench(setting, evaluate=cheap), 60, None)
     best = exploration.best(1)[0].evaluation.goals[0]
     assert best < {"tpe": 0.15, "cma-es": 0.15, "random": 0.35}[sampler]
@@ -83,8 +74,7 @@ def test_samplers_come_close_to_the_known_best(
 
 
 def test_planned_designs_come_close_to_the_known_best(tmp_path: Path) -> None:
-    setting = setting_of(slider_file(tmp_path))
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path)
     exploration.search(Bench(setting), 25, None)
     rows = exploration.journal.rows
     assert rows[0].design == 0
@@ -100,10 +90,8 @@ def test_planned_designs_come_close_to_the_known_best(tmp_path: Path) -> None:
 
 def test_shortcuts_may_gain_more_than_they_ever_did(tmp_path: Path) -> None:
     """They left 0.6 to 0.7 of 10 s, usually 0.65: 0.55 is as far away as that, and the best takes 6 s."""
-    section = setting_of(slider_file(tmp_path)).section
     goals = (GoalSection(minimise="mean_s"),)
-    setting = setting_of(slider_file(tmp_path), section.changed(goals=goals))
-    exploration = exploration_of(setting, tmp_path / "out")
+    _, exploration = sliders_explored(tmp_path, goals=goals)
     for number, left in enumerate((0.6, 0.62, 0.64, 0.65, 0.65, 0.66, 0.68, 0.7)):
         assert exploration.longest_turns_s() == np.inf, "little is known"
         found = Evaluation("done", "replications", goals=(10.0 * left,), turns_s=10.0)
@@ -131,9 +119,7 @@ class StoppedError(Exception):
 def test_an_interrupted_search_goes_on_as_if_nothing_had_been(
     tmp_path: Path, sampler: SamplerName, width: int
 ) -> None:
-    file = slider_file(tmp_path)
-    section = setting_of(file).section.changed(sampler=sampler, designs=40)
-    setting = setting_of(file, section)
+    setting = setting_of(slider_file(tmp_path), sampler=sampler, designs=40)
     whole = exploration_of(setting, tmp_path / "whole")
     whole.search(Bench(setting, width, cheap), 40, None)
     done: Counter[int] = Counter()
@@ -147,7 +133,7 @@ def test_an_interrupted_search_goes_on_as_if_nothing_had_been(
 
     def journal() -> list[dict[str, Any]]:
         there = (tmp_path / "parts" / JOURNAL).exists()
-        return lines(tmp_path / "parts") if there else []
+        return told(tmp_path / "parts") if there else []
 
     for stop in stops:  # noqa: B007 - mortal looks at it
         part = exploration_of(setting, tmp_path / "parts")
@@ -159,10 +145,10 @@ def test_an_interrupted_search_goes_on_as_if_nothing_had_been(
     part = exploration_of(setting, tmp_path / "parts")
     part.search(Bench(setting, width, mortal), 40, None)
     assert set(done.values()) == {1}, "no design is evaluated twice"
-    found = lines(tmp_path / "parts")
+    found = told(tmp_path / "parts")
     assert sorted(row["design"] for row in found) == list(range(40))
     if width == 1:
-        assert found == lines(tmp_path / "whole")
+        assert found == told(tmp_path / "whole")
 
 
 def test_a_design_that_was_tried_is_not_evaluated_again(tmp_path: Path) -> None:
@@ -172,8 +158,7 @@ explore:
   goals: [{minimise: makespan_s}]
   sampler: random
 """
-    setting = setting_of(slider_file(tmp_path, more))
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path, more)
     bench = Bench(setting, 2, cheap)
     exploration.search(bench, 12, None)
     assert len(exploration.journal.rows) == 12
@@ -184,8 +169,7 @@ explore:
 
 
 def test_a_damaged_journal_names_its_line(tmp_path: Path) -> None:
-    setting = setting_of(slider_file(tmp_path))
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path)
     exploration.search(Bench(setting, 1, cheap), 3, None)
     path = tmp_path / "out" / JOURNAL
     text = path.read_text().splitlines()
@@ -199,8 +183,7 @@ def test_orders_of_steps_are_designs(tmp_path: Path) -> None:
         "- {key: cell.robots.left.base.xyz_m.0, low: -0.6, high: 0.6}",
         "- {key: assembly.moves, order: true}",
     )
-    setting = setting_of(slider_file(tmp_path, more))
-    exploration = exploration_of(setting, tmp_path / "out")
+    setting, exploration = sliders_explored(tmp_path, more)
     exploration.search(Bench(setting), 8, None)
     orders = {
         tuple(move["robot"] for move in row.values["assembly.moves"])

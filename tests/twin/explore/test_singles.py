@@ -41,7 +41,7 @@ def test_changes_gain_what_is_known_and_are_ranked_by_effort(tmp_path: Path) -> 
     assert {"base", "home", "order"} <= kinds
     exploration = exploration_of(setting, tmp_path / "out")
     bench = Bench(setting)
-    found = try_changes(exploration, bench, changes, report_nothing)
+    found = try_changes(exploration, bench, changes)
     assert len(found) == len(changes)
     finals = Finals(exploration, setting, report_nothing)
     best = judge_changes(exploration, finals, found, 10, report_nothing)
@@ -57,7 +57,7 @@ def test_changes_gain_what_is_known_and_are_ranked_by_effort(tmp_path: Path) -> 
     assert not any("right" in item.words for item in best)
     tried = len(bench.evaluated)
     again = exploration_of(setting, tmp_path / "out")
-    try_changes(again, bench, changes, report_nothing)
+    try_changes(again, bench, changes)
     assert len(bench.evaluated) == tried
     assert len(again.journal.rows) == len(exploration.journal.rows) == tried
 
@@ -67,7 +67,7 @@ def test_a_cell_that_does_not_work_has_no_changes(tmp_path: Path) -> None:
     exploration = exploration_of(setting, tmp_path / "out")
     changes = candidates(setting.scenario, setting.folder)
     with pytest.raises(RequestError, match=r"does not work.*reach: right does not"):
-        try_changes(exploration, Bench(setting), changes, report_nothing)
+        try_changes(exploration, Bench(setting), changes)
 
 
 def test_options_that_contradict_single_changes_are_refused(tmp_path: Path) -> None:

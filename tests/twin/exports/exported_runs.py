@@ -28,6 +28,9 @@ from twin.uncertainty.disturbances import (
 )
 from twin.uncertainty.skill_durations import SkillDurations
 
+Toy = tuple[RunResult, ExecutionRecord]
+"""A run as it is read back, and as it was."""
+
 DISTURBED = Disturbances(
     stalls=Stalls(count_per_robot=2),
     emergency_stops=(EmergencyStop(robot="robot_1", at_s=7.0, duration_s=4.0),),
@@ -43,7 +46,7 @@ def toy_run(
     *,
     disturbances: Disturbances = DISTURBED,
     tpg: TemporalPlanGraph | None = None,
-) -> tuple[RunResult, ExecutionRecord]:
+) -> Toy:
     """Write the folder of a run of two robots, one with a joint more than the other.
 
     Toys cannot be saved as plans: the graph is put into the run by hand.

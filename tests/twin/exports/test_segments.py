@@ -1,7 +1,6 @@
 """Segments hold every waypoint once, and keeping to their order is keeping to the graph."""
 
 import csv
-from collections.abc import Iterator
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from scheduling.graph.dispatcher import earliest_times
 from tests.twin.driven_toys import driven_tpg
 from tests.twin.exports.exported_runs import (
     DISTURBED,
+    Toy,
     exported,
     segments_of,
     stamp_ns,
@@ -32,19 +32,11 @@ PERIOD_NS = 4_000_000
 
 
 @pytest.fixture(params=[8, 21])
-def case(
-    request: pytest.FixtureRequest, tmp_path: Path
-) -> tuple[RunResult, ExecutionRecord]:
+def case(request: pytest.FixtureRequest, tmp_path: Path) -> Toy:
     return toy_run(tmp_path, request.param)
 
 
-def of_robot(segments: list[dict[str, Any]], robot: str) -> Iterator[dict[str, Any]]:
-    return (s for s in segments if s["robot"] == robot)
-
-
-def test_segments_have_the_shape_of_the_message(
-    case: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_segments_have_the_shape_of_the_message(case: Toy) -> None:
     run, _ = case
     segments = segments_of(run)
     assert len({s["id"] for s in segments}) == len(segments) > 5
@@ -64,14 +56,14 @@ def test_segments_have_the_shape_of_the_message(
             )
 
 
-def test_the_points_are_the_path(case: tuple[RunResult, ExecutionRecord]) -> None:
+def test_the_points_are_the_path(case: Toy) -> None:
     run, _ = case
     segments = segments_of(run)
     for chain in run.tpg.chains:
         at = chain.start.tolist()
         path: list[list[float]] = []
         node = 0
-        for segment in of_robot(segments, chain.robot):
+        for segment in (s for s in segments if s["robot"] == chain.robot):
             points = [p["positions"] for p in segment["joint_trajectory"]["points"]]
             assert points[0] == at
             path += points[1:]
@@ -85,7 +77,7 @@ def test_the_points_are_the_path(case: tuple[RunResult, ExecutionRecord]) -> Non
 
 
 def test_points_are_when_they_are_planned_but_for_what_is_shorter_than_a_period(
-    case: tuple[RunResult, ExecutionRecord],
+    case: Toy,
 ) -> None:
     """Never earlier, and later by no more than a period for each point that came too soon."""
     run, _ = case
@@ -112,9 +104,7 @@ def test_points_are_when_they_are_planned_but_for_what_is_shorter_than_a_period(
         assert np.all(late <= soon * PERIOD_NS + 2.0)
 
 
-def test_whoever_keeps_to_the_order_of_segments_keeps_to_the_graph(
-    case: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_whoever_keeps_to_the_order_of_segments_keeps_to_the_graph(case: Toy) -> None:
     """Every segment as early as its ``after`` lets it: the same as the graph's rollout."""
     run, _ = case
     segments = {s["id"]: s for s in segments_of(run)}
@@ -145,9 +135,7 @@ def test_whoever_keeps_to_the_order_of_segments_keeps_to_the_graph(
     assert causes == {"same robot", "motion conflict"}
 
 
-def test_segments_tell_when_they_were_executed(
-    case: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_segments_tell_when_they_were_executed(case: Toy) -> None:
     recorded, run = case
     robots = [chain.robot for chain in recorded.tpg.chains]
     for segment in segments_of(recorded):
@@ -159,9 +147,7 @@ def test_segments_tell_when_they_were_executed(
         assert (begun, done) == (run.start_ns[k][first], run.end_ns[k][last])
 
 
-def test_objects_change_hands_within_segments(
-    case: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_objects_change_hands_within_segments(case: Toy) -> None:
     run, _ = case
     told = [h for s in segments_of(run) for h in s["handlings"]]
     assert sorted(h["object"] for h in told) == sorted(
@@ -183,7 +169,7 @@ CALM = Disturbances()
 )
 def smooth(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[RunResult, ExecutionRecord]:
+) -> Toy:
     seed, disturbances = request.param
     tpg = driven_tpg(seed, tasks=10, edges=20)
     folder = tmp_path_factory.mktemp("smooth")
@@ -205,9 +191,7 @@ def points_of(segment: dict[str, Any]) -> tuple[np.ndarray, ...]:
 
 
 @pytest.mark.parametrize("rate_hz", [125.0, 1000.0])
-def test_points_are_the_motion_at_the_rate(
-    rate_hz: float, smooth: tuple[RunResult, ExecutionRecord]
-) -> None:
+def test_points_are_the_motion_at_the_rate(rate_hz: float, smooth: Toy) -> None:
     run, record = smooth
     motions = motions_of(run, record)
     for segment in segments_of(run, rate_hz):
@@ -238,9 +222,7 @@ def test_a_robot_that_stands_for_long_has_no_more_points(tmp_path: Path) -> None
     assert abs(counts[0] - counts[1]) <= len(tpg.chains)
 
 
-def test_speeds_and_accelerations_are_derivatives(
-    smooth: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_speeds_and_accelerations_are_derivatives(smooth: Toy) -> None:
     run, record = smooth
     motions = motions_of(run, record)
     step, checked = 1000, 0
@@ -263,9 +245,7 @@ def test_speeds_and_accelerations_are_derivatives(
     assert checked > 100
 
 
-def test_segments_join_where_nodes_do(
-    smooth: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_segments_join_where_nodes_do(smooth: Toy) -> None:
     run, _ = smooth
     segments = segments_of(run)
     at_speed = 0
@@ -289,22 +269,12 @@ def test_segments_join_where_nodes_do(
     assert at_speed > 0
 
 
-def test_handlings_are_within_the_motion(
-    smooth: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_handlings_are_within_the_motion(smooth: Toy) -> None:
     run, _ = smooth
     for segment in segments_of(run):
         end = points_of(segment)[0][-1]
         for item in segment["handlings"]:
             assert 0 <= stamp_ns(item["time_from_start"]) <= end
-
-
-@pytest.mark.parametrize("rate_hz", [124.0, 1001.0, float("nan")])
-def test_a_rate_that_controllers_do_not_take_is_refused(
-    rate_hz: float, smooth: tuple[RunResult, ExecutionRecord]
-) -> None:
-    with pytest.raises(OutputError, match="is not from 125 to 1000"):
-        exported(smooth[0], "joint-trajectory", rate_hz=rate_hz)
 
 
 Rows = list[dict[str, str]]
@@ -401,6 +371,10 @@ def test_speeds_are_known_where_robots_keep_to_limits(run: RunResult) -> None:
         assert not smooth or np.max(np.abs(np.array(speeds))) > 0.1
 
 
-def test_tables_have_such_rates_too(run: RunResult) -> None:
-    with pytest.raises(OutputError, match="50 is not from 125 to 1000"):
-        exported(run, "joint-csv", rate_hz=50.0)
+@pytest.mark.parametrize("name", ["joint-trajectory", "joint-csv"])
+@pytest.mark.parametrize("rate_hz", [50.0, 124.0, 1001.0, float("nan")])
+def test_a_rate_that_controllers_do_not_take_is_refused(
+    run: RunResult, name: str, rate_hz: float
+) -> None:
+    with pytest.raises(OutputError, match=f"{rate_hz:g} is not from 125 to 1000"):
+        exported(run, name, rate_hz=rate_hz)

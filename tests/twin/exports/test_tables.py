@@ -14,9 +14,9 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from tests.twin.exports.exported_runs import exported, toy_run
+from tests.twin.exports.exported_runs import Toy, exported, toy_run
 from twin.run.activities import STANDING
-from twin.run.events import Event, ExecutionRecord, event_line
+from twin.run.events import Event, event_line
 from twin.trial.run_result import RunResult
 
 KEYS = ["t_s", "robot", "kind", "task", "node", "object", "detail"]
@@ -142,14 +142,12 @@ def read_trace(content: bytes) -> Trace:
 
 
 @pytest.fixture
-def case(tmp_path: Path) -> tuple[RunResult, ExecutionRecord]:
+def case(tmp_path: Path) -> Toy:
     return toy_run(tmp_path)
 
 
 @pytest.mark.parametrize("nodes", [False, True])
-def test_every_robot_has_a_lane_without_overlaps(
-    case: tuple[RunResult, ExecutionRecord], nodes: bool
-) -> None:
+def test_every_robot_has_a_lane_without_overlaps(case: Toy, nodes: bool) -> None:
     recorded, run = case
     trace = read_trace(exported(recorded, "perfetto", nodes=nodes)["trace.json"])
     names = {
@@ -174,9 +172,7 @@ def test_every_robot_has_a_lane_without_overlaps(
     assert len(trace["X"]) > (40 if nodes else 10)
 
 
-def test_arrows_join_the_nodes_of_every_edge(
-    case: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_arrows_join_the_nodes_of_every_edge(case: Toy) -> None:
     recorded, run = case
     trace = read_trace(exported(recorded, "perfetto")["trace.json"])
     starts = {e["id"]: e for e in trace["s"]}
@@ -202,9 +198,7 @@ def test_arrows_join_the_nodes_of_every_edge(
             assert around
 
 
-def test_objects_that_change_hands_are_marked(
-    case: tuple[RunResult, ExecutionRecord],
-) -> None:
+def test_objects_that_change_hands_are_marked(case: Toy) -> None:
     recorded, _ = case
     trace = read_trace(exported(recorded, "perfetto")["trace.json"])
     told = [e for e in recorded.history if e.kind in ("attached", "detached")]

@@ -20,7 +20,7 @@ from scheduling.graph.plan_files import load_plan
 from tests.twin.drawn_runs import VARIED
 from tests.twin.program import invoke
 from tests.twin.recorders.transform_chains import broken_chains
-from tests.twin.simulated import simulate
+from tests.twin.simulated import NOMINAL, watched
 from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from tests.twin.written import written
@@ -29,22 +29,11 @@ from twin.follow.display import TerminalDisplay, as_json, as_sentence
 from twin.follow.follow import Silence, follow, growing_file, piped
 from twin.follow.forecast import Forecaster
 from twin.follow.state import FollowedRun
-from twin.recorders.observers import MemoryRecorder
 from twin.run.events import EventLogError, event_line
-from twin.uncertainty.skill_durations import SkillDurations
 
 ROOT = Path(__file__).parents[3]
 TPG = random_tpg(16, tasks=14, edges=12)
-NOMINAL = SkillDurations({})
-
-
-def log_lines() -> list[str]:
-    recorder = MemoryRecorder()
-    simulate(TPG, VARIED, seed=0, recorders=[recorder])
-    return [event_line(event) for event in recorder.events]
-
-
-LINES = log_lines()
+LINES = [event_line(event) for event in watched(TPG, VARIED)[1]]
 
 
 def followed(lines: Iterator[str | None], every_s: float = 5.0) -> tuple:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import TPGS, VARIED, sample_node_times
-from tests.twin.simulated import simulate
+from tests.twin.simulated import NOMINAL, watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.durations.bounded import Fixed, Uniform
 from twin.durations.lifetimes import Exponential
@@ -29,7 +29,6 @@ from twin.uncertainty.disturbances import (
 )
 from twin.uncertainty.skill_durations import SkillDurations
 
-NOMINAL = SkillDurations({})
 SPREAD = SkillDurations(
     {
         skill: Lognormal(median_s=5.0, p95_s=12.0)
@@ -92,31 +91,15 @@ def test_before_it_begins_a_run_is_any_run(
         disturbances,
     )
     engine = Simulator(tpg, model)
-    ns = round(latency * 1e9)
-    forecast = Forecaster(
-        tpg,
-        ExecutionModel(
-            VARIED,
-            policy=policy,  # type: ignore[arg-type]
-            messages=Messages(depth, ns, ns),
-            disturbances=disturbances,
-        ),
-        samples=12,
-    ).forecast(FollowedRun(tpg))
-    runs = [engine.run(seed=SEED, replication=r) for r in range(12)]
-    failing = [
-        any(
-            node >= 0
-            for node in sample_node_times(
-                tpg, VARIED, disturbances, seed=SEED, replication=r
-            ).failed
-        )
+    forecast = Forecaster(tpg, model, samples=12).forecast(FollowedRun(tpg))
+    times = [
+        sample_node_times(tpg, VARIED, disturbances, seed=SEED, replication=r)
         for r in range(12)
     ]
-    expected = sorted(
-        run.makespan_s for run, f in zip(runs, failing, strict=True) if not f
-    )
-    assert forecast.makespan_s.tolist() == expected
+    failing = [max(drawn.failed) >= 0 for drawn in times]
+    good = [r for r in range(12) if not failing[r]]
+    ends = [engine.run(seed=SEED, replication=r).makespan_s for r in good]
+    assert forecast.makespan_s.tolist() == sorted(ends)
     assert forecast.failing == pytest.approx(np.mean(failing))
 
 
@@ -125,21 +108,13 @@ def test_before_it_begins_a_run_is_any_run(
 def test_without_chance_the_end_is_known_at_any_time(
     tpg: TemporalPlanGraph, depth: int, latency: float
 ) -> None:
-    recorder = MemoryRecorder()
-    run = simulate(
-        tpg,
-        NOMINAL,
-        seed=0,
-        messages=Messages.of_seconds(depth, latency, latency),
-        recorders=[recorder],
-    )
-    ns = round(latency * 1e9)
-    forecaster = Forecaster(
-        tpg, ExecutionModel(NOMINAL, messages=Messages(depth, ns, ns)), samples=2
-    )
+    messages = Messages.of_seconds(depth, latency, latency)
+    run, events = watched(tpg, messages=messages)
+    model = ExecutionModel(NOMINAL, messages=messages)
+    forecaster = Forecaster(tpg, model, samples=2)
     followed = FollowedRun(tpg)
     last = -1
-    for event in recorder.events:
+    for event in events:
         if event.t_ns > last >= 0:  # all that happens at one time has happened
             for now in (last, (last + event.t_ns) // 2):
                 found = forecaster.forecast(followed, now).makespan_s
@@ -165,12 +140,9 @@ def seen_from(
 
 def test_forecasts_bracket_the_truth_as_often_as_they_say() -> None:
     """Of 150 runs nine in ten end before their P90, half before their P50."""
-    disturbances = Disturbances(
-        speed=Speed(
-            robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}
-        ),
-        breakdowns=Breakdowns(mtbf_s=60.0, mttr_s=4.0),
-    )
+    slowed = {"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}
+    broken = Breakdowns(mtbf_s=60.0, mttr_s=4.0)
+    disturbances = Disturbances(speed=Speed(robots=slowed), breakdowns=broken)
     tpg = random_tpg(16, tasks=14, edges=12)
     model = ExecutionModel(SPREAD, disturbances=disturbances)
     engine, forecaster = Simulator(tpg, model), Forecaster(tpg, model, samples=120)

@@ -9,22 +9,12 @@ from hypothesis import strategies as st
 
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
-from tests.twin.simulated import simulate
+from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg, two_robot_tpg
 from twin.engine.execution_model import Messages
 from twin.follow.state import FollowedRun
-from twin.recorders.observers import MemoryRecorder
 from twin.run.events import Event, EventLogError, event_line, parse_event
 from twin.uncertainty.disturbances import Disturbances, FixedFactor, Speed
-from twin.uncertainty.skill_durations import SkillDurations
-
-NOMINAL = SkillDurations({})
-
-
-def events_of(tpg: TemporalPlanGraph, **options: object) -> list[Event]:
-    recorder = MemoryRecorder()
-    simulate(tpg, VARIED, seed=0, recorders=[recorder], **options)  # type: ignore[arg-type]
-    return recorder.events
 
 
 def texts(run: FollowedRun) -> list[str]:
@@ -48,18 +38,16 @@ def test_the_state_equals_the_run_and_nothing_is_flagged(
     latency: float,
     depth: int,
 ) -> None:
-    recorder = MemoryRecorder()
-    run = simulate(
+    run, events = watched(
         tpg,
         VARIED,
         seed=seed,
-        policy=policy,  # type: ignore[arg-type]
+        policy=policy,
         messages=Messages.of_seconds(depth, latency, latency),
         disturbances=disturbances,
-        recorders=[recorder],
     )
     followed = FollowedRun(tpg)
-    for event in recorder.events:
+    for event in events:
         followed.apply(parse_event(event_line(event)))
     assert texts(followed) == []
     assert followed.outcome == run.outcome
@@ -99,7 +87,7 @@ def test_an_event_that_the_graph_forbids_is_named_with_its_edge() -> None:
 def test_every_forbidden_swap_of_a_start_is_flagged() -> None:
     """Move each first start that waited for another robot to time 0: the graph says no."""
     tpg = random_tpg(16, dofs=(1, 2, 3), tasks=12, edges=25)
-    events = events_of(tpg)
+    events = watched(tpg, VARIED)[1]
     waited = [e for e in events if e.kind == "waiting"]
     assert len(waited) >= 3
     for event in waited:
@@ -159,20 +147,11 @@ def test_what_cannot_be_is_flagged(events: list[Event], text: str) -> None:
 
 def test_an_open_loop_run_breaks_the_graph() -> None:
     tpg = two_robot_tpg([(0, 1, 1, 0)])
-    recorder = MemoryRecorder()
-
-    simulate(
-        tpg,
-        NOMINAL,
-        seed=0,
-        policy="open-loop",
-        disturbances=Disturbances(
-            speed=Speed(robots={"robot_0": FixedFactor(kind="fixed", value=0.5)})
-        ),
-        recorders=[recorder],
-    )
+    slow = Speed(robots={"robot_0": FixedFactor(kind="fixed", value=0.5)})
+    disturbed = Disturbances(speed=slow)
+    _, events = watched(tpg, policy="open-loop", disturbances=disturbed)
     followed = FollowedRun(tpg)
-    for event in recorder.events:
+    for event in events:
         followed.apply(event)
     assert [v.edges for v in followed.violations] == [(("robot_0", 1),)]
 

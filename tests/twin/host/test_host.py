@@ -1,7 +1,5 @@
 """What commands print beside their results: errors that nobody foresaw, progress, and names in pictures."""
 
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import typer
 from numba import njit
 
 from planning.meshes.mesh_form import mesh_form
+from tests.twin.program import python
 from twin.host.guard import UNFORESEEN, guarded
 from twin.host.pictures import fitted
 from twin.host.progress import StageDisplay, compilation_shown
@@ -49,9 +48,6 @@ def test_without_room_for_a_report_the_line_remains(
     assert "no report could be written" in capsys.readouterr().err
 
 
-ROOT = Path(__file__).parents[3]
-
-
 def test_compiled_code_is_silenced_and_python_speaks_again() -> None:
     code = (
         "import os, sys\n"
@@ -61,13 +57,7 @@ def test_compiled_code_is_silenced_and_python_speaks_again() -> None:
         "    os.write(1, b'noise'); os.write(2, b'noise')\n"
         "print('after'); print('error', file=sys.stderr)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python(code)
     assert (done.stdout, done.stderr) == ("before\nafter\n", "error\n")
 
 

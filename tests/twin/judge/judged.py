@@ -22,11 +22,16 @@ def exported(shipped: ShippedRuns, name: str) -> Document:
     return content
 
 
+def filed(content: Document, folder: Path) -> Path:
+    """Return the file of a plan."""
+    file = folder / "plan.json"
+    file.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    return file
+
+
 def judged(content: Document, folder: Path, *, seeds: int = 0) -> Judgement:
     """Return what the judge says of a plan."""
-    file = folder / "plan.json"
-    file.write_text(json.dumps(content), encoding="utf-8")
-    return judge_file(file, seeds=seeds)
+    return judge_file(filed(content, folder), seeds=seeds)
 
 
 def motion_with(content: Document, verb: str, thing: str | None = None) -> Document:

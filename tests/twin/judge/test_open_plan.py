@@ -8,13 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.twin.judge.judged import Document, yard
+from tests.twin.judge.judged import filed, yard
 from tests.twin.program import invoke
-
-
-def _motion(content: Document) -> Any:
-    return content["robots"]["west"]["motions"][1]
-
 
 WRONG: dict[str, tuple[tuple[str | int, ...], Any, tuple[str, ...]]] = {
     "version": (("version",), 2, ("version", "1")),
@@ -92,8 +87,7 @@ def test_what_is_wrong_is_told_with_its_place(name: str, tmp_path: Path) -> None
     for key in path[:-1]:
         holder = holder[key]
     holder[path[-1]] = value
-    file = tmp_path / "plan.json"
-    file.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    file = filed(content, tmp_path)
     said = " ".join(invoke("judge", file, code=2).stderr.split())
     assert f"{file}:" in said
     for word in words:
@@ -123,8 +117,7 @@ def test_what_is_no_such_json_is_refused(text: str, words: str, tmp_path: Path) 
 def test_a_plan_without_a_task_asks_for_one(tmp_path: Path) -> None:
     content = yard(tmp_path)
     del content["scenario"]
-    file = tmp_path / "plan.json"
-    file.write_text(json.dumps(content), encoding="utf-8")
+    file = filed(content, tmp_path)
     assert "--scenario" in invoke("judge", file, code=2).stderr
     given = ("judge", file, "--scenario", tmp_path / "yard.yaml", "--json")
     told = json.loads(invoke(*given, "--seeds", "0", code=0).stdout)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.planted import planted
-from tests.twin.judge.judged import Document, judged, yard
+from tests.twin.judge.judged import Document, filed, judged, yard
 from twin.judge.delays import delayed_spans
 from twin.judge.foreign_execution import planned_spans
 from twin.judge.judge import JudgedPlan
@@ -40,8 +40,7 @@ def test_the_same_plan_by_the_clock_is_clean_until_somebody_is_late(
     for robot in content["robots"].values():
         for motion in robot["motions"]:
             motion.pop("after", None)
-    file = tmp_path / "plan.json"
-    file.write_text(json.dumps(content), encoding="utf-8")
+    file = filed(content, tmp_path)
     plan = read_open_plan(file)
     case = JudgedPlan(plan, file, load(tmp_path / "yard.yaml"))
     assert case.look(planned_spans(plan))[0] == ()

@@ -22,6 +22,8 @@ from twin.trial.simulation import scenario_execution
 from twin.uncertainty.disturbances import Disturbances
 
 LONGEST_S = 60.0
+ASKS = {"recovery.again": 0, "recovery.ask": {"answer_s": 1.0}}
+"""Values of a scenario that asks before anything is given up."""
 
 
 @dataclass

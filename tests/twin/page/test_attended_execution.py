@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from tests.twin.operate.operated import stack
-from tests.twin.page.beside import Beside, failing_first_pick, robot
+from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.follow.state import FollowedRun
 from twin.operate.operation import Operation
 from twin.operate.recovery import Recovery
@@ -83,8 +83,7 @@ def test_all_are_held_by_one_order_which_is_on_the_disk_before(
 @pytest.mark.parametrize("action", ["yes", "no"])
 def test_time_goes_on_while_a_question_is_open(plan: PlanResult, action: str) -> None:
     arms = {"left": failing_first_pick(40.0)}
-    values = {"recovery.again": 0, "recovery.ask": {"answer_s": 1.0}}
-    run = Beside(plan, arms=arms, values=values).begin()
+    run = Beside(plan, arms=arms, values=ASKS).begin()
     asked = run.until(lambda s: s.question != "")
     assert "will you see to step" in asked.question
     run.panel.orders.put(Order("no", "", asked.asked + 1))
@@ -150,8 +149,7 @@ def test_two_that_fail_at_once_are_asked_of_one_after_the_other(
     plan: PlanResult,
 ) -> None:
     arms = {name: failing_first_pick(40.0) for name in ("left", "right")}
-    values = {"recovery.again": 0, "recovery.ask": {"answer_s": 1.0}}
-    run = Beside(plan, arms=arms, values=values).begin()
+    run = Beside(plan, arms=arms, values=ASKS).begin()
     run.until(lambda s: len([n for n in s.notices if n.kind == "failed"]) == 2)
     asked = []
     for number, answer in ((1, "yes"), (2, "no")):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.twin.operate.operated import stack
-from tests.twin.page.beside import Beside, failing_first_pick, robot
+from tests.twin.page.beside import ASKS, Beside, failing_first_pick, robot
 from twin.page.server import PageServer
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -70,8 +70,7 @@ def test_a_robot_is_held_and_a_question_answered_at_both_widths(
 ) -> None:
     expect = playwright.expect
     arms = {"left": failing_first_pick(PACE)}
-    values = {"recovery.again": 0, "recovery.ask": {"answer_s": 1.0}}
-    run = Beside(stack(tmp_path), PACE, arms, values)
+    run = Beside(stack(tmp_path), PACE, arms, ASKS)
     server = PageServer(run.panel, None, title="stack")
     with server.serving():
         run.begin()

@@ -6,11 +6,11 @@ import importlib
 import json
 import re
 import socket
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from planning.errors import OutputError, RequestError
 from scheduling.graph.plan_files import load_plan
 from scheduling.verification.verify import verify_plan
 from tests.twin.operate.operated import STACK
+from tests.twin.program import python
 from twin.follow.follow import served
 from twin.page.attended import Order, Panel, Shown, ShownRobot
 from twin.page.server import PageServer
@@ -43,13 +44,15 @@ def server() -> Iterator[PageServer]:
 
 
 def asked(
-    server: PageServer,
+    server: PageServer | int,
     method: str,
     path: str,
     body: str | bytes | None = None,
     **headers: str,
 ) -> tuple[int, str, http.client.HTTPMessage]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+    """Ask a server, or who is at a port, for something."""
+    port = server if isinstance(server, int) else server.port
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     named = {name.replace("_", "-"): text for name, text in headers.items()}
     connection.request(method, path, body, named)
     answer = connection.getresponse()
@@ -190,8 +193,7 @@ def test_without_its_package_a_page_says_what_to_install(
 
 
 def test_nobody_else_needs_that_package() -> None:
-    code = "import sys, twin; twin.operate; assert 'tornado' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    python("import sys, twin; twin.operate; assert 'tornado' not in sys.modules")
 
 
 JSON = st.recursive(
@@ -265,30 +267,19 @@ def test_a_cell_is_operated_with_a_page_beside_it(tmp_path: Path) -> None:
         followed.extend(line for line in log if line is not None)
 
     def beside(address: str) -> None:
-        port = int(address.rstrip("/").rsplit(":", 1)[1])
-
-        def said(
-            method: str, path: str, body: str | None = None, **headers: str
-        ) -> str:
-            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-            connection.request(method, path, body, headers)
-            text = connection.getresponse().read().decode()
-            connection.close()
-            return text
-
-        (token,) = re.findall(r'"token": "([^"]+)"', said("GET", "/"))
+        said = partial(asked, int(address.rstrip("/").rsplit(":", 1)[1]))
+        (token,) = re.findall(r'"token": "([^"]+)"', said("GET", "/")[1])
         for action in ("hold", "go on"):
             while True:
-                state = json.loads(said("GET", "/state"))
+                state = json.loads(said("GET", "/state")[1])
                 if state["shown"] and state["shown"]["t_s"] > 0:
                     modes = {own["mode"] for own in state["shown"]["robots"]}
                     if action == "hold" or modes == {"held"}:
                         break
                 time.sleep(0.02)
-            order = json.dumps({"action": action})
-            said("POST", "/order", order, **{"X-Token": token})
+            said("POST", "/order", json.dumps({"action": action}), X_Token=token)
         while state["forecast"] is None:
-            state = json.loads(said("GET", "/state"))
+            state = json.loads(said("GET", "/state")[1])
             time.sleep(0.02)
         seen.append(state)
 

@@ -14,9 +14,8 @@ from planning.robots.registry import robot_model
 from planning.transforms import translation
 from scheduling.graph.temporal_plan_graph import NodeHandling, TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
-from tests.twin.simulated import simulate
+from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg
-from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.recorder import write_recording
 from twin.run.events import Event, ExecutionRecord, Policy
 from twin.uncertainty.skill_durations import SkillDurations
@@ -53,10 +52,9 @@ def recorded_run(
     policy: Policy = "asynchronous",
 ) -> tuple[ExecutionRecord, list[Event]]:
     """Execute a graph once and write its recording; return the run and its events."""
-    memory = MemoryRecorder()
-    run = simulate(tpg, durations, seed=seed, policy=policy, recorders=[memory])
-    write_recording(path, tpg, run, memory.events)
-    return run, memory.events
+    run, events = watched(tpg, durations, seed=seed, policy=policy)
+    write_recording(path, tpg, run, events)
+    return run, events
 
 
 def moved_by(tpg: TemporalPlanGraph, model: RobotModel) -> TemporalPlanGraph:

@@ -1,8 +1,5 @@
 import json
-import os
 import signal
-import subprocess
-import sys
 from decimal import Decimal
 from pathlib import Path
 
@@ -10,6 +7,7 @@ import pytest
 
 from planning.errors import OutputError
 from tests.twin.drawn_runs import VARIED
+from tests.twin.program import python
 from tests.twin.simulated import simulate
 from tests.twin.twin_toys import random_tpg
 from twin.recorders.observers import JsonlRecorder, MemoryRecorder
@@ -18,13 +16,9 @@ from twin.uncertainty.disturbances import Disturbances, Stalls
 
 
 def log_of(path: Path, seed: int) -> bytes:
-    simulate(
-        random_tpg(8, tasks=12),
-        VARIED,
-        seed=seed,
-        disturbances=Disturbances(stalls=Stalls(count_per_robot=1)),
-        recorders=[JsonlRecorder(path)],
-    )
+    stalls = Disturbances(stalls=Stalls(count_per_robot=1))
+    how = {"seed": seed, "disturbances": stalls, "recorders": [JsonlRecorder(path)]}
+    simulate(random_tpg(8, tasks=12), VARIED, **how)
     return path.read_bytes()
 
 
@@ -60,12 +54,7 @@ def test_same_seed_same_bytes_also_where_hashes_differ(tmp_path: Path) -> None:
         "from tests.twin.recorders.test_event_log import log_of; log_of(Path(sys.argv[1]), 1)"
     )
     other = tmp_path / "other"
-    subprocess.run(
-        [sys.executable, "-c", code, str(other)],
-        check=True,
-        cwd=Path(__file__).parents[3],
-        env={**os.environ, "PYTHONHASHSEED": "123"},
-    )
+    python(code, other, PYTHONHASHSEED="123")
     assert other.read_bytes() == log_of(tmp_path / "here", 1)
     assert other.read_bytes() != log_of(tmp_path / "another", 2)
 
@@ -93,12 +82,7 @@ log = JsonlRecorder(Path(sys.argv[1]))
 simulate(random_tpg(8), VARIED, seed=0, recorders=[log, Kills()])
 """
     path = tmp_path / "events.jsonl"
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(path)],
-        check=False,
-        cwd=Path(__file__).parents[3],
-    )
-    assert done.returncode == -signal.SIGKILL
+    python(code, path, code=-signal.SIGKILL)
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     assert len(rows) == 10
 

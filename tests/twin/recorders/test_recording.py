@@ -19,12 +19,11 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import VARIED
 from tests.twin.recorders.recorded_toys import moved_by, recorded_run, rows, static
 from tests.twin.run.lane_oracle import robot_lanes
-from tests.twin.simulated import simulate
+from tests.twin.simulated import watched
 from tests.twin.twin_toys import random_tpg
 from twin.durations.model import NANOSECONDS
 from twin.engine.execution_model import Messages
 from twin.host.pictures import save_png
-from twin.recorders.observers import MemoryRecorder
 from twin.recorders.rerun.bodies import frame_times
 from twin.run.activities import LANE_COLOURS, WAITING
 from twin.run.events import Event, ExecutionRecord
@@ -237,15 +236,14 @@ def test_a_gantt_chart_is_drawn(recorded: tuple, tmp_path: Path) -> None:
 def test_every_wait_has_an_arrow_from_whom_it_is_for(latency_s: float) -> None:
     tpg = random_tpg(1, dofs=(2, 2, 2), tasks=6)
     slow = Messages.of_seconds(None, latency_s, latency_s)
-    memory = MemoryRecorder()
-    run = simulate(tpg, VARIED, seed=0, messages=slow, recorders=[memory])
-    figure = gantt_figure(tpg, run, memory.events)
+    run, events = watched(tpg, VARIED, messages=slow)
+    figure = gantt_figure(tpg, run, events)
     arrows = {
         (int(np.rint(arrow.xyann[1])), int(np.rint(arrow.xy[1])), arrow.xy[0])
         for arrow in figure.axes[0].texts
         if isinstance(arrow, Annotation)
     }
-    told = [e for e in memory.events if e.detail.startswith("waits for robot_")]
+    told = [e for e in events if e.detail.startswith("waits for robot_")]
     assert told
     for event in told:
         waiting, node = int(event.robot[-1]), event.node
@@ -265,8 +263,6 @@ def test_long_runs_wrap_into_rows(tmp_path: Path) -> None:
     for tasks in (10, 300):
         tpg = random_tpg(1, dofs=(2, 2), tasks=tasks, nodes_per_transit=1)
         path = tmp_path / f"{tasks}.png"
-        memory = MemoryRecorder()
-        run = simulate(tpg, VARIED, seed=0, recorders=[memory])
-        save_png(gantt_figure(tpg, run, memory.events), path)
+        save_png(gantt_figure(tpg, *watched(tpg, VARIED)), path)
         heights.append(imread(path).shape[0])
     assert heights[1] > 2 * heights[0]

@@ -13,6 +13,7 @@ from scheduling.graph.task_edges import with_barriers
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.recorders.recorded_toys import recorded_run, rows, static, toy_of
 from tests.twin.recorders.transform_chains import broken_chains
+from tests.twin.simulated import NOMINAL
 from tests.twin.twin_toys import two_robot_tpg
 from twin.drawing.looks import paint
 from twin.follow.follow import Silence
@@ -23,7 +24,6 @@ from twin.recorders.rerun.layout import camera, eye_on, site_points
 from twin.run.activities import IDLE, RETRYING, STALLED
 from twin.run.events import Event, ExecutionRecord, Policy
 from twin.run.gantt import rgb, team_colours
-from twin.uncertainty.skill_durations import SkillDurations
 
 TEAMS = {
     "arms": toy_of(["gp4", "panda", "gp4"], idle=1),
@@ -337,7 +337,7 @@ def test_waits_are_told_under_every_policy(policy: Policy, tmp_path: Path) -> No
     tpg = toy_of(["gp4", "gp4"])
     tpg = replace(tpg, slots=np.arange(len(tpg.tasks)))
     path = tmp_path / "run.rrd"
-    run, events = recorded_run(path, tpg, SkillDurations({}), policy=policy)
+    run, events = recorded_run(path, tpg, NOMINAL, policy=policy)
     texts = [cell[0] for _, cell in rows(path, "/events", "TextLog:text")]
     told = [text for text in texts if " waits for " in text]
     waits = [event for event in events if event.kind == "waiting"]

@@ -12,11 +12,9 @@ from planning.tasks.task import HOLD, STRAIGHT
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from tests.twin.drawn_runs import ANYTHING, TPGS, VARIED
 from tests.twin.run.lane_oracle import Span, robot_lanes
+from tests.twin.simulated import watched
 from tests.twin.twin_toys import two_robot_tpg
 from twin.durations.model import NANOSECONDS
-from twin.engine.engine import Simulator
-from twin.engine.execution_model import ExecutionModel
-from twin.recorders.observers import MemoryRecorder
 from twin.run.activities import (
     HOLDING,
     IDLE,
@@ -28,7 +26,6 @@ from twin.run.activities import (
 )
 from twin.run.events import Event
 from twin.uncertainty.disturbances import Disturbances
-from twin.uncertainty.skill_durations import SkillDurations
 
 Stretch = tuple[str, int, int, int]
 
@@ -60,12 +57,9 @@ def merged(stretches: list[Stretch]) -> list[Stretch]:
 def test_the_log_tells_the_same_as_the_run(
     tpg: TemporalPlanGraph, seed: int, disturbances: Disturbances, policy: str
 ) -> None:
-    recorder = MemoryRecorder()
-    simulator = Simulator(
-        tpg, ExecutionModel(VARIED, policy, disturbances=disturbances)
-    )
-    run = simulator.run(seed=seed, recorders=[recorder])
-    told = robot_activities(tpg, recorder.events)
+    options = {"seed": seed, "policy": policy, "disturbances": disturbances}
+    run, events = watched(tpg, VARIED, **options)
+    told = robot_activities(tpg, events)
     lanes = {lane.robot: lane for lane in robot_lanes(tpg, run)}
     for robot, activities in told.items():
         spans = [s for s in lanes[robot].spans if s.state != IDLE]
@@ -73,7 +67,7 @@ def test_the_log_tells_the_same_as_the_run(
         found = merged([_stretch(a) for a in activities])
         assert found == expected
         _check_nodes(tpg, robot, activities)
-        single = robot_activities(tpg, recorder.events, nodes=True)[robot]
+        single = robot_activities(tpg, events, nodes=True)[robot]
         assert sum(a.duration_ns for a in single) == sum(
             a.duration_ns for a in activities
         )
@@ -111,11 +105,7 @@ def test_who_holds_something_until_others_are_done_does_not_wait(kept: bool) -> 
     chain = replace(tpg.chains[1], task=np.array([1, 2, 2]))
     held = replace(tpg, tasks=(first, *own), chains=(tpg.chains[0], chain))
     for graph, state in ((held, HOLDING), (tpg, WAITING)):
-        recorder = MemoryRecorder()
-        Simulator(graph, ExecutionModel(SkillDurations({}))).run(
-            seed=0, recorders=[recorder]
-        )
-        _, meanwhile, _ = robot_activities(graph, recorder.events)["robot_1"]
+        _, meanwhile, _ = robot_activities(graph, watched(graph)[1])["robot_1"]
         assert meanwhile.start_ns == NANOSECONDS
         assert meanwhile.end_ns == 3 * NANOSECONDS
         assert (meanwhile.state, meanwhile.task) == (state, 1)

@@ -14,14 +14,11 @@ from tests.twin.simulated import simulate
 from tests.twin.twin_toys import two_robot_tpg
 from twin.run.summary import Preparation, summarise
 from twin.run.throughput import line_figures, start_up_of, takts_s
-from twin.uncertainty.skill_durations import SkillDurations
-
-NOMINAL = SkillDurations({})
 
 
 def test_figures_of_a_small_run() -> None:
     tpg = two_robot_tpg([(0, 1, 1, 0)])
-    run = simulate(tpg, NOMINAL, seed=4)
+    run = simulate(tpg, seed=4)
     about = Preparation(planning_s={"motion": 0.5})
     summary = summarise(tpg, run, "toy", about)
     assert summary == {
@@ -53,7 +50,7 @@ def test_figures_of_a_small_run() -> None:
 def test_the_lower_bound_keeps_task_dependencies() -> None:
     tpg = two_robot_tpg([(0, 2, 1, 0)])
     needed = replace(tpg, dependencies=np.array([[0, 1]]))
-    run = simulate(needed, NOMINAL, seed=0)
+    run = simulate(needed)
     assert summarise(needed, run, scenario="toy")["lower_bound_s"] == 6.0
 
 

@@ -11,10 +11,10 @@ import pytest
 from matplotlib.image import imread
 
 from tests.twin.recorders.recorded_toys import recorded_run
+from tests.twin.simulated import NOMINAL
 from tests.twin.sockets import listening
 from tests.twin.twin_toys import random_tpg, toy_cell
 from twin.run.viewer import ViewerError, render_stills
-from twin.uncertainty.skill_durations import SkillDurations
 
 ARM = """<robot name="toy">
   <link name="base"/>
@@ -40,7 +40,7 @@ def test_stills_show_the_robot_where_it_is(tmp_path: Path) -> None:
     urdf.write_text(ARM)
     tpg = random_tpg(1, dofs=(1,), tasks=2)
     tpg = replace(tpg, cell=toy_cell((1,), urdf=urdf))
-    run, _ = recorded_run(tmp_path / "run.rrd", tpg, SkillDurations({}), seed=0)
+    run, _ = recorded_run(tmp_path / "run.rrd", tpg, NOMINAL, seed=0)
     times = (0.0, run.makespan_s / 2)
     try:
         pictures = render_stills(tmp_path / "run.rrd", times, tmp_path / "stills")

@@ -20,6 +20,7 @@ from twin.study.summary import rank_layouts
 X = "cell.robots.right.base.xyz_m.0"
 PICK = "skills.pick.scale"
 COUNT = 60
+HOW = {"replications": COUNT, "policies": ["sequential", "asynchronous"], "workers": 0}
 
 
 @pytest.fixture(autouse=True)
@@ -36,14 +37,9 @@ def study(
         # What the report has of each cell is looked at elsewhere, and takes long to draw.
         report = import_module("twin.study.report.report")
         patch.setattr(report, "_cell", lambda *_: iter(()))
-        return twin.study(
-            "tray",
-            {X: [0.75, 1.4, 0.65], PICK: [1, 3]},
-            replications=COUNT,
-            policies=["sequential", "asynchronous"],
-            workers=0,
-            out=tmp_path_factory.mktemp("layouts") / "study",
-        )
+        vary = {X: [0.75, 1.4, 0.65], PICK: [1, 3]}
+        out = tmp_path_factory.mktemp("layouts") / "study"
+        return twin.study("tray", vary, out=out, **HOW)
 
 
 def makespans(study: twin.Study, **wanted: object) -> Array:
@@ -63,13 +59,8 @@ def makespans(study: twin.Study, **wanted: object) -> Array:
 def test_each_layout_is_what_a_study_of_it_alone_finds(
     study: twin.Study, tmp_path: Path
 ) -> None:
-    alone = twin.study(
-        twin.load("tray").varied({X: 0.65, PICK: 3}),
-        replications=COUNT,
-        policies=["sequential", "asynchronous"],
-        workers=0,
-        out=tmp_path / "alone",
-    )
+    case = twin.load("tray").varied({X: 0.65, PICK: 3})
+    alone = twin.study(case, out=tmp_path / "alone", **HOW)
     for policy in ("sequential", "asynchronous"):
         found = makespans(study, policy=policy, x=0.65, pick=3)
         assert len(found) == COUNT
@@ -138,14 +129,8 @@ def test_an_interrupted_study_of_layouts_goes_on_and_prints_the_ranking(
 
 @pytest.mark.usefixtures("no_report")
 def test_robots_and_seeds_are_varied_with_the_same_draws(tmp_path: Path) -> None:
-    found = twin.study(
-        "tray",
-        {"seed": [0, 1]},
-        replications=20,
-        policies=["sequential"],
-        workers=0,
-        out=tmp_path / "seeds",
-    )
+    how = HOW | {"replications": 20, "policies": ["sequential"]}
+    found = twin.study("tray", {"seed": [0, 1]}, out=tmp_path / "seeds", **how)
     first, second = (
         np.array(
             [r["makespan_s"] for r in found.replications.to_pylist() if r["seed"] == s]
@@ -156,25 +141,24 @@ def test_robots_and_seeds_are_varied_with_the_same_draws(tmp_path: Path) -> None
     assert np.ptp(first - second) < 1e-6 < np.ptp(first)
 
 
-def test_values_and_keys_that_do_not_fit_are_refused_before_planning(
-    tmp_path: Path,
+LOST = [{"probability": 0.1, "wrong": share, "beside": 0.3} for share in (0.5, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("vary", "error", "words"),
+    [
+        ({X: [0.7, "far"]}, ScenarioError, r"robots\[1\].base.xyz_m\[0\]: a number"),
+        ({"cell.robots.middle.tool": ["a"]}, ScenarioError, "no entry 'middle'"),
+        ({"failures.pick": LOST, X: [0.6]}, ScenarioError, "more than all that are"),
+        ({X: [1.4, 1.5]}, RequestError, r"1\.4.*no robot reaches.*1\.5"),
+        ({"robots": [1], X: [0.6]}, RequestError, r"robots = 1, .*: no robot reaches"),
+    ],
+)
+def test_values_that_do_not_fit_or_have_no_plan_are_refused(
+    vary: dict[str, list[object]], error: type[Exception], words: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(ScenarioError, match=r"robots\[1\].base.xyz_m\[0\]: a number"):
-        twin.study("tray", {X: [0.7, "far"]}, out=tmp_path / "no")
-    with pytest.raises(ScenarioError, match="no entry 'middle'"):
-        twin.study("tray", {"cell.robots.middle.tool": ["a"]}, out=tmp_path / "no")
-    lost = [{"probability": 0.1, "wrong": share} for share in (0.5, 1.0)]
-    beside = {"failures.pick": [{**own, "beside": 0.3} for own in lost], X: [0.6]}
-    with pytest.raises(ScenarioError, match="more than all that are lost"):
-        twin.study("tray", beside, out=tmp_path / "no")
-    assert not (tmp_path / "no").exists()
-
-
-def test_where_no_layout_can_be_planned_each_says_why(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match=r"1\.4.*no robot reaches.*1\.5"):
-        twin.study("tray", {X: [1.4, 1.5]}, out=tmp_path / "no")
-    with pytest.raises(RequestError, match=r"robots = 1, .*: no robot reaches"):
-        twin.study("tray", {"robots": [1], X: [0.6]}, out=tmp_path / "no")
+    with pytest.raises(error, match=words):
+        twin.study("tray", vary, out=tmp_path / "no")
     assert not (tmp_path / "no").exists()
 
 
@@ -258,20 +242,8 @@ def test_lists_words_and_nothing_are_values_too(tmp_path: Path) -> None:
         "assembly.parts.cover.start.rpy_deg": [[0.0, 0.0, 0.0]],
     }
     arguments = [f"--vary={key}={json.dumps(v)[1:-1]}" for key, v in vary.items()]
-    done = invoke(
-        "study",
-        "tray",
-        "-n",
-        "5",
-        "--policy",
-        "asynchronous",
-        "--workers",
-        "0",
-        "--out",
-        tmp_path / "study",
-        *arguments,
-        code=0,
-    )
+    study = ("study", "tray", "-n", 5, "--policy", "asynchronous", "--workers", 0)
+    done = invoke(*study, "--out", tmp_path / "study", *arguments, code=0)
     table = done.stdout.partition("worth fixing")[0]
     assert "home_deg" not in table  # one value is not worth a column
     summary = json.loads((tmp_path / "study/summary.json").read_text())

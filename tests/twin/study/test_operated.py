@@ -2,6 +2,7 @@
 
 import shutil
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -45,14 +46,29 @@ def plan(case: LoadedScenario) -> PlanResult:
     return plan_to_operate(case)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _of_several_blocks() -> Iterator[None]:
+    """Studies are of several blocks, as longer ones, and draw nothing."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("twin.api.studies.write_report", lambda result, progress: None)
+        patch.setattr(runner, "EVENTS_BLOCK", 8)
+        yield
+
+
 def studied(
     plan: PlanResult | LoadedScenario, out: Path, count: int = COUNT, **options: Any
 ) -> Study:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.api.studies.write_report", lambda result, progress: None)
-        # Several blocks, as of a longer study.
-        patch.setattr(runner, "EVENTS_BLOCK", 8)
-        return twin.study(plan, replications=count, out=out, **options)
+    return twin.study(plan, replications=count, out=out, **options)
+
+
+def operated(
+    plan: PlanResult, k: int, changes: dict[str, Any] | None = None
+) -> Operation:
+    """Operate the cell once, where skills fail as of a scenario with other values."""
+    case = plan.scenario.sections
+    model = scenario_execution(plan.scenario.varied(changes or {}).sections)
+    about = case, plan.motions, plan.tpg, model
+    return operate(*about, seed=case.seed, replication=k)
 
 
 @pytest.fixture(scope="module")
@@ -62,11 +78,7 @@ def study(plan: PlanResult, tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 @pytest.fixture(scope="module")
 def operations(plan: PlanResult) -> list[Operation]:
-    case = plan.scenario
-    about = case.sections, plan.motions, plan.tpg, scenario_execution(case.sections)
-    return [
-        operate(*about, seed=case.sections.seed, replication=k) for k in range(COUNT)
-    ]
+    return [operated(plan, k) for k in range(COUNT)]
 
 
 def test_it_is_one_operation_after_the_other(
@@ -103,15 +115,11 @@ def test_what_is_gone_on_with_makes_the_same_files(
         (killed / name).unlink()
     assert len(list((killed / BLOCKS).glob("*.npz"))) == COUNT // 8 - 1
     (killed / PREVENTED / "1-16-8.npz").unlink()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.api.studies.write_report", lambda result, progress: None)
-        patch.setattr(runner, "EVENTS_BLOCK", 8)
-        twin.resume_study(killed)
+    twin.resume_study(killed)
     for file in study.folder.rglob("*"):
         if file.is_file() and not file.name.startswith("manifest"):
-            assert (
-                killed / file.relative_to(study.folder)
-            ).read_bytes() == file.read_bytes()
+            again = killed / file.relative_to(study.folder)
+            assert again.read_bytes() == file.read_bytes()
 
 
 @pytest.mark.nightly
@@ -136,13 +144,11 @@ def test_what_prevention_gains_is_found_by_operating_all_without_the_failures(
     assert skills == ["pick", "place-down"]
     same = 0
     for place, skill in enumerate(skills):
-        less = plan.scenario.varied({f"failures.{skill}.probability": 0.0})
-        model = scenario_execution(less.sections)
-        about = plan.scenario.sections, plan.motions, plan.tpg, model
+        less = {f"failures.{skill}.probability": 0.0}
         found = prevented_makespans_s(blocks, 0, study.folder / PREVENTED, place)
         assert len(found) == COUNT
         for k in range(count):
-            done = operate(*about, seed=less.sections.seed, replication=k).record
+            done = operated(plan, k, less).record
             whole = done.outcome == "completed"
             assert np.isfinite(found[k]) == whole
             assert not whole or round(found[k] * 1e9) == done.makespan_ns
@@ -162,15 +168,14 @@ def test_failures_with_a_part_are_prevented_by_themselves(
     key = "failures.place-down"
     item = {"probability": 0.05, "retries": 0}
     case = plan.scenario.varied({key: {**item, "parts": {part: 0.6}}})
-    ours = studied(replace(plan, scenario=case), tmp_path / "out", 6, operate=True)
+    changed = replace(plan, scenario=case)
+    ours = studied(changed, tmp_path / "out", 6, operate=True)
     prevented = ours.summary["cells"][0]["operated"]["prevented"]
     pairs = {(own["skill"], own["part"]) for own in prevented}
     assert pairs == {("pick", ""), ("place-down", ""), ("place-down", part)}
-    model = scenario_execution(plan.scenario.varied({key: item}).sections)
-    about = case.sections, plan.motions, plan.tpg, model
     found = prevented_makespans_s(ours.folder / BLOCKS, 0, ours.folder / PREVENTED, 2)
     for k, makespan_s in enumerate(found):
-        record = operate(*about, seed=case.sections.seed, replication=k).record
+        record = operated(changed, k, {key: item}).record
         assert round(makespan_s * 1e9) == record.makespan_ns
 
 
@@ -210,9 +215,8 @@ def test_robots_that_are_out_are_operated(plan: PlanResult, tmp_path: Path) -> N
     case = plan.scenario.varied({"outages": [{"robot": "right", "at_s": 30.0}]})
     out = replace(plan, scenario=case)
     rows = studied(out, tmp_path / "out", 6, operate=True).replications.to_pylist()
-    about = case.sections, plan.motions, plan.tpg, scenario_execution(case.sections)
     for k, row in enumerate(rows):
-        done = operate(*about, seed=case.sections.seed, replication=k)
+        done = operated(out, k)
         assert row["robots_out"] == len(done.out) == 1
         assert row["outcome"] == done.record.outcome
         assert round(row["makespan_s"] * 1e9) == done.record.makespan_ns

@@ -12,10 +12,10 @@ import twin
 from planning.errors import ScenarioError
 from tests.twin.planning.test_pipeline import SCENARIO
 from tests.twin.program import invoke
+from tests.twin.turning_arms import QUICK
 from tests.twin.written import written
 
 SHORTCUTS = "asynchronous + shortcuts"
-QUICK = ("--no-audit", "--no-recording", "-q")
 FEW = ("-n", "20", "--workers", "0", "-q")
 
 

@@ -1,24 +1,20 @@
 """A run that was killed, or found no room, is resumed: its files are those of a run that never was."""
 
 import json
-import os
 import resource
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
 from planning.errors import OutputError
-from tests.twin.program import invoke
-from tests.twin.turning_arms import planned_arms, run_arms
+from tests.twin.program import invoke, python
+from tests.twin.turning_arms import QUICK, planned_arms, run_arms, running
 from twin.run.folder import locked
 from twin.trial.trial import ResumeError, resume_run
 
-ROOT = Path(__file__).parents[3]
 DISTURBED = """\
   stalls: {rate_per_h: 600, duration: {kind: fixed, value_s: 2}}
   emergency_stops: [{at_s: 1.0, duration_s: 2.0}]
@@ -42,13 +38,6 @@ def record(self, event):
 JsonlRecorder.record = record
 app()
 """
-
-
-def command(folder: Path, out: Path) -> list[str]:
-    return [
-        *("run", str(folder / "two.yaml"), "--plan", str(folder), "--out", str(out)),
-        *("--no-audit", "--no-recording", "-q"),
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -80,13 +69,8 @@ def test_a_killed_run_is_brought_to_its_end(
     plan: Path, whole: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, "17", *command(plan, out)],
-        check=False,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert done.returncode == -signal.SIGKILL
+    command = running(plan, out, *QUICK)
+    python(KILLED, 17, *command, code=-signal.SIGKILL)
     assert len((out / "events.jsonl").read_text().splitlines()) == 16
     assert not (out / "summary.json").exists()
     result = invoke("resume", out, code=0)
@@ -183,7 +167,7 @@ def test_a_run_that_is_alive_is_not_resumed(whole: Path, tmp_path: Path) -> None
     assert contents(out) == contents(whole)
 
 
-def full(limit: int, arguments: list[str]) -> Result:
+def full(limit: int, *arguments: str) -> Result:
     """Run a command where no file can become longer than so many bytes."""
     kept = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, kept[1]))
@@ -208,7 +192,7 @@ def test_a_full_disk_is_a_failed_run(
     largest = max(len(content) for content in contents(whole).values())
     assert limit < largest
     out = tmp_path / "run"
-    done = full(limit, command(plan, out))
+    done = full(limit, *running(plan, out, *QUICK))
     assert done.exit_code in (1, 2), done.stderr
     assert isinstance(done.exception, SystemExit)
     assert "Traceback" not in done.stderr
@@ -223,9 +207,8 @@ def test_a_recording_that_does_not_fit_is_a_failed_run(
     plan: Path, whole: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
-    with_recording = [part for part in command(plan, out) if part != "--no-recording"]
     largest = max(len(content) for content in contents(whole).values())
-    done = full(largest + 1, with_recording)
+    done = full(largest + 1, *running(plan, out, "--no-audit", "-q"))
     assert done.exit_code == 1, done.stderr
     assert "run.rrd" in done.stderr
     assert not (out / "run.rrd").exists()
@@ -236,16 +219,16 @@ def test_earlier_results_outlive_a_full_disk(
     plan: Path, whole: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
-    invoke(*command(plan, out), code=0)
+    run_arms(plan, out=out)
     before = contents(out)
-    done = full(3000, command(plan, out))
+    done = full(3000, *running(plan, out, *QUICK))
     assert done.exit_code == 1
     assert contents(out) == before
 
 
 def test_a_study_on_a_full_disk_has_failed(whole: Path, tmp_path: Path) -> None:
-    study = ["study", "--plan", str(whole), "-n", "20", "--workers", "0", "--quiet"]
-    done = full(2000, [*study, "--out", str(tmp_path / "study")])
+    study = ("study", "--plan", str(whole), "-n", "20", "--workers", "0", "--quiet")
+    done = full(2000, *study, "--out", str(tmp_path / "study"))
     assert done.exit_code == 1, done.stderr
     assert "File too large" in done.stderr
     assert isinstance(done.exception, SystemExit)

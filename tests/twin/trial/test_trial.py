@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.twin.program import invoke
-from tests.twin.turning_arms import SCENARIO, planned_arms, run_arms
+from tests.twin.turning_arms import QUICK, SCENARIO, planned_arms, run_arms, running
 from tests.twin.written import written
 from twin.run.summary import summary_rows
 
@@ -34,8 +34,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def ran(plan: Path) -> tuple[Path, str]:
     """A run that is audited and recorded, and what was printed."""
     out = plan / "run"
-    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out, code=0)
-    return out, result.stdout
+    return out, invoke(*running(plan, out), code=0).stdout
 
 
 def test_run_leaves_every_promised_file_and_prints_the_figures(
@@ -76,11 +75,7 @@ def test_json_output_is_the_summary_and_nothing_else(
     plan: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
-    result = invoke(
-        *("run", plan / "two.yaml", "--plan", plan, "--out", out),
-        *("--json", "--no-audit", "--no-recording"),
-        code=0,
-    )
+    result = invoke(*running(plan, out, "--json", *QUICK[:2]), code=0)
     assert result.stderr == ""
     content = json.loads(result.stdout)
     assert content["folder"] == str(out)
@@ -89,22 +84,16 @@ def test_json_output_is_the_summary_and_nothing_else(
 
 
 def test_quiet_prints_nothing(plan: Path, tmp_path: Path) -> None:
-    result = invoke(
-        *("run", plan / "two.yaml", "--plan", plan, "--out", tmp_path / "run"),
-        *("--quiet", "--no-audit", "--no-recording"),
-    )
-    assert (result.exit_code, result.output) == (0, "")
+    options = ("--quiet", *QUICK[:2])
+    assert invoke(*running(plan, tmp_path / "run", *options), code=0).output == ""
 
 
 def test_options_reach_the_run_and_the_manifest(plan: Path, tmp_path: Path) -> None:
     results = {}
     for stalls in (0, 3):
         out = tmp_path / f"run_{stalls}"
-        result = invoke(
-            *("run", plan / "two.yaml", "--plan", plan, "--out", out, "--seed", 7),
-            *("--policy", "sequential", "--stalls", stalls),
-            *("--json", "--no-audit", "--no-recording"),
-        )
+        options = ("--seed", 7, "--policy", "sequential", "--stalls", stalls)
+        result = invoke(*running(plan, out, *options, "--json", *QUICK[:2]))
         results[stalls] = json.loads(result.stdout)
         manifest = json.loads((out / "manifest.json").read_text())
         assert manifest["seed"] == manifest["scenario"]["seed"] == 7
@@ -144,10 +133,7 @@ def test_violations_end_with_code_1_and_are_listed(
     found = Violation(1.0, 2.0, "left/arm", "right/arm", 0.004, "link_3 - link_4")
     report = audit.AuditReport(100, -0.004, -0.004, (found,), "coal")
     monkeypatch.setattr(audit, "audit_run", lambda *_, **__: report)
-    out = tmp_path / "run"
-    result = invoke(
-        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording", code=1
-    )
+    result = invoke(*running(plan, tmp_path / "run", "--no-recording"), code=1)
     assert "1 violations (1 contact)" in " ".join(result.stdout.split())
     assert "contact: left/arm - right/arm: 4.00 mm deep" in result.stdout
 
@@ -175,9 +161,7 @@ def test_the_audit_holds_a_run_to_its_scenario_not_to_its_plan(
 
     monkeypatch.setattr(PartKind, "wanted", further)
     out = tmp_path / "run"
-    result = invoke(
-        "run", plan / "two.yaml", "--plan", plan, "--out", out, "--no-recording", code=1
-    )
+    result = invoke(*running(plan, out, "--no-recording"), code=1)
     audit = json.loads((out / "summary.json").read_text())["audit"]
     assert {v["kind"] for v in audit["violations"]} == {"place"}
     assert "up to 8.00 mm off" in result.stdout
@@ -196,7 +180,7 @@ def test_an_interrupt_in_the_twin_leaves_a_readable_log_and_code_130(
     counter: list[object] = []
     monkeypatch.setattr(observers.MemoryRecorder, "record", interrupt)
     out = tmp_path / "run"
-    result = invoke("run", plan / "two.yaml", "--plan", plan, "--out", out, code=130)
+    result = invoke(*running(plan, out), code=130)
     assert "interrupted" in result.stderr
     rows = [json.loads(s) for s in (out / "events.jsonl").read_text().splitlines()]
     assert len(rows) >= 5

@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +5,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.twin.drawn_runs import uniform
+from tests.twin.program import python
 from twin.uncertainty.draws import philox_block, stable_hash, uniforms
 
 WORD = st.integers(min_value=0, max_value=2**64 - 1)
@@ -55,10 +53,7 @@ def test_hashes_of_names_are_fixed_for_all_time() -> None:
     assert stable_hash("robot", "left") == 0xE6BFFD88DC01B0B7
     assert stable_hash("ab", "c") != stable_hash("a", "bc")
     code = "from twin.uncertainty.draws import stable_hash; print(stable_hash('robot', 'left'))"
-    other = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert int(other.stdout) == stable_hash("robot", "left")
+    assert int(python(code).stdout) == stable_hash("robot", "left")
 
 
 def test_every_part_of_the_name_matters() -> None:

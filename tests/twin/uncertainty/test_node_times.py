@@ -26,8 +26,9 @@ from twin.uncertainty.node_times import NodeTimes, NodeTimeSampler
 from twin.uncertainty.skill_durations import SkillDurations
 
 TPG = random_tpg(16, tasks=20)
+SLOWED = Speed(robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)})
 EVERYTHING = Disturbances(
-    speed=Speed(robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}),
+    speed=SLOWED,
     jitter=Uniform(low_s=0.0, high_s=0.1),
     stalls=Stalls(
         count_per_robot=2, rate_per_h=600.0, duration=Uniform(low_s=1.0, high_s=2.0)
@@ -67,13 +68,7 @@ def test_stall_is_the_sum_of_standstills() -> None:
 
 
 def test_a_speed_factor_is_drawn_once_a_transit_and_divides_its_nodes() -> None:
-    found = times(
-        Disturbances(
-            speed=Speed(
-                robots={"robot_0": UniformFactor(kind="uniform", low=0.5, high=1.0)}
-            )
-        )
-    )
+    found = times(Disturbances(speed=SLOWED))
     plain = sample(VARIED, TPG, seed=1)
     chain = TPG.chains[0]
     for node in np.flatnonzero(~chain.skill).tolist():
@@ -86,15 +81,9 @@ def test_a_speed_factor_is_drawn_once_a_transit_and_divides_its_nodes() -> None:
 
 
 def test_jitter_lengthens_every_node_by_its_own_draw() -> None:
-    extra = [
-        a - b
-        for a, b in zip(
-            times(Disturbances(jitter=Uniform(low_s=0.1, high_s=0.2))).motion,
-            sample(VARIED, TPG, seed=1),
-            strict=True,
-        )
-    ]
-    joined = np.concatenate(extra)
+    found = times(Disturbances(jitter=Uniform(low_s=0.1, high_s=0.2)))
+    plain = sample(VARIED, TPG, seed=1)
+    joined = np.concatenate(found.motion) - np.concatenate(plain)
     assert joined.min() >= 1e8
     assert joined.max() <= 2e8
     assert len(np.unique(joined)) == len(joined)
@@ -175,12 +164,9 @@ def test_attempts_fail_as_often_as_they_should_and_then_for_good() -> None:
             assert all(entry.duration_ns == 2_500_000_000 for entry in stands)
             first += len(set(nodes))
             both += len(nodes) - len(set(nodes))
-        for k, failed in enumerate(run.failed):
-            twice = [
-                n
-                for n in {e.node for e in run.standstills[k]}
-                if [e.node for e in run.standstills[k]].count(n) == 2
-            ]
+        for failed, stands in zip(run.failed, run.standstills, strict=True):
+            nodes = [entry.node for entry in stands]
+            twice = [node for node in nodes if nodes.count(node) == 2]
             assert failed == min(twice, default=-1)
     n = 500 * len(picks)
     assert picks
@@ -207,15 +193,15 @@ def test_a_part_fails_more_often_than_others_with_the_robots_it_is_said_of() -> 
     ]
     tpg, robot = replace(TPG, tasks=tuple(tasks)), TPG.tasks[chosen].robot
     failing = Disturbances().with_misses("pick", {f"{robot}/peg": 0.4})
-    failed = Counter(
-        int(tpg.chains[k].task[entry.node])
+    runs = (
+        sample_node_times(tpg, VARIED, failing, seed=1, replication=replication)
         for replication in range(300)
-        for k, stands in enumerate(
-            sample_node_times(
-                tpg, VARIED, failing, seed=1, replication=replication
-            ).standstills
-        )
-        for entry in {e.node: e for e in stands}.values()
+    )
+    failed = Counter(
+        int(chain.task[node])
+        for run in runs
+        for chain, stands in zip(tpg.chains, run.standstills, strict=True)
+        for node in {entry.node for entry in stands}
     )
     assert others
     assert set(failed) == {chosen}
@@ -265,22 +251,11 @@ def test_any_attempt_may_lose_the_object_the_last_one_too() -> None:
 def test_draws_do_not_depend_on_other_disturbances() -> None:
     """Common random numbers: one more disturbance leaves the others as they are."""
     both = times(EVERYTHING)
-    alone = times(
-        EVERYTHING.model_copy(
-            update={
-                "jitter": None,
-                "speed": Speed(),
-                "stalls": Stalls(count_per_robot=2),
-            }
-        )
-    )
-    for cause in ("retry",):
-        for k in range(2):
-            nodes = [
-                [e.node for e in run.standstills[k] if e.cause == cause]
-                for run in (both, alone)
-            ]
-            assert nodes[0] == nodes[1]
+    less = {"jitter": None, "speed": Speed(), "stalls": Stalls(count_per_robot=2)}
+    alone = times(EVERYTHING.model_copy(update=less))
+    for first, second in zip(both.standstills, alone.standstills, strict=True):
+        retried = [[e.node for e in s if e.cause == "retry"] for s in (first, second)]
+        assert retried[0] == retried[1]
     again = times(EVERYTHING)
     assert all(map(np.array_equal, both.motion, again.motion))
     assert both.standstills == again.standstills

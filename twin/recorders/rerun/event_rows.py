@@ -16,14 +16,7 @@ from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
 from twin.recorders.rerun import layout as layout
 from twin.recorders.rerun.layout import time_column
-from twin.run.activities import (
-    HOLDING,
-    IDLE,
-    RETRYING,
-    TOLD,
-    WAITING,
-    part_names,
-)
+from twin.run.activities import HOLDING, IDLE, RETRYING, TOLD, WAITING, part_names
 from twin.run.events import Event
 
 _VERBS = {

@@ -214,17 +214,14 @@ def run_layout(
         axis_x=rrb.TimeAxis(view_range=whole),
         plot_legend=rrb.Corner2D.LeftTop,
     )
+    origin, name = WAITING, "Robots that wait"
+    if measured:
+        origin, name = TRACKING, "Joints off their paths [mrad or mm]"
     waiting = rrb.TimeSeriesView(
-        origin=f"/{WAITING}",
-        name="Robots that wait",
+        origin=f"/{origin}",
+        name=name,
         axis_x=rrb.TimeAxis(view_range=near),
     )
-    if measured:
-        waiting = rrb.TimeSeriesView(
-            origin=f"/{TRACKING}",
-            name="Joints off their paths [mrad or mm]",
-            axis_x=rrb.TimeAxis(view_range=near),
-        )
     plots = rrb.Vertical(progress, waiting)
     return _blueprint(tpg, lanes, plots, play_state="paused")
 

@@ -12,11 +12,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from scheduling.graph.task_edges import (
-    machine_chains,
-    with_barriers,
-    working_machines,
-)
+from scheduling.graph.task_edges import machine_chains, with_barriers, working_machines
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.host.guard import replacing
 from twin.recorders.rerun import layout as layout
@@ -30,13 +26,7 @@ from twin.recorders.rerun.bodies import (
 from twin.recorders.rerun.event_rows import EventBacklog, PlanWords
 from twin.recorders.rerun.fingers import finger_moves, move_fingers
 from twin.recorders.rerun.layout import entity_path, time_column
-from twin.run.activities import (
-    IDLE,
-    WAITING,
-    Activity,
-    plan_colours,
-    robot_activities,
-)
+from twin.run.activities import IDLE, WAITING, Activity, plan_colours, robot_activities
 from twin.run.events import Event, ExecutionRecord
 from twin.run.gantt import rgb, team_colours
 from twin.run.tracking import nearest_on_path

@@ -213,7 +213,13 @@ class Replay:
             drawn = NodeTimes(
                 tuple(np.split((times.busy_ns - stood_ns)[:, column], cuts)),
                 tuple(stood),
-                tuple(_standing(own) for own in stood),
+                tuple(
+                    tuple(
+                        Standstill(node, "stall", int(own[node]))
+                        for node in np.flatnonzero(own).tolist()
+                    )
+                    for own in stood
+                ),
                 (-1,) * len(stood),
                 sample_stops(
                     self.tpg, model.disturbances, seed=self._seed, replication=number
@@ -293,14 +299,6 @@ def quicker(messages: Messages, share: float) -> Messages:
         np.array([messages.report_ns, messages.release_ns]), share
     ).tolist()
     return messages._replace(report_ns=report, release_ns=release)
-
-
-def _standing(stood: Nanoseconds) -> tuple[Standstill, ...]:
-    """Return the standstills of the nodes of a robot."""
-    return tuple(
-        Standstill(node, "stall", int(stood[node]))
-        for node in np.flatnonzero(stood).tolist()
-    )
 
 
 def _shorter_stops(own: Disturbances, which: str, share: float) -> Disturbances:

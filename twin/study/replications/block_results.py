@@ -11,14 +11,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from planning.errors import OutputError
 from planning.files import NPZ_ERRORS, arrays_text, read_file, read_npz
-from planning.transforms import Indices
+from planning.transforms import Array, Indices
 from scheduling.graph.task_edges import machine_chains, working_machines
 from scheduling.graph.temporal_plan_graph import (
     MOTION_CONFLICT,
@@ -88,10 +88,7 @@ class ReplicationRows:
     operated: OperatedRows | None = None
 
     def fill(
-        self,
-        which: npt.NDArray[np.bool_],
-        found: Completions,
-        tpg: TemporalPlanGraph,
+        self, which: npt.NDArray[np.bool_], found: Completions, tpg: TemporalPlanGraph
     ) -> None:
         """Enter what came of replications that completed.
 
@@ -111,7 +108,7 @@ class ReplicationRows:
                 self.busy_ns[k, which] = busy[tpg.chain_index[name]]
         self.waited_ns[:, which] = found.waited_ns[robots].sum(axis=0)
 
-    def makespans_s(self) -> npt.NDArray[np.float64]:
+    def makespans_s(self) -> Array:
         """Return the makespans, NaN where a replication did not complete, shape (r,) [s]."""
         return _seconds(self.makespan_ns, self.outcome == COMPLETED)
 
@@ -411,10 +408,8 @@ def put_aside(folder: Path, block: Block) -> Path:
 def blocks_done(folder: Path) -> Iterator[Block]:
     """Yield the blocks of which there is a file."""
     for path in folder.glob("*.npz"):
-        match = _NAME.fullmatch(path.name)
-        if match:
-            cell, first, count = (int(text) for text in match.groups())
-            yield Block(cell, first, count)
+        if match := _NAME.fullmatch(path.name):
+            yield Block(*map(int, match.groups()))
 
 
 def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
@@ -424,17 +419,29 @@ def cell_blocks(folder: Path, cell: int) -> Iterator[BlockResult]:
         yield read_block(folder, block)
 
 
+def cell_makespans_s(folder: Path, cell: int) -> Array:
+    """Return the makespans of a cell, NaN where it did not complete, shape (n,) [s]."""
+    return np.concatenate([b.rows.makespans_s() for b in cell_blocks(folder, cell)])
+
+
+def cell_part(folder: Path, cell: int, name: Literal["products", "windows"]) -> Any:
+    """Return a part of what came of a cell, over all its blocks; None where there is none."""
+    parts = [getattr(block, name) for block in cell_blocks(folder, cell)]
+    parts = [part for part in parts if part is not None]
+    if not parts:
+        return None
+    values = zip(*(vars(part).values() for part in parts), strict=True)
+    return type(parts[0])(*(np.concatenate(own, axis=-1) for own in values))
+
+
 def cell_tally(folder: Path, cell: int) -> TaskTally:
     """Return the task tally of a cell, over all its blocks."""
-    results = cell_blocks(folder, cell)
-    return reduce(TaskTally.plus, (result.tally for result in results))
+    return reduce(TaskTally.plus, (b.tally for b in cell_blocks(folder, cell)))
 
 
 def _path(folder: Path, block: Block) -> Path:
     return folder / f"{block.cell}-{block.first}-{block.count}.npz"
 
 
-def _seconds(
-    nanoseconds: Nanoseconds, known: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float64]:
+def _seconds(nanoseconds: Nanoseconds, known: npt.NDArray[np.bool_]) -> Array:
     return np.where(known, nanoseconds / NANOSECONDS, np.nan)

@@ -5,13 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
@@ -28,12 +22,7 @@ from twin.study.replications.block_results import (
     write_block,
 )
 from twin.study.replications.statistics import Block, Experiment, blocks_of
-from twin.study.replications.workload import (
-    Workload,
-    compute_block,
-    pack,
-    parallelism,
-)
+from twin.study.replications.workload import Workload, compute_block, pack, parallelism
 
 BULK_BLOCK, EVENTS_BLOCK = 500, 20
 """Replications of a block, by engine: about as much work as is worth sending away."""

@@ -17,10 +17,17 @@ from planning.tasks.task import TRANSIT
 from planning.transforms import Array, Indices
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from twin.durations.model import NANOSECONDS
-from twin.host.pictures import INK, fitted, new_picture, style_axes
+from twin.host.pictures import (
+    INK,
+    WIDTH_IN,
+    bar_chart,
+    fitted,
+    legend_below,
+    new_picture,
+    style_axes,
+)
 from twin.run.activities import part_names
 from twin.study.replications.block_results import TaskTally, task_groups
-from twin.study.report.layout import WIDTH_IN, bar_chart, legend_below
 from twin.study.sensitivity import SHARE, Influence, SobolIndex
 
 _LESS, _MORE = "#1f5f9e", "#d97b29"

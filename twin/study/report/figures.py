@@ -23,7 +23,7 @@ from twin.durations.measured import Packaged
 from twin.durations.model import NANOSECONDS, DurationModel
 from twin.engine.bulk.max_plus import OTHER
 from twin.host.guard import versions
-from twin.host.pictures import INK
+from twin.host.pictures import INK, bar_chart, legend_below, one_chart
 from twin.run.throughput import takts_s
 from twin.scenario.sections.execution import ExecutionSection, ReferenceDuration
 from twin.scenario.variations import Variant, is_of_execution
@@ -31,7 +31,6 @@ from twin.study.folder import plain
 from twin.study.products import Due
 from twin.study.replications.block_results import WAIT_COLUMNS, ProductTimes
 from twin.study.replications.statistics import Interval
-from twin.study.report.layout import bar_chart, legend_below, one_chart
 from twin.study.study import StudyResult
 from twin.study.summary import StudySummary, cell_label
 from twin.uncertainty.disturbances import MachineBreakdowns, Stalls

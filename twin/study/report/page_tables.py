@@ -7,14 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from twin.drawing.markup import (
-    breakable,
-    bullets,
-    paragraph,
-    table,
-    text,
-    told_table,
-)
+from twin.drawing.markup import breakable, bullets, paragraph, table, text, told_table
 from twin.run.policies import OPEN_LOOP
 from twin.study.folder import task_columns
 from twin.study.gains.candidates import task_names
@@ -137,12 +130,6 @@ def busy_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
     return ["busy", *names], rows
 
 
-def busy_table(summary: StudySummary) -> str:
-    """Return the table for the report, nothing where no replication was complete."""
-    words = "share of the time at work, standstills in it included"
-    return told_table(words, busy_rows(summary))
-
-
 _SHARE = "{:.1f} %"
 
 HEAD = (
@@ -199,12 +186,6 @@ def window_rows(summary: StudySummary) -> tuple[list[str], list[list[str]]]:
             row.append("-" if free is None else _span(free, _SHARE, 100.0))
             rows.append(row)
     return [*head, "not held back"], rows
-
-
-def windows_table(summary: StudySummary) -> str:
-    """Return the table for the report, nothing where there are no windows."""
-    words = "time that passes from the end of the earlier step to the begin of the later one"
-    return told_table(words, window_rows(summary))
 
 
 def holding_texts(summary: StudySummary) -> list[str]:

@@ -9,29 +9,28 @@ from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from twin.check.finding import Subject
 from twin.check.picture import cell_figure
 from twin.drawing.markup import (
     bullets,
+    drawn_in,
     heading,
     page,
     pairs,
     paragraph,
-    picture,
     table,
     text,
+    told_table,
 )
 from twin.host.guard import write_text
-from twin.host.pictures import save_png
+from twin.host.pictures import WIDTH_IN
 from twin.host.progress import Report
 from twin.planning.kind import assembly_kind
 from twin.run.policies import ASYNCHRONOUS, ASYNCHRONOUS_SHORTCUTS, NAMED_POLICIES
 from twin.scenario.variations import varied
 from twin.study.folder import BLOCKS, REPORT
 from twin.study.products import product_times
-from twin.study.replications.block_results import cell_tally
+from twin.study.replications.block_results import cell_makespans_s, cell_tally
 from twin.study.report.cell_figures import draw_bands, draw_sobol, draw_tornado
 from twin.study.report.figures import (
     assumptions,
@@ -42,11 +41,10 @@ from twin.study.report.figures import (
     draw_waits,
     warnings,
 )
-from twin.study.report.layout import WIDTH_IN
 from twin.study.report.page_tables import (
     HONEST,
     OPERATED,
-    busy_table,
+    busy_rows,
     collided,
     critical_tasks_table,
     differences,
@@ -59,11 +57,11 @@ from twin.study.report.page_tables import (
     operated_tables,
     ranking_table,
     refused_table,
-    windows_table,
+    window_rows,
 )
 from twin.study.sensitivity import SHARE, Influence, influences, sobol_indices
 from twin.study.study import StudyResult
-from twin.study.summary import CellSummary, StudySummary, makespans_s
+from twin.study.summary import CellSummary, StudySummary
 
 DRAWING = "report"
 """Name of the stage for progress displays."""
@@ -100,7 +98,8 @@ def write_report(result: StudyResult, progress: Report) -> None:
         pieces += _cell(result, cell, progress)
         progress(DRAWING, 2 + place, cells + 2)
     pieces += _made(result)
-    write_text(result.folder / REPORT, _page(result, pieces))
+    title = f"{result.summary.scenario}: study"
+    write_text(result.folder / REPORT, page(title, style(), pieces))
     progress(DRAWING, cells + 2, cells + 2)
 
 
@@ -130,19 +129,6 @@ def _file_name(label: str) -> str:
     if len(name) <= _LONGEST_NAME:
         return name
     return f"{name[:_LONGEST_NAME]}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
-
-
-def _drawn(result: StudyResult, figure: Figure, name: str) -> str:
-    """Write a picture into the folder, and return it for the page."""
-    save_png(figure, result.folder / f"{name}.png")
-    figure.set_layout_engine(
-        "none"
-    )  # all is in its place, and that takes as long as drawing
-    return picture(figure, name)
-
-
-def _page(result: StudyResult, pieces: Sequence[str]) -> str:
-    return page(f"{result.summary.scenario}: study", style(), pieces)
 
 
 def style() -> str:
@@ -186,7 +172,7 @@ def _first_page(result: StudyResult) -> Pieces:
     if len(summary.cells) > 1:
         yield paragraph("The other policies and variants follow one by one.", "note")
     yield heading("The cell")
-    yield _drawn(result, cell_figure(subject, width_in=WIDTH_IN), "cell")
+    yield drawn_in(result.folder, cell_figure(subject, width_in=WIDTH_IN), "cell")
     yield heading("What it rests on")
     yield pairs(assumptions(result))
 
@@ -203,14 +189,17 @@ def _lines(result: StudyResult, cell: int) -> Pieces:
     if times is not None:
         scenario = varied(result.request.scenario, summary.cells[cell].variant)
         due = assembly_kind(scenario.assembly).due()
-        yield _drawn(result, draw_line(times, due), "products")
+        yield drawn_in(result.folder, draw_line(times, due), "products")
 
 
 def _windows(summary: StudySummary) -> Pieces:
     """Yield how windows of time are kept, and what that costs, where there are any."""
     if any(cell.windows for cell in summary.cells):
         yield heading("Windows of time between steps")
-        yield windows_table(summary)
+        yield told_table(
+            "time that passes from the end of the earlier step to the begin of the later one",
+            window_rows(summary),
+        )
         yield bullets("What holding back costs", holding_texts(summary))
 
 
@@ -221,7 +210,7 @@ def _layouts(result: StudyResult) -> Pieces:
         yield heading("Which layout")
         policy = shown_policy(policies)
         yield ranking_table(summary, policy)
-        yield _drawn(result, draw_ranking(summary, policy), "ranking")
+        yield drawn_in(result.folder, draw_ranking(summary, policy), "ranking")
     yield refused_table(summary)
 
 
@@ -235,17 +224,18 @@ def _whole_study(result: StudyResult) -> Pieces:
     yield differences(summary)
     yield collided(summary)
     blocks = result.folder / BLOCKS
-    samples = [makespans_s(blocks, cell) for cell in range(len(experiment.cells))]
+    samples = [cell_makespans_s(blocks, cell) for cell in range(len(experiment.cells))]
     yield heading("How long it takes")
-    yield _drawn(result, draw_ecdf(summary, samples, policies), "makespan")
+    yield drawn_in(result.folder, draw_ecdf(summary, samples, policies), "makespan")
     for key in experiment.variants[0]:
         yield heading(f"What {key} does")
         name = "response-" + key.replace(".", "-")
-        yield _drawn(result, draw_response(summary, key, policies), name)
+        yield drawn_in(result.folder, draw_response(summary, key, policies), name)
     yield heading("How busy robots and machines are")
-    yield busy_table(summary)
+    words = "share of the time at work, standstills in it included"
+    yield told_table(words, busy_rows(summary))
     yield heading("What the robots wait for")
-    yield _drawn(result, draw_waits(summary), "waits")
+    yield drawn_in(result.folder, draw_waits(summary), "waits")
 
 
 def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
@@ -265,13 +255,13 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
         return
     if drawn:
         yield heading("When tasks are done, and which are critical", 3)
-        yield _drawn(result, draw_bands(load.tpg, tally), f"gantt-{name}")
+        yield drawn_in(result.folder, draw_bands(load.tpg, tally), f"gantt-{name}")
     yield critical_tasks_table(load, tally, label, _CRITICAL)
     inputs = influences(load)
     yield heading("Which inputs the makespan hangs on", 3)
     if drawn:
         figure = draw_tornado(inputs, found.makespan_s.estimate)
-        yield _drawn(result, figure, f"tornado-{name}")
+        yield drawn_in(result.folder, figure, f"tornado-{name}")
     else:
         yield _tornado_table(inputs, label)
     points = result.request.sobol_points
@@ -279,7 +269,7 @@ def _cell(result: StudyResult, cell: int, progress: Report) -> Pieces:
         yield heading("Which inputs it hangs on when all vary at once", 3)
         seed = result.request.scenario.seed
         indices = sobol_indices(load, points, seed=seed, progress=progress)
-        yield _drawn(result, draw_sobol(indices), "sobol")
+        yield drawn_in(result.folder, draw_sobol(indices), "sobol")
     if not first:
         confidence = result.summary.confidence
         gains = result.gains[cell]

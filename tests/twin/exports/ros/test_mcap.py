@@ -29,6 +29,7 @@ from twin.recorders.observers import write_table
 from twin.trial.run_result import RunResult
 from twin.uncertainty.disturbances import Disturbances
 
+Messages = dict[str, list[Any]]
 MODELS = ("gp4", "mobile-manipulator")
 RATE_HZ = 40.0
 TRIANGLE_LIST, ADD, DELETE_ALL = 11, 0, 3
@@ -59,11 +60,11 @@ def run(
 
 
 @pytest.fixture(scope="module")
-def messages(run: RunResult) -> dict[str, list[Any]]:
+def messages(run: RunResult) -> Messages:
     return read(exported(run, "mcap", rate_hz=RATE_HZ)["run.mcap"])
 
 
-def read(data: bytes) -> dict[str, list[Any]]:
+def read(data: bytes) -> Messages:
     """Return the decoded messages of every topic, with the times that they were logged at."""
     found = defaultdict(list)
     reader = make_reader(BytesIO(data), decoder_factories=[DecoderFactory()])
@@ -87,7 +88,7 @@ def pose_of(transform: Any) -> Array:
 class Frames:
     """Where frames are at a time: of each the last that was said of it."""
 
-    def __init__(self, messages: dict[str, list[Any]], t_ns: int) -> None:
+    def __init__(self, messages: Messages, t_ns: int) -> None:
         self._parents: dict[str, tuple[str, Array]] = {}
         said = [*messages["/tf_static"], *messages["/tf"]]
         for item in said:
@@ -134,9 +135,7 @@ def full_seconds(run: RunResult) -> list[int]:
     return sorted({*held[:: max(len(held) // 4, 1)], *times[:: len(times) // 4]})
 
 
-def joint_states(
-    messages: dict[str, list[Any]], robot: str
-) -> tuple[list[Any], Indices, Array]:
+def joint_states(messages: Messages, robot: str) -> tuple[list[Any], Indices, Array]:
     """The messages of where a robot's joints are, their times [ns], and the values [rad or m]."""
     said = messages[f"/{robot}/joint_states"]
     times, values = [item.t for item in said], [item.m.position for item in said]
@@ -144,7 +143,7 @@ def joint_states(
 
 
 def test_joint_states_are_those_of_the_table(
-    run: RunResult, messages: dict[str, list[Any]]
+    run: RunResult, messages: Messages
 ) -> None:
     for robot in run.tpg.cell.robots:
         motion = run.motions[robot.name]
@@ -161,9 +160,7 @@ def test_joint_states_are_those_of_the_table(
             assert np.max(np.abs(v)) > 0.1
 
 
-def test_who_interpolates_sees_the_motion(
-    run: RunResult, messages: dict[str, list[Any]]
-) -> None:
+def test_who_interpolates_sees_the_motion(run: RunResult, messages: Messages) -> None:
     """What is left out is nothing: robots stand, or move as straight as the rate lets them."""
     for robot in run.tpg.cell.robots:
         motion = run.motions[robot.name]
@@ -181,7 +178,7 @@ def test_who_interpolates_sees_the_motion(
 
 
 def test_links_are_where_pinocchio_puts_them(
-    run: RunResult, messages: dict[str, list[Any]]
+    run: RunResult, messages: Messages
 ) -> None:
     compared = 0
     for t_ns in full_seconds(run):
@@ -195,9 +192,7 @@ def test_links_are_where_pinocchio_puts_them(
     assert compared > 50
 
 
-def test_objects_are_where_the_table_says(
-    run: RunResult, messages: dict[str, list[Any]]
-) -> None:
+def test_objects_are_where_the_table_says(run: RunResult, messages: Messages) -> None:
     table = run.objects.to_pylist()
     held = 0
     for t_ns in full_seconds(run):
@@ -220,7 +215,7 @@ def test_objects_are_where_the_table_says(
 
 
 def test_who_joins_late_knows_all_after_a_second(
-    run: RunResult, messages: dict[str, list[Any]]
+    run: RunResult, messages: Messages
 ) -> None:
     everything = Frames(messages, run.makespan_ns).names()
     late = [item for item in messages["/tf"] if item.t > 2 * NANOSECONDS]
@@ -229,7 +224,7 @@ def test_who_joins_late_knows_all_after_a_second(
 
 
 def test_what_is_seen_hangs_on_frames_that_there_are(
-    run: RunResult, messages: dict[str, list[Any]]
+    run: RunResult, messages: Messages
 ) -> None:
     frames = Frames(messages, run.makespan_ns)
     for topic in ("/robots", "/fixtures", "/objects"):
@@ -250,7 +245,7 @@ def test_what_is_seen_hangs_on_frames_that_there_are(
 
 
 def test_bodies_have_the_size_of_their_shapes(
-    run: RunResult, messages: dict[str, list[Any]]
+    run: RunResult, messages: Messages
 ) -> None:
     cell = run.tpg.cell
     (shown,) = messages["/fixtures"]
@@ -264,9 +259,7 @@ def test_bodies_have_the_size_of_their_shapes(
         assert volume(corners) == pytest.approx(np.prod(item.size))
 
 
-def test_robots_look_as_large_as_they_are(
-    run: RunResult, messages: dict[str, list[Any]]
-) -> None:
+def test_robots_look_as_large_as_they_are(run: RunResult, messages: Messages) -> None:
     """Boxes around what is seen and around what collides, of robots that have both alike."""
     robot = run.tpg.cell.robots[0]
     (shown,) = messages["/robots"]
@@ -303,9 +296,7 @@ def volume(corners: Array) -> float:
     return float(np.einsum("fx,fx->", np.cross(a, b), c) / 6.0)
 
 
-def test_trajectories_are_the_segments(
-    run: RunResult, messages: dict[str, list[Any]]
-) -> None:
+def test_trajectories_are_the_segments(run: RunResult, messages: Messages) -> None:
     said = defaultdict(list)
     for robot in run.tpg.cell.robots:
         said[robot.name] += messages[f"/{robot.name}/joint_trajectory"]

@@ -4,7 +4,8 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,12 @@ def _in_process() -> AbstractContextManager[Executor]:
     return open_executor(workers=0)
 
 
+def _run(opened: Callable[[], AbstractContextManager[Executor]], folder: Path) -> bytes:
+    """Run both by some pools, and return their table."""
+    run_replications(TWO, _loads(), folder, opened)
+    return _table(folder)
+
+
 def _table(folder: Path, experiment: Experiment = TWO) -> bytes:
     path = folder.with_suffix(".parquet")
     write_replications(path, experiment, folder)
@@ -67,22 +74,16 @@ class _Dying(InProcess):
 
 
 def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
-    run_replications(TWO, _loads(), tmp_path / "whole", _in_process)
     computed: list[Block] = []
     for blocks in (1, 3, 0, 2):
-
-        @contextmanager
-        def dying(blocks: int = blocks) -> Iterator[Executor]:
-            yield _Dying(blocks)
-
         before = set(blocks_done(tmp_path / "parts"))
         with pytest.raises(KeyboardInterrupt):
-            run_replications(TWO, _loads(), tmp_path / "parts", dying)
+            _run(partial(nullcontext, _Dying(blocks)), tmp_path / "parts")
         new = set(blocks_done(tmp_path / "parts")) - before
         assert not new & set(computed)
         computed += new
-    run_replications(TWO, _loads(), tmp_path / "parts", _in_process)
-    assert _table(tmp_path / "parts") == _table(tmp_path / "whole")
+    parts = _run(_in_process, tmp_path / "parts")
+    assert parts == _run(_in_process, tmp_path / "whole")
 
 
 def _die_once(marker: Path, parcel: Any, block: Block) -> Any:
@@ -107,16 +108,15 @@ def test_pools_give_what_one_process_gives_though_a_worker_is_killed(
     tmp_path: Path,
 ) -> None:
     """The first pool breaks in its first block; a second one does what is left."""
-    run_replications(TWO, _loads(), tmp_path / "whole", _in_process)
 
     @contextmanager
     def pool() -> Iterator[Executor]:
         with open_executor(workers=2) as executor:
             yield _Murderous(executor, tmp_path / "killed")
 
-    run_replications(TWO, _loads(), tmp_path / "parts", pool)
+    parts = _run(pool, tmp_path / "parts")
     assert (tmp_path / "killed").exists()
-    assert _table(tmp_path / "parts") == _table(tmp_path / "whole")
+    assert parts == _run(_in_process, tmp_path / "whole")
 
 
 class _Refusing(_Dying):
@@ -129,15 +129,9 @@ class _Refusing(_Dying):
 
 
 def test_no_block_is_lost_that_a_broken_pool_refuses(tmp_path: Path) -> None:
-    run_replications(TWO, _loads(), tmp_path / "whole", _in_process)
     pools = iter((0, 1, 0, 100))
-
-    @contextmanager
-    def pool() -> Iterator[Executor]:
-        yield _Refusing(next(pools))
-
-    run_replications(TWO, _loads(), tmp_path / "parts", pool)
-    assert _table(tmp_path / "parts") == _table(tmp_path / "whole")
+    parts = _run(lambda: nullcontext(_Refusing(next(pools))), tmp_path / "parts")
+    assert parts == _run(_in_process, tmp_path / "whole")
 
 
 def test_sampling_goes_on_until_the_mean_is_known(tmp_path: Path) -> None:
@@ -202,12 +196,8 @@ def test_failed_tasks_are_rows_and_lose_no_other(tmp_path: Path) -> None:
         failures={"pick": SkillFailure(probability=0.3, retries=0, retry=None)}
     )
     experiment = Experiment(("asynchronous",), replications=40)
-    run_replications(
-        experiment,
-        [toy_workload(seed=9, disturbances=failing)],
-        tmp_path / "blocks",
-        _in_process,
-    )
+    loads = [toy_workload(seed=9, disturbances=failing)]
+    run_replications(experiment, loads, tmp_path / "blocks", _in_process)
     _table(tmp_path / "blocks", experiment)
     table = pq.read_table(tmp_path / "blocks.parquet").to_pydict()
     outcomes = table["outcome"]
@@ -245,9 +235,5 @@ def test_a_replication_that_raises_is_a_row_with_its_error() -> None:
 
 
 def test_workers_that_keep_dying_end_the_study(tmp_path: Path) -> None:
-    @contextmanager
-    def pool() -> Iterator[Executor]:
-        yield _Refusing(0)
-
     with pytest.raises(TwinError, match="--resume"):
-        run_replications(TWO, _loads(), tmp_path / "blocks", pool)
+        _run(partial(nullcontext, _Refusing(0)), tmp_path / "blocks")

@@ -119,10 +119,8 @@ def test_tornado_and_sobol_are_legible() -> None:
 
 @pytest.mark.parametrize("tasks", [2, 14, 150])
 def test_bands_are_legible(tasks: int) -> None:
-    load = toy_workload(1)
-    load = replace(
-        load, tpg=random_tpg(1, dofs=(2, 2, 3), tasks=max(tasks, 3), edges=tasks)
-    )
+    tpg = random_tpg(1, dofs=(2, 2, 3), tasks=max(tasks, 3), edges=tasks)
+    load = replace(toy_workload(1), tpg=tpg)
     tally = Engines(load).compute(Block(0, 0, 30)).tally
     assert_legible(draw_bands(load.tpg, tally))
 
