@@ -3,17 +3,22 @@
 import fcntl
 from collections import Counter
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 from zlib import crc32
 
-from numba import njit
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
+from planning.kernels import kernel
+
 
 def outer(inner: Any) -> Any:
-    """Return an inner kernel compiled anew, with what Python needs to call it."""
-    return njit(nogil=True)(inner.py_func)
+    """Return an inner kernel compiled with what Python needs to call it, and kept beside the inner one."""
+    code = inner.py_func
+    other = FunctionType(code.__code__, code.__globals__, code.__name__)
+    other.__qualname__ = f"outer_{code.__qualname__}"
+    return kernel(other)
 
 
 def compile_once(folder: Path) -> None:

@@ -48,6 +48,8 @@ def heavy(own: Weights, values: Array, limit: float) -> bool:
     return bool(_call_heavy(own, (values, limit)))
 
 
+_order_of_few, _copy_row = outer(order_of_few), outer(copy_row)
+
 NUMBERS = st.lists(st.floats(-9.0, 9.0), min_size=1, max_size=6)
 
 
@@ -81,7 +83,7 @@ def test_a_shared_kernel_takes_the_types_that_it_says() -> None:
 @given(NUMBERS)
 def test_few_numbers_are_sorted_and_rows_are_copied(values: list[float]) -> None:
     numbers, out = np.array(values), np.zeros(len(values))
-    order = outer(order_of_few)(numbers)
+    order = _order_of_few(numbers)
     assert order.tolist() == np.argsort(numbers, kind="stable").tolist()
-    outer(copy_row)(out, numbers)
+    _copy_row(out, numbers)
     assert np.array_equal(out, numbers)
