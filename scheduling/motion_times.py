@@ -24,9 +24,13 @@ from planning.timing.rounded_path import BlendedPath
 from planning.timing.smooth_path import SmoothPath, smooth_path
 from planning.timing.stretch import exit_bound, pass_through
 from planning.transforms import Array, Indices
-from scheduling.graph.drive import Drive, joined_drives
 from scheduling.graph.task_edges import chain_actuations
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import (
+    Drive,
+    NodeChain,
+    TemporalPlanGraph,
+    joined_drives,
+)
 from scheduling.pace import Pace, Slowing, paces
 
 

@@ -27,8 +27,7 @@ import numpy.typing as npt
 
 from planning.cell.workcell import CellObject
 from planning.errors import PlanInvariantError
-from planning.tasks.task import AllowedContact, Handling, Task
-from planning.tasks.time_window import TimeWindow
+from planning.tasks.task import AllowedContact, Handling, Task, TimeWindow
 from planning.transforms import Indices
 from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg

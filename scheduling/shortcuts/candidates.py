@@ -22,10 +22,7 @@ import numpy.typing as npt
 from planning.motion.speed import SpeedModel, cut_path
 from planning.transforms import Array, Indices
 from scheduling.conflicts.derived_tpg import DerivedTpg
-from scheduling.graph.temporal_plan_graph import (
-    NodeChain,
-    TemporalPlanGraph,
-)
+from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from planning.tasks.task import DOOR, GONE
-from planning.tasks.time_window import EARLIER, TimeWindow
+from planning.tasks.task import DOOR, EARLIER, GONE, TimeWindow
 from scheduling.graph.dispatcher import Node
 from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.windows import window_nodes

@@ -15,7 +15,7 @@ from scheduling.graph.windows import opened_at
 from scheduling.rolling.cut import Counts, cut_after, stands_at
 from twin.durations.model import NANOSECONDS
 from twin.host.progress import Report, StageWatch
-from twin.operate.incident import Failure
+from twin.operate.committed import Failure
 from twin.operate.operation import require_rolling
 from twin.operate.remainder import plan_remainder
 from twin.operate.rolling import OUT_FOR_GOOD

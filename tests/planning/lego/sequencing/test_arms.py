@@ -8,20 +8,9 @@ from hypothesis import strategies as st
 
 from planning.cell.workcell import Workcell
 from planning.errors import InfeasibleStepError, ScenarioError
-from planning.importers.brick_models.cell import (
-    Finished,
-    Station,
-    model_cell,
-    stations,
-)
+from planning.importers.brick_models.cell import Finished, Station, model_cell, stations
 from planning.importers.brick_models.model import read_brick_list
-from planning.lego.bricks.assembly import (
-    BRICKS,
-    Cell,
-    GridSpan,
-    LegoStep,
-    PlacedBrick,
-)
+from planning.lego.bricks.assembly import BRICKS, Cell, GridSpan, LegoStep, PlacedBrick
 from planning.lego.bricks.grid import presses, top_pose
 from planning.lego.insertion.rules import ArmLimits, SequencingRules
 from planning.lego.sequencing.arms import GripReach

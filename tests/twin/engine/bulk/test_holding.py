@@ -10,7 +10,7 @@ from tests.scheduling.graph.test_windows import plain_times, windowed_tpg
 from tests.twin.drawn_runs import VARIED
 from tests.twin.driven_toys import with_limits
 from tests.twin.simulated import assert_same_ends, watched
-from twin.engine.bulk.holding import held_back
+from twin.engine.bulk.bulk_engine import held_back
 from twin.engine.engine import Simulator
 from twin.engine.execution_model import ExecutionModel, Messages
 from twin.uncertainty.disturbances import Disturbances, EmergencyStop, Stalls
