@@ -166,6 +166,9 @@ MOTION_CONFLICT = 1
 Causes = npt.NDArray[np.uint8]
 """TASK_DEPENDENCY or MOTION_CONFLICT, one an edge."""
 
+NO_EDGES = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.uint8)
+"""Edges of a graph without any, and their causes."""
+
 
 @dataclass(frozen=True)
 class NodeChain:
@@ -206,6 +209,17 @@ class NodeChain:
         """Return the number of nodes."""
         return len(self.task)
 
+    def stands_at(self, count: int) -> Array:
+        """Return where its robot stands when so many of its nodes are complete, shape (n,)."""
+        return self.start if count == 0 else self.waypoints[self.first[count] - 1]
+
+    def frozen(self) -> NodeChain:
+        """Return it with arrays that nobody writes to."""
+        for values in vars(self).values():
+            if isinstance(values, np.ndarray):
+                values.setflags(write=False)
+        return self
+
     def cut(self, first: int, stop: int) -> NodeChain:
         """Return nodes ``range(first, stop)`` as a chain of their own.
 
@@ -225,6 +239,31 @@ class NodeChain:
             drive=None if self.drive is None else self.drive.cut(slice(first, stop)),
             corners=None if self.corners is None else self.corners.inside(first, stop),
         )
+
+
+def pose_nodes(
+    robot: str,
+    start: Array,
+    waypoints: Array,
+    task: int | Indices,
+    duration: float | Array,
+    planned_start: float | Array = 0.0,
+    *,
+    skill: bool = False,
+) -> NodeChain:
+    """Return nodes of one waypoint each; a number stands for all of them."""
+    count = len(waypoints)
+    return NodeChain(
+        robot,
+        start,
+        waypoints,
+        np.ones(count),
+        np.arange(count + 1),
+        np.full(count, task),
+        np.full(count, skill),
+        np.full(count, duration),
+        np.full(count, planned_start),
+    )
 
 
 def join_chains(parts: Sequence[NodeChain]) -> NodeChain:
@@ -310,9 +349,13 @@ class TemporalPlanGraph:
         """Index in ``chains`` of each robot that has nodes."""
         return {chain.robot: i for i, chain in enumerate(self.chains)}
 
+    def task_at(self, chain: int, node: int) -> Task:
+        """Return the task that a node of a chain is of."""
+        return self.tasks[int(self.chains[chain].task[node])]
+
     def task_of(self, h: NodeHandling) -> Task:
         """Return the task in which an object changes hands."""
-        return self.tasks[int(self.chains[h.robot].task[h.node])]
+        return self.task_at(h.robot, h.node)
 
     def holds_before(self, h: NodeHandling) -> bool:
         """Tell whether by a handling a robot has in its hand what it had before its first node."""

@@ -26,10 +26,9 @@ from planning.tasks.task import (
     apply_handlings,
     move_robot,
 )
-from planning.transforms import Array
 from scheduling.conflicts.object_spans import handlings_in_order
 from scheduling.graph.task_edges import TaskNodes, task_nodes
-from scheduling.graph.temporal_plan_graph import NodeChain, TemporalPlanGraph
+from scheduling.graph.temporal_plan_graph import TemporalPlanGraph
 from scheduling.graph.total_order import planned_ranks
 
 Counts = tuple[int, ...]
@@ -182,18 +181,13 @@ def state_at(tpg: TemporalPlanGraph, counts: Sequence[int]) -> WorldState:
     """
     state = start_state(tpg.cell)
     for chain, count in zip(tpg.chains, counts, strict=True):
-        state = move_robot(state, chain.robot, stands_at(chain, count))
+        state = move_robot(state, chain.robot, chain.stands_at(count))
     done = [
         Handling(h.object, h.waypoint, h.holder, h.pose)
         for h in handlings_in_order(tpg, planned_ranks(tpg.chains))
         if h.node < counts[h.robot]
     ]
     return apply_handlings(state, done)
-
-
-def stands_at(chain: NodeChain, count: int) -> Array:
-    """Return where a robot stands when so many of its nodes are complete, shape (n,)."""
-    return chain.start if count == 0 else chain.waypoints[chain.first[count] - 1]
 
 
 def planned_steps(tpg: TemporalPlanGraph) -> tuple[StepTasks, ...]:

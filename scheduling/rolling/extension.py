@@ -27,6 +27,7 @@ from scheduling.build_tpg import connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.task_edges import machine_chains
 from scheduling.graph.temporal_plan_graph import (
+    NO_EDGES,
     Drive,
     NodeChain,
     NodeHandling,
@@ -34,8 +35,8 @@ from scheduling.graph.temporal_plan_graph import (
     join_chains,
     joined_corners,
     joined_drives,
+    pose_nodes,
 )
-from scheduling.rolling.cut import stands_at
 
 
 def committed_part(tpg: TemporalPlanGraph, counts: Sequence[int]) -> TemporalPlanGraph:
@@ -177,8 +178,7 @@ def extended(
             *(_with_hands(task, hands) for task in new.tasks[len(committed.tasks) :]),
         ),
         chains,
-        np.empty((0, 4), dtype=np.int64),
-        np.empty(0, dtype=np.uint8),
+        *NO_EDGES,
         tuple(handlings),
         merged((*committed.allowed, *new.allowed)),
         _pairs((*committed.dependencies.tolist(), *dependencies.tolist(), *passed)),
@@ -217,12 +217,8 @@ def _with_idle(tpg: TemporalPlanGraph, order: Sequence[str]) -> TemporalPlanGrap
 
 
 def _empty_chain(cell: Workcell, name: str) -> NodeChain:
-    home, none = cell.robot(name).home, np.empty(0)
-    numbers = np.empty(0, dtype=np.int64)
-    points = np.empty((0, len(home)))
-    skill = np.empty(0, dtype=np.bool_)
-    first = np.zeros(1, dtype=np.int64)
-    return NodeChain(name, home, points, none, first, numbers, skill, none, none)
+    home = cell.robot(name).home
+    return pose_nodes(name, home, np.empty((0, len(home))), 0, 0.0)
 
 
 def joined_parts(parts: Sequence[NodeChain]) -> NodeChain:
@@ -295,19 +291,11 @@ def with_attempt(
     """
     whole = tpg.chains[tpg.chain_index[robot]]
     index = int(whole.task[node])
-    q = readonly(stands_at(whole, node).copy())
-    stood = NodeChain(
-        robot,
-        q,
-        q[None],
-        np.ones(1),
-        np.array([0, 1]),
-        np.array([index]),
-        np.ones(1, dtype=np.bool_),
-        whole.duration[node : node + 1].copy(),
-        whole.planned_start[node : node + 1].copy(),
-        drive=None if whole.drive is None else _still(),
-    )
+    q = readonly(whole.stands_at(node).copy())
+    times = float(whole.duration[node]), float(whole.planned_start[node])
+    stood = pose_nodes(robot, q, q[None], index, *times, skill=True)
+    if whole.drive is not None:
+        stood = replace(stood, drive=_still())
     old = committed.chain_index
     if robot in old:
         at = old[robot]

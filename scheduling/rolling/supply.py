@@ -14,13 +14,13 @@ import numpy as np
 
 from planning.cell.workcell import Begun, CellObject, Workcell, machine
 from planning.tasks.task import BROUGHT, DOOR, GOES_ON, STILL, TRANSIT, Handling, Task
-from planning.transforms import Indices, readonly
+from planning.transforms import Indices
 from scheduling.graph.temporal_plan_graph import (
     TASK_DEPENDENCY,
-    NodeChain,
     NodeHandling,
     TemporalPlanGraph,
     join_chains,
+    pose_nodes,
 )
 from scheduling.rolling.extension import allowed_during, committed_part
 
@@ -49,30 +49,18 @@ def with_supply(
         step: that it serves.
         seconds: how long it takes.
     """
-    index, still = len(tpg.tasks), readonly(np.zeros(1))
+    index = len(tpg.tasks)
     name = None if item is None else item.name
     brings = () if item is None else (Handling(item.name, 1, None, item.start),)
     task = Task(index, who, BROUGHT, step, label, STILL, brings, name)
-    own = NodeChain(
-        who,
-        still,
-        STILL,
-        np.ones(1),
-        np.array([0, 1]),
-        np.array([index]),
-        np.ones(1, dtype=np.bool_),
-        np.array([seconds]),
-        np.zeros(1),
-    )
+    own = pose_nodes(who, STILL[0], STILL, index, seconds, skill=True)
     place = tpg.chain_index.get(who, len(tpg.chains))
     chains = [
         c if k == place else replace(c, planned_start=c.planned_start + _LATER)
         for k, c in enumerate(tpg.chains)
     ]
     node = len(chains[place]) if place < len(chains) else 0
-    chains[place : place + 1] = [
-        join_chains([chains[place], own]) if place < len(chains) else own
-    ]
+    chains[place : place + 1] = [join_chains([*chains[place : place + 1], own])]
     handled = [NodeHandling(h.object, place, node, 1, None, h.pose) for h in brings]
     return replace(
         tpg,
@@ -213,26 +201,25 @@ def going_on(
     index, tasks = union.chain_index, []
     for number, (name, seconds) in enumerate(sorted(left_s.items())):
         at, last = index[name], counts[name] - 1
-        task = union.tasks[int(union.chains[at].task[last])]
+        task = union.task_at(at, last)
         place = own.chain_index.get(name, len(own.chains))
-        node = _node(name, number, seconds)
+        node = pose_nodes(name, STILL[0], STILL, number, seconds, skill=True)
         chains = [
             replace(c, planned_start=c.planned_start + _LATER) for c in own.chains
         ]
         chains[place : place + 1] = [join_chains([node, *chains[place : place + 1]])]
-        edges, handlings = own.edges.copy(), list(own.handlings)
+        edges = own.edges.copy()
         edges[:, 1] += edges[:, 0] == place
         edges[:, 3] += edges[:, 2] == place
         handlings = [
             replace(h, node=h.node + (h.robot == place)) for h in own.handlings
         ]
         # A door that is shut stays so; what it brings or takes away counts as there or gone.
-        shut = {h.object for h in union.handlings if (h.robot, h.node) == (at, last)}
-        shut = {name for name in shut if own.cell.object(name).kind == DOOR}
         doors = [
             replace(h, robot=place, node=0)
             for h in union.handlings
-            if (h.robot, h.node) == (at, last) and h.object in shut
+            if (h.robot, h.node) == (at, last)
+            and own.cell.object(h.object).kind == DOOR
         ]
         waits = [
             (place, 0, where, v - counts.get(union.chains[i].robot, 0))
@@ -254,18 +241,3 @@ def going_on(
             handlings=(*doors, *handlings),
         )
     return replace(own, tasks=(*tasks, *own.tasks))
-
-
-def _node(name: str, task: int, seconds: float) -> NodeChain:
-    """Return the chain of a machine with the one node that it is at work in."""
-    return NodeChain(
-        name,
-        STILL[0],
-        STILL,
-        np.ones(1),
-        np.array([0, 1]),
-        np.array([task]),
-        np.ones(1, dtype=np.bool_),
-        np.array([seconds]),
-        np.zeros(1),
-    )

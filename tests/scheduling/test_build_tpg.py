@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning.cell.shape import box_shape
-from planning.cell.workcell import CellObject
+from planning.cell.workcell import CellObject, Clearances, PlacedRobot, Workcell
 from planning.errors import PlanInvariantError
 from planning.geometry.exact import TOLERANCE
 from planning.motion.known_motions import MotionPlan, TaskMotion
 from planning.tasks.task import LEAVE, AllowedContact, Handling, Task
-from planning.transforms import Array, translation
+from planning.transforms import Array, rotation, translation
 from scheduling.build_tpg import build_nodes, build_tpg, connect_nodes
 from scheduling.conflicts.derived_tpg import DerivedTpg
 from scheduling.graph.dispatcher import earliest_times
@@ -32,10 +32,37 @@ from scheduling.graph.total_order import planned_ranks
 from scheduling.invariant import check_invariant
 from scheduling.repeat import Pattern, copied_nodes, repeat_graph
 from tests.scheduling.algorithm_one import PlainGraph, order_of
-from tests.scheduling.corner_arms import one_joint_plan
 from tests.scheduling.line_world import line_plan
-from tests.scheduling.mini_world import random_plan
+from tests.scheduling.mini_world import planar_arm, random_plan
 from tests.scheduling.random_dispatch import run_at_random
+
+
+def two_arms() -> Workcell:
+    arm = planar_arm(1)
+    robots = (
+        PlacedRobot("left", arm, translation(0.0, 0.0, 0.0), np.zeros(1)),
+        PlacedRobot(
+            "right",
+            arm,
+            translation(0.45, 0.0, 0.0) @ rotation("z", np.pi),
+            np.zeros(1),
+        ),
+    )
+    return Workcell(robots, (), (), Clearances(0.001, 0.0))
+
+
+def one_joint_plan(*moves: tuple[str, list[float]]) -> MotionPlan:
+    """Sequential transits of one-joint arms through the given angles, 1 s a waypoint."""
+    tasks, motions, time = [], [], 0.0
+    for index, (robot, angles) in enumerate(moves):
+        path = np.array(angles)[:, None]
+        times = time + np.arange(len(path), dtype=float)
+        time = float(times[-1])
+        tasks.append(Task(index, robot, "transit", 1, f"move {index}", path[1:]))
+        motions.append(TaskMotion(path, times))
+    none = np.empty((0, 2), dtype=np.int64)
+    return MotionPlan(two_arms(), tuple(tasks), tuple(motions), none, ())
+
 
 CASES = [(2, 0), (2, 4), (2, 7), (2, 10), (3, 3), (3, 5), (3, 11), (4, 1), (5, 2)]
 

@@ -159,7 +159,7 @@ class Narrator:
 def failure_text(tpg: TemporalPlanGraph, times: NodeTimes, chain: int) -> str:
     """Return which task of a robot failed for good, in words."""
     node = times.failed[chain]
-    task = tpg.tasks[int(tpg.chains[chain].task[node])]
+    task = tpg.task_at(chain, node)
     attempts = sum(
         entry.node == node and entry.cause == "retry"
         for entry in times.standstills[chain]

@@ -209,7 +209,7 @@ def committed_at(
 
 def tried_task(tpg: TemporalPlanGraph, failure: Failure) -> Task:
     """Return the task of which all attempts have failed."""
-    return tpg.tasks[int(tpg.chains[failure.chain].task[failure.node])]
+    return tpg.task_at(failure.chain, failure.node)
 
 
 def cause_of(

@@ -291,7 +291,7 @@ class Recovery(Planner[Going]):
                     self._look_no_further(undoable)
                 continue
             try:
-                found = plan_from(
+                onward, tpg = plan_from(
                     replace(self.motions, work=self.work),
                     self.scenario,
                     self._cell,
@@ -315,13 +315,10 @@ class Recovery(Planner[Going]):
                     elif not self._retreat(now, error, why_not):
                         raise
                 continue
-            onward = found.onward
             come_up = onward.motions.cell.objects[len(self._cell.objects) :]
             self._cell = replace(self._cell, objects=(*self._cell.objects, *come_up))
             known = onward.motions.dependencies, onward.motions.windows
-            union, new, self._cell = appended(
-                at, found.tpg, self._cell, self._ledger, *known
-            )
+            union, new, self._cell = appended(at, tpg, self._cell, self._ledger, *known)
             if len(onward.task_plan.choices) > len(self._task_plan.choices):
                 self._ledger.resting = resting_steps(
                     union.tasks, union.allowed, onward.task_plan, self.work.needs

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -295,19 +295,6 @@ def _speeds(scenario: Scenario, cell: Workcell) -> dict[str, SpeedModel]:
     }
 
 
-@dataclass(frozen=True)
-class OnwardPlan:
-    """A plan from a world on.
-
-    Attributes:
-        onward: choices, tasks and motions.
-        tpg: their graph, which begins in the world.
-    """
-
-    onward: Onward
-    tpg: TemporalPlanGraph
-
-
 def plan_from(
     motions: PlannedMotions,
     scenario: Scenario,
@@ -318,7 +305,7 @@ def plan_from(
     *,
     candidates: int,
     known: KnownMotions | None = None,
-) -> OnwardPlan:
+) -> tuple[Onward, TemporalPlanGraph]:
     """Plan what is left of an assembly from a world on.
 
     The graph is ordered and shortened like any plan, by itself: what is still executed of the plan before it only
@@ -333,6 +320,9 @@ def plan_from(
         watch: measures the stages.
         candidates: shortcuts tried.
         known: ways found before.
+
+    Returns:
+        Choices, tasks and motions, and their graph, which begins in the world.
 
     Raises:
         InfeasibleStepError: a step can no longer be done by anyone.
@@ -352,7 +342,7 @@ def plan_from(
                 candidates=candidates,
                 seed=scenario.seed,
             )
-    return OnwardPlan(onward, timed(tpg, scenario, watch))
+    return onward, timed(tpg, scenario, watch)
 
 
 def graph_from(

@@ -74,7 +74,7 @@ class Hindsight:
             if motions.work is not None:
                 motions = replace(motions, work=hopeless(motions.work, now, cell)[0])
             try:
-                tpg = plan_from(
+                _, tpg = plan_from(
                     motions,
                     self.scenario,
                     cell,
@@ -82,7 +82,7 @@ class Hindsight:
                     (),
                     StageWatch(),
                     candidates=planned_shortcuts(self.scenario),
-                ).tpg
+                )
             except (InfeasibleStepError, TransitError):
                 return None
         own = self.model.disturbances
