@@ -110,15 +110,16 @@ def test_no_task_is_released_long_before_it_begins(plan: PlanResult) -> None:
 
 
 @pytest.fixture(scope="module")
-def plan() -> PlanResult:
+def within_limits() -> PlanResult:
     return plan_to_operate(load("taskboard"))
 
 
 @pytest.mark.nightly
 def test_what_follows_a_rest_begins_when_the_motion_before_has_ended(
-    plan: PlanResult,
+    within_limits: PlanResult,
 ) -> None:
     """A robot waits in the middle of a way, and is given one there that has a corner at once."""
+    plan = within_limits
     case = plan.scenario.varied({"outages": [{"robot": "back", "at_s": 1.416}]})
     model = scenario_execution(case.sections, case.folder)
     done = operate(case.sections, plan.motions, plan.tpg, model, seed=0)
